@@ -1,0 +1,1 @@
+"""palpate_host: gathers the fingertips, computes the virtual-frame torques and drives the hand."""
