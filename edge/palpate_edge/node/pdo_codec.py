@@ -1,0 +1,139 @@
+"""The layout of a PDO by the mapping of the object dictionary (CiA 301, objects 1600h ff. and 1A00h ff.).
+
+The slave packs and unpacks with it what the mapping says at the moment; the host decodes with it what the EDS
+says. Only whole bytes are mapped (granularity 8).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from palpate_edge.can_frame import MAX_DATA_BYTES
+from palpate_edge.errors import BusError
+from palpate_edge.node.object_dictionary import STRUCT_CODES, Entry, ObjectDictionary, ObjectKey, Value
+
+COB_ID_MASK = 0x7FF
+COB_ID_NOT_VALID = 1 << 31
+
+
+class PdoDirection(Enum):
+    """As seen by the device: TPDOs it sends, RPDOs it receives. Values: communication and mapping index."""
+
+    TRANSMIT = (0x1800, 0x1A00)
+    RECEIVE = (0x1400, 0x1600)
+
+    @property
+    def communication_index(self) -> int:
+        return self.value[0]
+
+    @property
+    def mapping_index(self) -> int:
+        return self.value[1]
+
+    @property
+    def label(self) -> str:
+        return "TPDO" if self is PdoDirection.TRANSMIT else "RPDO"
+
+
+class MappingFault(Enum):
+    """Why a mapping cannot be: the SDO server answers each with its own abort code."""
+
+    NOT_MAPPABLE = "not an object that this PDO may carry"
+    TOO_LONG = "longer than 8 bytes"
+
+
+@dataclass(frozen=True, slots=True)
+class PdoLayout:
+    """The entries of one PDO in order, and the packer for them."""
+
+    entries: tuple[Entry, ...]
+    packer: struct.Struct
+
+    def pack(self, values: Mapping[ObjectKey, Value]) -> bytes:
+        return self.packer.pack(*(values[entry.key] for entry in self.entries))
+
+    def unpack(self, data: bytes) -> dict[ObjectKey, int]:
+        numbers = self.packer.unpack(data)
+        return {entry.key: number for entry, number in zip(self.entries, numbers, strict=True)}
+
+
+def layout_of(
+    od: ObjectDictionary, words: Sequence[int], direction: PdoDirection
+) -> PdoLayout | MappingFault:
+    """The layout of mapping words (index << 16 | sub-index << 8 | bits), or why there is none."""
+    entries = []
+    for word in words:
+        entry = od.entries.get((word >> 16, word >> 8 & 0xFF))
+        if entry is None or not _carries(entry, direction) or (word & 0xFF) != 8 * (entry.size_bytes or 0):
+            return MappingFault.NOT_MAPPABLE
+        entries.append(entry)
+    packer = struct.Struct("<" + "".join(STRUCT_CODES[entry.data_type] for entry in entries))
+    if packer.size > MAX_DATA_BYTES:
+        return MappingFault.TOO_LONG
+    return PdoLayout(tuple(entries), packer)
+
+
+def _carries(entry: Entry, direction: PdoDirection) -> bool:
+    allowed = entry.access.readable if direction is PdoDirection.TRANSMIT else entry.access.writable
+    return entry.pdo_mappable and allowed
+
+
+@dataclass(frozen=True, slots=True)
+class PdoCodec:
+    """One PDO of one node as its EDS maps it: for the side that does not run the slave."""
+
+    node_id: int
+    direction: PdoDirection
+    number: int
+    cob_id: int
+    layout: PdoLayout
+
+    @property
+    def length_bytes(self) -> int:
+        return self.layout.packer.size
+
+    def decode(self, data: bytes) -> dict[ObjectKey, int]:
+        """Raw integers by (index, sub-index). Raises BusError when the length is not the mapping's."""
+        if len(data) != self.length_bytes:
+            raise BusError(
+                f"{self}: {len(data)} bytes, expected {self.length_bytes}; give both sides the same "
+                "EDS or restore the node's default mapping"
+            )
+        return self.layout.unpack(data)
+
+    def encode(self, values: Mapping[ObjectKey, int]) -> bytes:
+        """The payload of raw integers by (index, sub-index).
+
+        Raises BusError when a mapped object has no value or one that does not fit its data type.
+        """
+        for entry in self.layout.entries:
+            if entry.key not in values:
+                raise BusError(f"{self}: no value for {entry}; give every mapped object")
+        try:
+            return self.layout.pack(values)
+        except struct.error as error:
+            raise BusError(f"{self}: {error}; give values in their data type's range") from None
+
+    def __str__(self) -> str:
+        return f"node {self.node_id} {self.direction.label} {self.number}"
+
+
+def pdo_codec(od: ObjectDictionary, direction: PdoDirection, number: int) -> PdoCodec:
+    """The codec of PDO `number` (1-based) from the defaults of the EDS, for the node `od` was loaded for.
+
+    Raises BusError when the EDS has no such PDO or maps what the PDO cannot carry.
+    """
+    offset = number - 1
+    mapping_index = direction.mapping_index + offset
+    cob_id = od.default_number(direction.communication_index + offset, 1)
+    count = od.default_number(mapping_index, 0)
+    words = [od.default_number(mapping_index, 1 + slot) for slot in range(count)]
+    layout = layout_of(od, words, direction)
+    if isinstance(layout, MappingFault):
+        raise BusError(
+            f"{od.source}: {direction.label} {number} maps {layout.value}; correct {mapping_index:04X}h"
+        )
+    return PdoCodec(od.node_id, direction, number, cob_id & COB_ID_MASK, layout)
