@@ -1,0 +1,179 @@
+"""The master's side of a CiA 402 drive in cyclic synchronous torque mode (CiA 402-2; IEC 61800-7-201).
+
+The frames are those of cia402.eds: RPDO 1 carries controlword, mode and target torque, TPDO 1 position and
+velocity after each SYNC, TPDO 2 statusword, mode display and torque. Torque is per mille of 6076h, position
+in 6092h:01 increments a turn; both are read from the drive at start-up (identify.py).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_edge.node.object_dictionary import load_eds
+from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
+from palpate_host.drives.joint_command import DriveGoal, JointCommand, JointState
+
+CIA402_EDS = Path(__file__).with_name("cia402.eds")
+
+CONTROLWORD = (0x6040, 0)
+STATUSWORD = (0x6041, 0)
+MODE = (0x6060, 0)
+POSITION = (0x6064, 0)
+VELOCITY = (0x606C, 0)
+TARGET_TORQUE = (0x6071, 0)
+TORQUE = (0x6077, 0)
+
+CYCLIC_SYNCHRONOUS_TORQUE = 10
+CST_SUPPORTED_BIT = 1 << 9  # of 6502h
+FULL_SCALE_PER_MILLE = 1000
+
+
+class DriveState(enum.Enum):
+    """The states of the 402 state machine, as the statusword tells them."""
+
+    NOT_READY = "not ready to switch on"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY_TO_SWITCH_ON = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    OPERATION_ENABLED = "operation enabled"
+    QUICK_STOP_ACTIVE = "quick stop active"
+    FAULT_REACTION = "fault reaction active"
+    FAULT = "fault"
+
+
+# CiA 402-2, statusword: (mask, value, state).
+_STATUSWORD = (
+    (0x4F, 0x00, DriveState.NOT_READY),
+    (0x4F, 0x40, DriveState.SWITCH_ON_DISABLED),
+    (0x6F, 0x21, DriveState.READY_TO_SWITCH_ON),
+    (0x6F, 0x23, DriveState.SWITCHED_ON),
+    (0x6F, 0x27, DriveState.OPERATION_ENABLED),
+    (0x6F, 0x07, DriveState.QUICK_STOP_ACTIVE),
+    (0x4F, 0x0F, DriveState.FAULT_REACTION),
+    (0x4F, 0x08, DriveState.FAULT),
+)
+
+
+class Controlword(enum.IntEnum):
+    """The commands of the controlword; a fault resets at the rising edge of bit 7."""
+
+    DISABLE_VOLTAGE = 0x00
+    QUICK_STOP = 0x02
+    SHUTDOWN = 0x06
+    SWITCH_ON = 0x07
+    ENABLE_OPERATION = 0x0F
+    FAULT_RESET = 0x80
+
+
+_NEXT_TO_TORQUE = {
+    DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
+    DriveState.READY_TO_SWITCH_ON: Controlword.SWITCH_ON,
+    DriveState.SWITCHED_ON: Controlword.ENABLE_OPERATION,
+    DriveState.OPERATION_ENABLED: Controlword.ENABLE_OPERATION,
+    DriveState.FAULT: Controlword.FAULT_RESET,
+}
+_CAN_QUICK_STOP = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+
+
+def state_of(statusword: int) -> DriveState | None:
+    """The state in a statusword; None for a pattern that the standard does not define."""
+    return next((state for mask, value, state in _STATUSWORD if statusword & mask == value), None)
+
+
+def controlword_for(state: DriveState | None, goal: DriveGoal, last: Controlword) -> Controlword:
+    """The next command on the way from `state` to `goal`; `last` was sent before (a reset needs an edge)."""
+    if goal is DriveGoal.QUICK_STOP:
+        return Controlword.QUICK_STOP if state in _CAN_QUICK_STOP else Controlword.DISABLE_VOLTAGE
+    if goal is DriveGoal.OFF or state is None:
+        return Controlword.DISABLE_VOLTAGE
+    word = _NEXT_TO_TORQUE.get(state, Controlword.DISABLE_VOLTAGE)
+    if word is Controlword.FAULT_RESET and last is Controlword.FAULT_RESET:
+        return Controlword.DISABLE_VOLTAGE
+    return word
+
+
+@dataclass(frozen=True, slots=True)
+class DriveScale:
+    """What turns the drive's integers into SI: 6076h in mN m, 6092h:01 increments a turn of the joint."""
+
+    rated_torque_mNm: int
+    increments_per_turn: int
+
+    def to_rad(self, increments: int) -> float:
+        return increments * math.tau / self.increments_per_turn
+
+    def to_per_mille(self, torque_Nm: float) -> int:
+        """Per mille of the rated torque, rounded towards zero so that no limit is passed, at most 1000."""
+        per_mille = math.trunc(torque_Nm * 1000.0 * FULL_SCALE_PER_MILLE / self.rated_torque_mNm)
+        return max(-FULL_SCALE_PER_MILLE, min(FULL_SCALE_PER_MILLE, per_mille))
+
+    def to_Nm(self, per_mille: int) -> float:
+        return per_mille * self.rated_torque_mNm / (1000.0 * FULL_SCALE_PER_MILLE)
+
+
+class Cia402Drive:
+    """One drive as its master sees it: frames in, joint state and statusword out; commands in, RPDO out."""
+
+    def __init__(self, node_id: int, name: str, direction: int, zero_offset_rad: float) -> None:
+        """`direction` (1 or -1) and `zero_offset_rad` turn the drive's angle into the joint's."""
+        od = load_eds(CIA402_EDS, node_id)
+        self.node_id = node_id
+        self.name = name
+        self.scale: DriveScale | None = None
+        self.joint: JointState | None = None
+        self.torque_Nm = 0.0
+        self.status_stamp_us: int | None = None
+        self.state: DriveState | None = None
+        self._direction = direction
+        self._zero_offset_rad = zero_offset_rad
+        self._motion = pdo_codec(od, PdoDirection.TRANSMIT, 1)
+        self._status = pdo_codec(od, PdoDirection.TRANSMIT, 2)
+        self._command = pdo_codec(od, PdoDirection.RECEIVE, 1)
+        self._last_word = Controlword.DISABLE_VOLTAGE
+
+    @property
+    def receive_ids(self) -> tuple[int, ...]:
+        """The identifiers that `receive` understands."""
+        return (self._motion.cob_id, self._status.cob_id)
+
+    def receive(self, stamp_us: int, frame: CanFrame) -> None:
+        """Take a TPDO in; BusError naming node and PDO when its length is not the EDS's."""
+        if self.scale is None:
+            return
+        if frame.can_id == self._motion.cob_id:
+            values = self._motion.decode(frame.data)
+            self.joint = JointState(
+                stamp_us=stamp_us,
+                position_rad=self._direction * self.scale.to_rad(values[POSITION]) + self._zero_offset_rad,
+                velocity_rad_s=self._direction * self.scale.to_rad(values[VELOCITY]),
+            )
+        elif frame.can_id == self._status.cob_id:
+            values = self._status.decode(frame.data)
+            self.status_stamp_us = stamp_us
+            self.state = state_of(values[STATUSWORD])
+            self.torque_Nm = self._direction * self.scale.to_Nm(values[TORQUE])
+
+    def forget(self) -> None:
+        """The node booted anew: what it said before counts no more."""
+        self.joint = None
+        self.state = None
+        self.status_stamp_us = None
+
+    def command(self, order: JointCommand) -> CanFrame:
+        """RPDO 1 for this tick; torque is sent only to a drive that follows torque."""
+        if self.scale is None:
+            raise BusError(f"{self.name}: commanded before 6076h was read: identify the drive first")
+        word = controlword_for(self.state, order.goal, self._last_word)
+        self._last_word = word
+        torque = 0
+        if word is Controlword.ENABLE_OPERATION:
+            torque = self._direction * self.scale.to_per_mille(order.torque_Nm)
+        data = self._command.encode(
+            {CONTROLWORD: int(word), MODE: CYCLIC_SYNCHRONOUS_TORQUE, TARGET_TORQUE: torque}
+        )
+        return CanFrame(self._command.cob_id, data)

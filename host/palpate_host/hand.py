@@ -1,0 +1,99 @@
+"""The hand's kinematics and gravity from its MJCF description, by MuJoCo.
+
+Everything is in the hand's frame, the world of the MJCF: the palm in z = 0, +z towards the object. x_ci is
+always the CENTRE of tip i, never the contact: the paper's text uses x_i for both, Eqs. (10)-(14) mean the
+centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from palpate_edge.errors import ConfigError
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class HandPose:
+    """What Eqs. (9)-(16) need of the hand in one joint configuration.
+
+    q_rad: (nq,) the configuration it was computed for.
+    tip_centre_m: (3, 3), row i is x_ci.
+    tip_jacobian_m: (3, 3, nq), J_i = d x_ci / dq. The paper prints J as 15 x 3 and uses its transpose;
+        here u = J_i^T F with J_i of 3 x nq.
+    tip_rotation: (3, 3, 3), columns of [i] are the axes of frame F of dome i.
+    gravity_Nm: (nq,) g(q), the torque that holds the hand up.
+    """
+
+    q_rad: Array
+    tip_centre_m: Array
+    tip_jacobian_m: Array
+    tip_rotation: Array
+    gravity_Nm: Array
+
+
+class Hand:
+    """A hand loaded from MJCF; joints and tips in the order of the configuration.
+
+    Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next.
+    """
+
+    def __init__(self, mjcf: Path, joints: Sequence[str], tip_sites: Sequence[str]) -> None:
+        """Load `mjcf`; ConfigError when it cannot be read or lacks a named joint or site."""
+        try:
+            self._model = mujoco.MjModel.from_xml_path(str(mjcf))
+        except ValueError as exc:
+            reason = " ".join(str(exc).split())
+            raise ConfigError(
+                f"{mjcf}: not a readable MJCF ({reason}): correct it or set model.mjcf"
+            ) from exc
+        model = self._model
+        joint_ids = [_named(model, mjcf, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints]
+        if model.nv != len(joints) or model.nq != len(joints):
+            raise ConfigError(
+                f"{mjcf}: has {model.nv} degrees of freedom, hand.toml names {len(joints)} joints:"
+                " list every joint once under fingers.joints"
+            )
+        self._q_address = np.array([model.jnt_qposadr[j] for j in joint_ids])
+        self._v_address = np.array([model.jnt_dofadr[j] for j in joint_ids])
+        self._sites = [_named(model, mjcf, mujoco.mjtObj.mjOBJ_SITE, "site", name) for name in tip_sites]
+        self._scratch = mujoco.MjData(model)
+
+    @property
+    def joint_count(self) -> int:
+        return len(self._q_address)
+
+    def pose(self, q_rad: Array) -> HandPose:
+        """Kinematics, Jacobians and gravity torque at `q_rad` (nq,)."""
+        model, data = self._model, self._scratch
+        data.qpos[self._q_address] = q_rad
+        data.qvel[:] = 0.0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        gravity = np.zeros(model.nv)
+        mujoco.mj_rne(model, data, 0, gravity)
+        jacobian = np.zeros((3, 3, model.nv))
+        for i, site in enumerate(self._sites):
+            mujoco.mj_jacSite(model, data, jacobian[i], None, site)
+        return HandPose(
+            q_rad=np.array(q_rad, dtype=np.float64),
+            tip_centre_m=data.site_xpos[self._sites].copy(),
+            tip_jacobian_m=jacobian[:, :, self._v_address],
+            tip_rotation=data.site_xmat[self._sites].reshape(3, 3, 3).copy(),
+            gravity_Nm=gravity[self._v_address],
+        )
+
+
+def _named(model: mujoco.MjModel, mjcf: Path, kind: mujoco.mjtObj, word: str, name: str) -> int:
+    number = int(mujoco.mj_name2id(model, kind, name))
+    if number < 0:
+        raise ConfigError(f"{mjcf}: no {word} named {name!r}: correct the name in hand.toml or in the MJCF")
+    return number

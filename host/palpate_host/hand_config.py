@@ -1,0 +1,196 @@
+"""hand.toml: which hand, which nodes, which gains and limits. Read once, checked whole, immutable."""
+
+from __future__ import annotations
+
+import enum
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from palpate_edge.bus import BusConfig
+from palpate_edge.errors import ConfigError
+
+FINGER_COUNT = 3
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Milliseconds = Annotated[int, msgspec.Meta(ge=1, le=600_000)]
+
+
+class ControlMode(enum.Enum):
+    """Which law turns the object: the paper's (contacts correct the frame) or Tahara's (blind)."""
+
+    PROPOSED = "proposed"
+    BLIND = "blind"
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class ModelConfig(_Strict, frozen=True):
+    """mjcf: path, relative to hand.toml. tip_sites: frame F of each dome, finger by finger."""
+
+    mjcf: Name
+    tip_sites: Annotated[tuple[Name, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)]
+
+
+class JointConfig(_Strict, frozen=True):
+    """One joint and its drive: q = direction * drive's angle + zero_offset_rad."""
+
+    name: Name
+    drive_node: NodeId
+    direction: Annotated[int, msgspec.Meta(ge=-1, le=1)]
+    zero_offset_rad: float
+    min_rad: float
+    max_rad: float
+    B_Nms_rad: NotNegative
+    torque_limit_Nm: Positive
+
+
+class FingerConfig(_Strict, frozen=True):
+    """A finger: its fingertip's node and its joints from the base outwards."""
+
+    name: Name
+    fingertip_node: NodeId
+    joints: Annotated[tuple[JointConfig, ...], msgspec.Meta(min_length=1)]
+
+
+class ControlConfig(_Strict, frozen=True):
+    """Gains of Eqs. (9)-(14) (control.Gains says what each is) and how the object's orientation is followed.
+
+    reference_frames: contacts a finger must give before its normal is a reference.
+    contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
+    turned.
+    """
+
+    mode: ControlMode
+    tick_Hz: Annotated[int, msgspec.Meta(ge=10, le=1000)]
+    f_d_N: Positive
+    K_r: NotNegative
+    tip_radius_m: Positive
+    friction_ratio: Positive
+    contact_filter_s: NotNegative
+    reference_frames: Annotated[int, msgspec.Meta(ge=1, le=1000)]
+    settle_ms: Milliseconds
+
+
+class TargetConfig(_Strict, frozen=True):
+    """How far to turn the object about the hand's fixed axes, and in what time (>= 1 s advised)."""
+
+    rpy_deg: tuple[float, float, float]
+    ramp_s: NotNegative
+
+
+class StalenessConfig(_Strict, frozen=True):
+    """Age of the oldest finger's contact at which the host warns, goes blind, only grasps, or stops.
+
+    joint_stop_ms: age of a joint's position at which the host stops.
+    """
+
+    warn_ms: Milliseconds
+    freeze_ms: Milliseconds
+    hold_ms: Milliseconds
+    stop_ms: Milliseconds
+    joint_stop_ms: Milliseconds
+
+
+class NetworkConfig(_Strict, frozen=True):
+    """The host as a CANopen node, and how long a node's heartbeat may be away."""
+
+    host_node: NodeId = 0x7F
+    heartbeat_ms: Milliseconds = 100
+    heartbeat_timeout_ms: Milliseconds = 500
+
+
+class HandConfig(_Strict, frozen=True):
+    """The whole of hand.toml; make it with `load`."""
+
+    model: ModelConfig
+    fingers: Annotated[
+        tuple[FingerConfig, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)
+    ]
+    control: ControlConfig
+    target: TargetConfig
+    staleness: StalenessConfig
+    bus: BusConfig
+    network: NetworkConfig = NetworkConfig()
+
+    @property
+    def joints(self) -> tuple[JointConfig, ...]:
+        """Every joint, finger by finger: the order of q everywhere in the host."""
+        return tuple(joint for finger in self.fingers for joint in finger.joints)
+
+    @property
+    def node_names(self) -> dict[int, str]:
+        """Node id -> who it is, for messages and for a log's header."""
+        names = {joint.drive_node: f"drive of {joint.name}" for joint in self.joints}
+        return names | {finger.fingertip_node: f"fingertip of {finger.name}" for finger in self.fingers}
+
+
+def load(path: Path) -> tuple[HandConfig, Path]:
+    """Read and check hand.toml; returns it with the MJCF's path resolved beside it.
+
+    ConfigError (one line: file, key, way out) when it is missing, garbled, has an unknown or a missing key, a
+    value out of range, or one node id for two nodes.
+    """
+    try:
+        config = msgspec.toml.decode(path.read_bytes(), type=HandConfig)
+    except OSError as exc:
+        raise ConfigError(
+            f"{path}: cannot be read ({exc.strerror}): give the hand's file with --config"
+        ) from exc
+    except UnicodeDecodeError as exc:
+        raise ConfigError(f"{path}: is not UTF-8 text: save it as plain TOML") from exc
+    except msgspec.ValidationError as exc:
+        raise ConfigError(f"{path}: {exc}: correct that key (models/table4.toml shows every one)") from exc
+    except msgspec.DecodeError as exc:
+        raise ConfigError(f"{path}: is not valid TOML ({exc}): correct that line") from exc
+    _check_nodes(path, config)
+    _check_ranges(path, config)
+    return config, path.parent / config.model.mjcf
+
+
+def _check_nodes(path: Path, config: HandConfig) -> None:
+    users: dict[int, str] = {config.network.host_node: "network.host_node"}
+    for finger in config.fingers:
+        claims = [(finger.fingertip_node, f"fingertip_node of {finger.name}")]
+        claims += [(joint.drive_node, f"drive_node of {joint.name}") for joint in finger.joints]
+        for node, user in claims:
+            if node in users:
+                raise ConfigError(
+                    f"{path}: node id 0x{node:02X} is used twice, by {users[node]} and by {user}: change one"
+                )
+            users[node] = user
+    for key, names in (
+        ("fingers.joints.name", [joint.name for joint in config.joints]),
+        ("fingers.name", [finger.name for finger in config.fingers]),
+        ("model.tip_sites", list(config.model.tip_sites)),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigError(f"{path}: {key} {name!r} is used twice: every one needs its own")
+
+
+def _check_ranges(path: Path, config: HandConfig) -> None:
+    for joint in config.joints:
+        if joint.direction == 0:
+            raise ConfigError(f"{path}: fingers.joints.direction of {joint.name} is 0: set 1 or -1")
+        if joint.min_rad >= joint.max_rad:
+            raise ConfigError(
+                f"{path}: fingers.joints.min_rad of {joint.name} is not below its max_rad:"
+                " exchange or correct them"
+            )
+    s = config.staleness
+    if not s.warn_ms < s.freeze_ms < s.hold_ms < s.stop_ms:
+        raise ConfigError(
+            f"{path}: staleness tiers must grow, warn_ms < freeze_ms < hold_ms < stop_ms,"
+            f" not {s.warn_ms}, {s.freeze_ms}, {s.hold_ms}, {s.stop_ms}: correct [staleness]"
+        )
+    if config.network.heartbeat_ms >= config.network.heartbeat_timeout_ms:
+        raise ConfigError(
+            f"{path}: network.heartbeat_timeout_ms must exceed heartbeat_ms: use 3 times or more"
+        )

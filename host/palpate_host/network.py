@@ -1,0 +1,115 @@
+"""The host as NMT master: brings the nodes up, beats, and notices who falls silent (CiA 301, 7.2.8).
+
+Pure: frames and times in, frames out. Every known node is reset once at the start, so that none is left in a
+state that somebody else brought it to; a node not heard of is asked by reset again each second.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Collection, Mapping
+
+from palpate_edge.can_frame import CanFrame
+
+NMT_ID = 0x000
+SYNC = CanFrame(0x080)
+HEARTBEAT_ID = 0x700
+EMCY_ID = 0x080
+
+ASK_AGAIN_US = 1_000_000
+START_AGAIN_US = 200_000
+
+
+class NmtCommand(enum.IntEnum):
+    """The NMT commands of CiA 301 that the host gives."""
+
+    START = 0x01
+    STOP = 0x02
+    RESET_COMMUNICATION = 0x82
+
+
+class NmtState(enum.IntEnum):
+    """What a heartbeat carries."""
+
+    BOOT_UP = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+def nmt(command: NmtCommand, node_id: int) -> CanFrame:
+    """The NMT frame for one node."""
+    return CanFrame(NMT_ID, bytes((command, node_id)))
+
+
+class Network:
+    """The nodes the hand is made of, as NMT sees them."""
+
+    def __init__(self, names: Mapping[int, str], host_node: int, heartbeat_us: int, timeout_us: int) -> None:
+        self._names = dict(names)
+        self._host_node = host_node
+        self._heartbeat_us = heartbeat_us
+        self._timeout_us = timeout_us
+        self._heard_us: dict[int, int] = {}
+        self._state: dict[int, int] = {}
+        self._asked_us: dict[int, int] = {}
+        self._started_us: dict[int, int] = {}
+        self._next_heartbeat_us: int | None = None
+
+    def receive(self, stamp_us: int, frame: CanFrame) -> int | None:
+        """Take a heartbeat in; returns the node id when it is a boot-up. Other lengths than 1 are ignored."""
+        node_id = frame.can_id - HEARTBEAT_ID
+        # A reset may still be on its way when the loop starts: what was said before it does not count.
+        if node_id not in self._asked_us or len(frame.data) != 1:
+            return None
+        state = frame.data[0] & 0x7F
+        self._heard_us[node_id] = stamp_us
+        self._state[node_id] = state
+        if state != NmtState.BOOT_UP:
+            return None
+        self._state[node_id] = NmtState.PRE_OPERATIONAL
+        self._started_us.pop(node_id, None)
+        return node_id
+
+    def due(self, now_us: int, ready: Collection[int]) -> list[CanFrame]:
+        """The host's heartbeat, resets for the unheard, starts for those in `ready` that do not operate."""
+        frames: list[CanFrame] = []
+        if self._next_heartbeat_us is None or now_us >= self._next_heartbeat_us:
+            self._next_heartbeat_us = now_us + self._heartbeat_us
+            frames.append(CanFrame(HEARTBEAT_ID + self._host_node, bytes((NmtState.OPERATIONAL,))))
+        for node_id in self._names:
+            if node_id not in self._heard_us:
+                if now_us >= self._asked_us.get(node_id, now_us - ASK_AGAIN_US) + ASK_AGAIN_US:
+                    self._asked_us[node_id] = now_us
+                    frames.append(nmt(NmtCommand.RESET_COMMUNICATION, node_id))
+            elif node_id in ready and not self.operates(node_id) and self._may_start(node_id, now_us):
+                self._started_us[node_id] = now_us
+                frames.append(nmt(NmtCommand.START, node_id))
+        return frames
+
+    def _may_start(self, node_id: int, now_us: int) -> bool:
+        started_us = self._started_us.get(node_id)
+        return started_us is None or now_us >= started_us + START_AGAIN_US
+
+    def stop_all(self) -> list[CanFrame]:
+        """NMT stop to each node of the hand, one by one: the bus may carry others."""
+        return [nmt(NmtCommand.STOP, node_id) for node_id in self._names]
+
+    def is_up(self, node_id: int) -> bool:
+        """Heard of since the reset."""
+        return node_id in self._heard_us
+
+    def operates(self, node_id: int) -> bool:
+        return self._state.get(node_id) == NmtState.OPERATIONAL
+
+    def is_silent(self, node_id: int, now_us: int) -> bool:
+        """It was heard once and its heartbeat has been away for longer than the time-out."""
+        heard_us = self._heard_us.get(node_id)
+        return heard_us is not None and now_us - heard_us > self._timeout_us
+
+    def name(self, node_id: int) -> str:
+        return f"{self._names[node_id]} (node 0x{node_id:02X})"
+
+    def not_operating(self) -> list[str]:
+        """Names of the nodes that do not operate yet."""
+        return [self.name(node_id) for node_id in self._names if not self.operates(node_id)]

@@ -1,0 +1,70 @@
+"""Rotations as 3 x 3 matrices: exponential, logarithm and roll-pitch-yaw. Active, in rad."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_SMALL_ANGLE_RAD = 1e-8
+_NEAR_HALF_TURN = 1e-6
+
+
+def skew(v: Array) -> Array:
+    """The matrix whose product with w is v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def axial(R: Array) -> Array:
+    """Rotation axis times sin(angle): half the sum of e_k x R e_k over the columns."""
+    return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+
+
+def log(R: Array) -> Array:
+    """Rotation vector (3,) of `R`, angle in 0..pi; the axis' sign is arbitrary at pi."""
+    s = axial(R)
+    sine = float(np.linalg.norm(s))
+    cosine = 0.5 * (float(np.trace(R)) - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > _NEAR_HALF_TURN:
+        return np.asarray(s * (angle / sine))
+    if cosine > 0.0:
+        return s
+    # R = 2 a a^T - I at half a turn: the largest column of (R + I)/2 is the axis, up to its length.
+    columns = 0.5 * (R + np.eye(3))
+    axis = columns[:, int(np.argmax(np.diag(columns)))]
+    return np.asarray(axis * (angle / float(np.linalg.norm(axis))))
+
+
+def exp(rotation_vector_rad: Array) -> Array:
+    """Rodrigues' formula: the rotation by |v| about v."""
+    angle = float(np.linalg.norm(rotation_vector_rad))
+    if angle < _SMALL_ANGLE_RAD:
+        return np.eye(3) + skew(rotation_vector_rad)
+    k = skew(rotation_vector_rad / angle)
+    return np.asarray(np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k))
+
+
+def from_rpy_deg(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll): turns about the fixed axes x, then y, then z."""
+    x, y, z = np.eye(3)
+    rx, ry, rz = (
+        exp(axis * math.radians(angle)) for axis, angle in ((x, roll_deg), (y, pitch_deg), (z, yaw_deg))
+    )
+    return np.asarray(rz @ ry @ rx)
+
+
+def to_rpy_deg(R: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of `R`, the inverse of `from_rpy_deg`; for people to read, never for control."""
+    pitch = math.asin(min(1.0, max(-1.0, -float(R[2, 0]))))
+    roll = math.atan2(float(R[2, 1]), float(R[2, 2]))
+    yaw = math.atan2(float(R[1, 0]), float(R[0, 0]))
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+
+
+def angle_deg(R: Array) -> float:
+    """Angle of the rotation `R`, 0..180."""
+    return math.degrees(float(np.linalg.norm(log(R))))

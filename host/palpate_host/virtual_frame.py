@@ -1,0 +1,128 @@
+"""The virtual frame of the fingertips and the frame of the contacts: Eqs. (12), (15) and (16).
+
+Two frames say how a grasped object is turned. R_vir comes from the tips' centres alone (joint angles, no
+delay, and wrong by what the tips have rolled); R_c comes from the contact normals (right, but late by the
+camera's and the network's delay). In a symmetric grasp the two are half a turn about z apart, so a target is
+always built from R_c(t0), never from R_vir(t0).
+
+The delay is taken out by pairing: every contact normal is expressed in R_vir at its own frame's EXPOSURE
+time, so
+
+    M = R_vir(t - tau)^T R_c(t - tau),    R_c now = R_vir(t) M,    R_d_vir = R_d M^T  (Eq. 15)
+
+and the three fingers' frames need not be exposed together. At zero delay R_vir cancels from Eq. (15) as
+printed; that is no fault: R_vir(t) comes back in when Eq. (14) compares R_d_vir with it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate_edge.errors import ConfigError
+from palpate_host import rotation
+from palpate_host.rotation import Array
+
+# The triangle's area over that of the equilateral one with the same longest side.
+MIN_TRIANGLE_FLATNESS = 0.02
+# Second plus signed third singular value of the sum of normal products; 3 equal normals give 0.
+MIN_NORMAL_SPREAD = 0.05
+
+
+class FrameError(ConfigError):
+    """Tips or contacts lie so that they define no frame."""
+
+
+def virtual_frame(tip_centre_m: Array) -> Array:
+    """R_vir (3, 3) of the tips' centres x_ci (3, 3, a row each), Eq. (12).
+
+    As printed the axes are orthonormal and right-handed: y from tip 3 to tip 2, z normal to the tips'
+    triangle on the side from which 1, 2, 3 run counter-clockwise. FrameError when the tips are (nearly) on
+    one line.
+    """
+    x1, x2, x3 = tip_centre_m
+    normal = np.cross(x1 - x3, x2 - x3)
+    length = float(np.linalg.norm(normal))
+    longest_squared = max(float(e @ e) for e in (x1 - x3, x2 - x3, x1 - x2))
+    if length < MIN_TRIANGLE_FLATNESS * longest_squared * math.sqrt(3.0) / 2.0 or longest_squared == 0.0:
+        raise FrameError(
+            "the three fingertip centres lie on one line, Eq. (12) defines no frame:"
+            " spread the fingers or correct the zero offsets in hand.toml"
+        )
+    z = normal / length
+    y = (x2 - x3) / np.linalg.norm(x2 - x3)
+    return np.column_stack((np.cross(y, z), y, z))
+
+
+def check_numbering(tip_centre_m: Array) -> None:
+    """Refuse fingers numbered clockwise seen from the hand's +z: r_z of Eq. (12) would point into the palm.
+
+    The paper assumes the counter-clockwise numbering without saying so. FrameError says to swap two fingers.
+    """
+    if virtual_frame(tip_centre_m)[2, 2] <= 0.0:
+        raise FrameError(
+            "the fingers are numbered clockwise seen from the hand's +z (palm to object), which flips r_z of"
+            " Eq. (12): exchange two entries of [[fingers]] and of model.tip_sites in hand.toml"
+        )
+
+
+def contact_frame(normals: Array) -> Array:
+    """R_c (3, 3) from three unit vectors d_i = (x_ci - x_i)/|x_ci - x_i| (rows), Eq. (16).
+
+    The norms are garbled in print; the reading is that each numerator is divided by its own norm. r_cy rests
+    on finger 1 alone, so that finger's noise is the frame's yaw: this frame only starts the estimate, and
+    `fit_contact_frame` follows it. FrameError when the contacts are opposed or equal (r_cz is 0/0).
+    """
+    d1, d2, d3 = normals
+    z = np.cross(d1, d2) + np.cross(d2, d3) + np.cross(d3, d1)
+    z_length = float(np.linalg.norm(z))
+    if z_length < MIN_NORMAL_SPREAD:
+        raise FrameError(_COLLINEAR)
+    z = z / z_length
+    y = np.cross(d1, z)
+    y_length = float(np.linalg.norm(y))
+    if y_length < MIN_NORMAL_SPREAD:
+        raise FrameError(_COLLINEAR)
+    y = y / y_length
+    return np.column_stack((np.cross(y, z), y, z))
+
+
+def fit_contact_frame(reference: Array, normals: Array) -> Array:
+    """The rotation R that best turns the reference normals (rows, in the object) into `normals`: by SVD.
+
+    Wahba's problem: minimises sum |d_i - R d_ref,i|^2 over rotations. With the reference taken as R_c(t0)^T
+    d_i(t0) this is Eq. (16) with all three fingers weighing the same, and equal to R_c(t0) at t0. It supposes
+    contacts on faces that turn with the object; rolling on a flat face keeps that true. FrameError when the
+    normals leave a turn free.
+    """
+    u, s, vt = np.linalg.svd(normals.T @ reference)
+    handedness = 1.0 if np.linalg.det(u @ vt) > 0.0 else -1.0
+    if s[1] + handedness * s[2] < MIN_NORMAL_SPREAD:
+        raise FrameError(_COLLINEAR)
+    return np.asarray(u @ np.diag([1.0, 1.0, handedness]) @ vt)
+
+
+def fit_residual_deg(R: Array, reference: Array, normals: Array) -> float:
+    """Largest angle between a measured normal and the reference turned by `R`: how rigid the contacts are."""
+    cosines = np.einsum("ij,ij->i", reference @ R.T, normals)
+    return math.degrees(math.acos(min(1.0, max(-1.0, float(cosines.min())))))
+
+
+def desired_virtual_frame(R_d: Array, M: Array) -> Array:
+    """R_d_vir = R_d R_c(t - tau)^T R_vir(t - tau), Eq. (15), with M = R_vir(t - tau)^T R_c(t - tau)."""
+    return np.asarray(R_d @ M.T)
+
+
+def low_pass(previous: Array, measured: Array, dt_s: float, time_constant_s: float) -> Array:
+    """First-order low-pass on rotations: from `previous` towards `measured` along the shortest arc."""
+    if time_constant_s <= 0.0:
+        return measured
+    share = 1.0 - math.exp(-dt_s / time_constant_s)
+    return np.asarray(previous @ rotation.exp(share * rotation.log(previous.T @ measured)))
+
+
+_COLLINEAR = (
+    "the contact normals are (nearly) parallel, Eq. (16) defines no frame:"
+    " grasp the object on faces that differ"
+)
