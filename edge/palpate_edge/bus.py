@@ -1,0 +1,206 @@
+"""The rim of every bus core: CanFrame values in and out of any python-can interface.
+
+`BusConfig.interface` alone chooses the bus: ``socketcan`` on a board (channel ``can0``), ``palpate`` for the
+local hub (channel = socket path), or any other python-can interface. No other file imports python-can.
+"""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Annotated, Any
+
+import can
+import msgspec
+
+from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.errors import BusError
+
+# linux/can/error.h: class bits of an error frame's identifier.
+CAN_ERR_CRTL = 0x004
+CAN_ERR_BUSOFF = 0x040
+CAN_ERR_RESTARTED = 0x100
+
+# A full transmit queue is retried after 0.2, 0.4, ... 25.6 ms, 51 ms in all: longer than a full 128-frame
+# queue needs to drain at 1 Mbit/s (17 ms), short against a heartbeat time.
+SEND_TRIES = 9
+FIRST_BACK_OFF_S = 0.0002
+
+RECEIVE_BATCH = 512  # frames a call of `receive`, so that a flooded bus cannot hold its caller for ever
+
+
+class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which bus to open.
+
+    interface: a python-can interface name (``socketcan``, ``palpate``, ``virtual``, ``slcan`` ...).
+    channel: its channel; empty for the usual one (``can0`` for socketcan, the hub's default socket).
+    bitrate: bit/s. SocketCAN takes its rate from the link's configuration, the hub refuses another rate
+        than its own.
+    """
+
+    interface: Annotated[str, msgspec.Meta(min_length=1)] = "socketcan"
+    channel: str = ""
+    bitrate: Annotated[int, msgspec.Meta(ge=10_000, le=1_000_000)] = 1_000_000
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """What a `Bus` has seen since it was opened."""
+
+    sent: int = 0
+    received: int = 0
+    send_retries: int = 0
+    error_frames: int = 0
+    foreign_frames: int = 0
+    receive_overruns: int = 0
+
+
+class Bus:
+    """An open bus; make it with `open_bus`.
+
+    Every failure is a `BusError`. Bus-off raises from `receive` (and from `send` where the driver says so);
+    29-bit and FD frames of strangers are counted in `counters.foreign_frames` and left out.
+    """
+
+    def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
+        self._bus = bus
+        self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
+        self.counters = BusCounters()
+
+    def send(self, frames: Iterable[CanFrame]) -> None:
+        """Queues the frames for transmission, in order.
+
+        Raises BusError when the transmit queue stays full (ENOBUFS) beyond the bounded retries, when the
+        bus is off, or when it is gone; the frames before the refused one are sent.
+        """
+        for frame in frames:
+            message = can.Message(
+                arbitration_id=frame.can_id,
+                is_extended_id=False,
+                is_remote_frame=frame.remote,
+                data=frame.data,
+            )
+            self._send_one(message)
+            self.counters.sent += 1
+
+    def receive(self, timeout_s: float) -> list[tuple[int, CanFrame]]:
+        """Waits up to `timeout_s` for a first frame, then takes all that is pending (at most 512).
+
+        Returns (epoch time in us, frame) in the order of the bus; empty after the timeout. Raises BusError
+        on bus-off and when the bus is gone.
+        """
+        frames: list[tuple[int, CanFrame]] = []
+        message = self._receive_one(timeout_s)
+        while message is not None:
+            self._sort_in(message, frames)
+            if len(frames) == RECEIVE_BATCH:
+                break
+            message = self._receive_one(0)
+        self.counters.received += len(frames)
+        return frames
+
+    def fileno(self) -> int:
+        """A descriptor that polls readable when `receive` has something to give.
+
+        Raises BusError on an interface without one (``virtual``).
+        """
+        try:
+            return self._bus.fileno()
+        except NotImplementedError as error:
+            raise BusError(f"{self._where} has no descriptor to poll: use socketcan or palpate") from error
+
+    def close(self) -> None:
+        """Closes the bus; a second call does nothing."""
+        self._bus.shutdown()
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _send_one(self, message: can.Message) -> None:
+        back_off_s = FIRST_BACK_OFF_S
+        for attempt in range(SEND_TRIES):
+            try:
+                self._bus.send(message)
+                return
+            except can.CanError as error:
+                if error.error_code != errno.ENOBUFS:
+                    raise BusError(f"{self._where}: cannot send: {_one_line(error)}") from error
+            if attempt < SEND_TRIES - 1:
+                self.counters.send_retries += 1
+                time.sleep(back_off_s)
+                back_off_s *= 2
+        raise BusError(
+            f"{self._where}: transmit queue full, frame {message.arbitration_id:03X} refused "
+            f"{SEND_TRIES} times: check the cabling and the bus load (palpate-host bus stats, or ip -s link)"
+        )
+
+    def _receive_one(self, timeout_s: float) -> can.Message | None:
+        try:
+            return self._bus.recv(timeout_s)
+        except can.CanError as error:
+            raise BusError(f"{self._where}: cannot receive: {_one_line(error)}") from error
+
+    def _sort_in(self, message: can.Message, frames: list[tuple[int, CanFrame]]) -> None:
+        if message.is_error_frame:
+            self._note_error_frame(message)
+        elif message.is_extended_id or message.is_fd:
+            self.counters.foreign_frames += 1
+        else:
+            frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
+            frames.append((round(message.timestamp * 1e6), frame))
+
+    def _note_error_frame(self, message: can.Message) -> None:
+        self.counters.error_frames += 1
+        if message.arbitration_id & CAN_ERR_BUSOFF:
+            raise BusError(
+                f"{self._where}: the controller went bus-off: check wiring, termination and bit rate, "
+                "then restart the link (ip link set can0 type can restart-ms 100) and this program"
+            )
+        if message.arbitration_id & CAN_ERR_CRTL and len(message.data) > 1 and message.data[1] & 0x01:
+            self.counters.receive_overruns += 1
+
+
+def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = None) -> Bus:
+    """Opens the bus of `config`.
+
+    name: who opens it, for messages and the hub's statistics (``finger-1``).
+    accept_ids: the 11-bit identifiers to receive, filtered by kernel, controller or hub; None for all.
+    Raises BusError with the reason and the way out.
+    """
+    if accept_ids is not None and not accept_ids:
+        raise BusError(f"bus of {name}: accept_ids is empty: name an identifier, or give None to receive all")
+    filters: list[can.typechecking.CanFilter] | None = None
+    if accept_ids is not None:
+        filters = [
+            {"can_id": can_id, "can_mask": MAX_STANDARD_ID, "extended": False} for can_id in accept_ids
+        ]
+    options: dict[str, Any] = {"bitrate": config.bitrate}
+    if config.interface == "palpate":
+        options["name"] = name
+    channel = config.channel or ("can0" if config.interface == "socketcan" else None)
+    try:
+        bus = can.Bus(
+            channel=channel,
+            interface=config.interface,
+            can_filters=filters,
+            ignore_config=True,
+            **options,
+        )
+    except (can.CanError, OSError, ValueError) as error:
+        raise BusError(
+            f"cannot open {config.interface} bus {channel or '(default channel)'} for {name}: "
+            f"{_one_line(error)}"
+        ) from error
+    return Bus(bus, config, name)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

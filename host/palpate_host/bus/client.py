@@ -1,0 +1,296 @@
+"""The hub as a python-can interface.
+
+``can.Bus(interface="palpate", channel="/run/hub.sock", name="finger-1")``
+
+Differences from SocketCAN that a caller may meet: a full transmit queue is refused by the client itself
+(error_code ENOBUFS, after `timeout` when one is given); a bus-off port raises ENETDOWN on send, gives an
+error frame (class CAN_ERR_BUSOFF) on receive and `state` ERROR until the hub lets it
+back (CAN_ERR_RESTARTED).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+from can.typechecking import CanFilters
+
+from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
+from palpate_edge.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
+from palpate_edge.errors import BusError
+from palpate_host.bus import connection as link
+from palpate_host.bus import protocol
+from palpate_host.bus.default_socket import default_socket
+from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
+
+CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
+WAIT_SLICE_S = 0.005
+_OWN = int(FrameFlag.OWN)
+
+
+class HubBus(can.BusABC):
+    """A port on the local CAN hub. Classic CAN with 11-bit identifiers, which is all that CANopen uses.
+
+    channel: path of the hub's socket; None for the usual one. name: of this port, for faults and statistics.
+    bitrate: 0 or None takes the hub's; another than the hub's is refused. Thread-safe: one thread may
+    receive while others send.
+    Raises can.CanInitializationError when there is no hub or it refuses.
+    """
+
+    def __init__(
+        self,
+        channel: str | os.PathLike[str] | None = None,
+        can_filters: CanFilters | None = None,
+        *,
+        name: str = "",
+        bitrate: int | None = None,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        **kwargs: object,  # noqa: ARG002 (python-can hands every option of its configuration to every bus)
+    ) -> None:
+        if fd:
+            raise can.CanInitializationError("the CAN hub carries classic CAN only: leave fd out")
+        self._path = Path(channel) if channel else default_socket()
+        self.channel_info = f"palpate hub {self._path}"
+        self._name = name or f"process-{os.getpid()}"
+        self._splitter = protocol.Splitter()
+        self._messages: deque[can.Message] = deque()
+        self._state = can.BusState.ACTIVE
+        self._mode = Mode(0)
+        self._credits = 0
+        self._verdicts: deque[bool] = deque()
+        self._gone: str | None = None
+        self._receive_lock = threading.Lock()
+        self._send_lock = threading.Lock()
+        try:
+            self._socket = link.connect(self._path)
+        except BusError as error:
+            raise can.CanInitializationError(str(error)) from error
+        # What is decoded but not yet taken must keep `fileno` readable: an eventfd stands for it.
+        self._pending = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._pending_shown = False
+        self._epoll = select.epoll()
+        self._epoll.register(self._socket, select.EPOLLIN)
+        self._epoll.register(self._pending, select.EPOLLIN)
+        self._welcomed = False
+        hello = Hello(self._name, bitrate or 0, receive_own_messages, control_only=False)
+        try:
+            self._greet(hello)
+        except can.CanError as error:
+            self._close()
+            raise can.CanInitializationError(str(error)) from error
+        super().__init__(channel=str(self._path), can_filters=can_filters)
+
+    @property
+    def state(self) -> can.BusState:
+        """ACTIVE, or ERROR while the port is bus-off."""
+        return self._state
+
+    @state.setter
+    def state(self, new_state: can.BusState) -> None:
+        raise can.CanOperationError(
+            f"the state of a hub port cannot be set to {new_state.name}: the hub decides it"
+        )
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Queues one frame; with a timeout (s) waits that long for room in the transmit queue.
+
+        Raises can.CanOperationError: ENOBUFS queue full, ENETDOWN bus-off, EINVAL a frame classic CANopen
+        has not (29-bit, FD, error frame, more than 8 bytes), EPIPE hub gone.
+        """
+        frame = _classic_frame(msg)
+        with self._send_lock:
+            self._take_arrived()
+            if self._credits == 0 and timeout:
+                self._wait_until(lambda: self._credits > 0 or bool(self._mode & Mode.BUS_OFF), timeout)
+            if self._mode & Mode.BUS_OFF:
+                raise can.CanOperationError(f"{self._name} is bus-off at {self.channel_info}", errno.ENETDOWN)
+            if self._credits == 0:
+                raise self._queue_full(frame)
+            wants_verdict = bool(self._mode & Mode.ASK_VERDICT)
+            self._transmit(frame, wants_verdict)
+            if wants_verdict and not self._verdict():
+                with self._receive_lock:
+                    self._credits += 1
+                raise self._queue_full(frame)
+
+    def fileno(self) -> int:
+        """A descriptor that polls readable when `recv` has something to give (or to raise)."""
+        return self._epoll.fileno()
+
+    def shutdown(self) -> None:
+        """Hangs up; a second call does nothing."""
+        if self._is_shutdown:
+            return
+        super().shutdown()
+        self._close()
+
+    def _close(self) -> None:
+        self._epoll.close()
+        self._socket.close()
+        os.close(self._pending)
+
+    def _greet(self, hello: Hello) -> None:
+        self._write(protocol.hello_message(hello))
+        deadline_s = time.monotonic() + link.ANSWER_TIMEOUT_S
+        while not self._welcomed:
+            if not link.wait_readable(self._socket.fileno(), deadline_s - time.monotonic()):
+                raise can.CanOperationError(f"{self.channel_info} gives no answer: restart it")
+            self._take_arrived()
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        pairs: list[tuple[int, int]] | None = None
+        if filters:  # python-can: an empty sequence accepts everything
+            pairs = [
+                (entry["can_id"] & 0xFFFFFFFF, entry["can_mask"] & 0xFFFFFFFF)
+                for entry in filters
+                if not entry.get("extended", False)
+            ]
+        with self._send_lock:
+            self._write(protocol.filters_message(pairs))
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        message = self._next_message()
+        if message is None and (timeout is None or timeout > 0):
+            self._epoll.poll(timeout)
+            message = self._next_message()
+        return message, True
+
+    def _next_message(self) -> can.Message | None:
+        if not self._messages:
+            self._take_arrived()
+        with self._receive_lock:
+            message = self._messages.popleft() if self._messages else None
+            self._show_pending()
+        return message
+
+    def _take_arrived(self) -> None:
+        """Takes what the hub has sent, without waiting."""
+        with self._receive_lock:
+            try:
+                if self._gone is None:
+                    for kind, payload in self._splitter.feed(link.receive(self._socket, self._path)):
+                        self._handle(kind, payload)
+                    self._show_pending()
+            except BusError as error:
+                self._gone = str(error)
+            if self._gone is not None and not self._messages:
+                raise can.CanOperationError(self._gone, errno.EPIPE)
+
+    def _handle(self, kind: Kind, payload: bytes) -> None:
+        if kind is Kind.DELIVER:
+            for won_at_us, flags, frame in protocol.parse_stamped(payload):
+                self._messages.append(_message(won_at_us, flags, frame, str(self._path)))
+        elif kind is Kind.CREDIT:
+            self._credits += protocol.parse_count(payload)
+        elif kind is Kind.VERDICT:
+            self._verdicts.append(bool(protocol.parse_byte(payload)))
+        elif kind is Kind.MODE:
+            self._change_mode(Mode(protocol.parse_byte(payload)))
+        elif kind is Kind.OVERRUN:
+            self._messages.append(_error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
+        elif kind is Kind.WELCOME:
+            self._credits, _ = protocol.parse_welcome(payload)
+            self._welcomed = True
+        elif kind is Kind.REJECT:
+            raise link.rejected(self._path, payload)
+        else:
+            raise protocol.GarbledStreamError(f"message {kind.name} has no place here")
+
+    def _change_mode(self, mode: Mode) -> None:
+        if (mode ^ self._mode) & Mode.BUS_OFF:
+            off = bool(mode & Mode.BUS_OFF)
+            self._state = can.BusState.ERROR if off else can.BusState.ACTIVE
+            self._messages.append(_error_frame(CAN_ERR_BUSOFF if off else CAN_ERR_RESTARTED))
+        self._mode = mode
+
+    def _show_pending(self) -> None:
+        pending = bool(self._messages)
+        if pending != self._pending_shown:
+            if pending:
+                os.eventfd_write(self._pending, 1)
+            else:
+                os.eventfd_read(self._pending)
+            self._pending_shown = pending
+
+    def _transmit(self, frame: CanFrame, wants_verdict: bool) -> None:
+        flags = int(FrameFlag.VERDICT_WANTED) if wants_verdict else 0
+        self._write(protocol.message(Kind.SEND, protocol.pack_frame(frame, flags)))
+        with self._receive_lock:
+            self._credits -= 1
+
+    def _verdict(self) -> bool:
+        if not self._wait_until(lambda: bool(self._verdicts), link.ANSWER_TIMEOUT_S):
+            raise can.CanOperationError(f"{self.channel_info} gives no answer: restart it", errno.ETIMEDOUT)
+        return self._verdicts.popleft()
+
+    def _wait_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Takes messages until the condition holds; False after the timeout."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            self._take_arrived()
+            left_s = deadline_s - time.monotonic()
+            if condition() or left_s <= 0:
+                return condition()
+            # In slices: another thread that receives may take the awaited message from the socket.
+            link.wait_readable(self._socket.fileno(), min(left_s, WAIT_SLICE_S))
+
+    def _write(self, data: bytes) -> None:
+        try:
+            link.send(self._socket, self._path, data)
+        except BusError as error:
+            raise can.CanOperationError(str(error), errno.EPIPE) from error
+
+    def _queue_full(self, frame: CanFrame) -> can.CanOperationError:
+        return can.CanOperationError(
+            f"transmit queue of {self._name} is full, frame {frame.can_id:03X} not sent: send it again",
+            errno.ENOBUFS,
+        )
+
+
+def _classic_frame(msg: can.Message) -> CanFrame:
+    """The frame of a message; raises can.CanOperationError (EINVAL) for what classic CANopen has not."""
+    if msg.is_fd or msg.is_extended_id or msg.is_error_frame:
+        kind = "a CAN FD" if msg.is_fd else "an error" if msg.is_error_frame else "a 29-bit"
+        raise can.CanOperationError(
+            f"the CAN hub carries classic 11-bit frames only, not {kind} frame ({msg.arbitration_id:X})",
+            errno.EINVAL,
+        )
+    data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
+    if not 0 <= msg.arbitration_id <= MAX_STANDARD_ID or len(data) > MAX_DATA_BYTES:
+        raise can.CanOperationError(
+            f"no CAN frame: identifier {msg.arbitration_id:#x}, {len(data)} data bytes", errno.EINVAL
+        )
+    return CanFrame(msg.arbitration_id, data, msg.is_remote_frame)
+
+
+def _message(won_at_us: int, flags: int, frame: CanFrame, channel: str) -> can.Message:
+    return can.Message(
+        timestamp=won_at_us / 1e6,
+        arbitration_id=frame.can_id,
+        is_extended_id=False,
+        is_remote_frame=frame.remote,
+        dlc=len(frame.data),
+        data=frame.data,
+        channel=channel,
+        is_rx=not flags & _OWN,
+    )
+
+
+def _error_frame(error_class: int, controller: int = 0) -> can.Message:
+    """An error frame as the kernel gives it: class in the identifier, controller detail in data[1]."""
+    return can.Message(
+        timestamp=time.time(),
+        arbitration_id=error_class,
+        is_extended_id=False,
+        is_error_frame=True,
+        dlc=8,
+        data=bytes([0, controller, 0, 0, 0, 0, 0, 0]),
+    )

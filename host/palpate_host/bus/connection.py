@@ -1,0 +1,116 @@
+"""One client's connection to the hub: connect, send, receive, ask; for the bus and the commands."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from pathlib import Path
+
+import msgspec
+
+from palpate_edge.errors import BusError
+from palpate_host.bus import protocol
+from palpate_host.bus.control import Refused, Reply, Request, reply_decoder
+from palpate_host.bus.protocol import Hello, Kind
+
+ANSWER_TIMEOUT_S = 5.0  # a hub answers within a millisecond; a machine under load may take longer
+RECEIVE_BYTES = 64 * 1024
+
+
+class HubGoneError(BusError):
+    """The hub is not there, or has hung up."""
+
+
+def connect(path: Path) -> socket.socket:
+    """A non-blocking socket to the hub; raises HubGoneError with the command that starts one."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        connection.connect(str(path))
+    except OSError as error:
+        connection.close()
+        raise HubGoneError(
+            f"no CAN hub at {path} ({error.strerror or error}): start it with: "
+            f"palpate-host bus hub --socket {path}"
+        ) from error
+    connection.setblocking(False)
+    return connection
+
+
+def receive(connection: socket.socket, path: Path) -> bytes:
+    """What has arrived, b"" when nothing has; raises HubGoneError when the hub has hung up."""
+    try:
+        data = connection.recv(RECEIVE_BYTES)
+    except BlockingIOError:
+        return b""
+    except OSError:  # reset by a killed hub
+        data = b""
+    if not data:
+        raise gone(path)
+    return data
+
+
+def send(connection: socket.socket, path: Path, data: bytes) -> None:
+    """Sends all of `data`; raises HubGoneError when the hub has hung up or has stopped reading."""
+    try:
+        while data:
+            try:
+                data = data[connection.send(data) :]
+            except BlockingIOError:
+                if not _wait_writable(connection.fileno()):
+                    raise HubGoneError(f"the CAN hub at {path} does not read: restart it") from None
+    except OSError as error:
+        raise gone(path) from error
+
+
+def gone(path: Path) -> HubGoneError:
+    """The error for a hub that has hung up."""
+    return HubGoneError(
+        f"the CAN hub at {path} has gone: start it with: palpate-host bus hub --socket {path}"
+    )
+
+
+def rejected(path: Path, payload: bytes) -> HubGoneError:
+    """The error for a REJECT message."""
+    return HubGoneError(f"the CAN hub at {path} refuses: {payload.decode(errors='replace')}")
+
+
+def wait_readable(descriptor: int, timeout_s: float | None) -> bool:
+    """Whether there is something to read within the time; None waits without end."""
+    timeout_ms = None if timeout_s is None else max(timeout_s, 0.0) * 1000
+    poller = select.poll()
+    poller.register(descriptor, select.POLLIN)
+    return bool(poller.poll(timeout_ms))
+
+
+def _wait_writable(descriptor: int) -> bool:
+    poller = select.poll()
+    poller.register(descriptor, select.POLLOUT)
+    return bool(poller.poll(ANSWER_TIMEOUT_S * 1000))
+
+
+def ask(path: Path, request: Request) -> Reply:
+    """Sends one request to the hub and returns its answer.
+
+    Raises HubGoneError when there is no hub or no answer, BusError when the hub refuses the request.
+    """
+    with connect(path) as connection:
+        hello = Hello(name="control", bitrate=0, receive_own=False, control_only=True)
+        connection.sendall(
+            protocol.hello_message(hello) + protocol.message(Kind.REQUEST, msgspec.json.encode(request))
+        )
+        splitter = protocol.Splitter()
+        deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
+        while wait_readable(connection.fileno(), deadline_s - time.monotonic()):
+            for kind, payload in splitter.feed(receive(connection, path)):
+                if kind is Kind.REJECT:
+                    raise rejected(path, payload)
+                if kind is Kind.REPLY:
+                    return _checked(reply_decoder.decode(payload))
+    raise HubGoneError(f"the CAN hub at {path} gives no answer within {ANSWER_TIMEOUT_S:.0f} s: restart it")
+
+
+def _checked(reply: Reply) -> Reply:
+    if isinstance(reply, Refused):
+        raise BusError(reply.reason)
+    return reply

@@ -1,0 +1,97 @@
+"""What can be asked of a running hub: put a fault in, clear faults, statistics (JSON, REQUEST/REPLY)."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import msgspec
+
+from palpate_host.bus.faults import FaultRule
+
+
+class Inject(msgspec.Struct, frozen=True, tag="inject", forbid_unknown_fields=True):
+    """Puts a fault in force."""
+
+    rule: FaultRule
+
+
+class ClearFaults(msgspec.Struct, frozen=True, tag="clear", forbid_unknown_fields=True):
+    """Ends every fault."""
+
+
+class AskStatistics(msgspec.Struct, frozen=True, tag="statistics", forbid_unknown_fields=True):
+    """Asks for `Statistics`."""
+
+
+Request: TypeAlias = Inject | ClearFaults | AskStatistics
+
+
+class Done(msgspec.Struct, frozen=True, tag="done"):
+    """The request was carried out."""
+
+
+class Refused(msgspec.Struct, frozen=True, tag="refused"):
+    """The request was not carried out; `reason` is one line."""
+
+    reason: str
+
+
+class IdCount(msgspec.Struct, frozen=True):
+    """Frames and bits of one identifier since the hub started."""
+
+    can_id: int
+    frames: int
+    bits: int
+
+
+class PortStatistics(msgspec.Struct, frozen=True):
+    """One client of the hub.
+
+    sent: frames that won the wire; lost_to_bus_off: frames thrown away because the port was cut off;
+    overruns: frames the client was too slow to take; refused: frames that a fault refused.
+    """
+
+    name: str
+    sent: int
+    delivered: int
+    overruns: int
+    refused: int
+    lost_to_bus_off: int
+    bus_off: bool
+
+
+class FaultStatistics(msgspec.Struct, frozen=True):
+    """A fault in force and how many frames it has hit."""
+
+    rule: FaultRule
+    hits: int
+
+
+class Statistics(msgspec.Struct, frozen=True, tag="statistics"):
+    """The hub's counters. window_bits: bits on the wire in the last window_us.
+
+    garbled_clients: clients that were cut off because they sent garbage.
+    """
+
+    uptime_us: int
+    bitrate: int
+    txqueuelen: int
+    frames: int
+    bits: int
+    window_us: int
+    window_bits: int
+    garbled_clients: int
+    ids: list[IdCount]
+    ports: list[PortStatistics]
+    faults: list[FaultStatistics]
+
+    @property
+    def load(self) -> float | None:
+        """Share of the window in which the wire was busy, 0 to 1; None without a bit rate."""
+        return self.window_bits * 1_000_000 / (self.bitrate * self.window_us) if self.bitrate else None
+
+
+Reply: TypeAlias = Done | Refused | Statistics
+
+request_decoder: msgspec.json.Decoder[Request] = msgspec.json.Decoder(Request)
+reply_decoder: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(Reply)

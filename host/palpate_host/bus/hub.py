@@ -1,0 +1,215 @@
+"""The hub's rim: one thread, a Unix stream socket, many clients; see hub_core.py for what it does."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import selectors
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from palpate_edge.errors import BusError
+from palpate_host.bus import protocol
+from palpate_host.bus.candump import LogRecord, LogWriter
+from palpate_host.bus.hub_core import Client, HubCore
+from palpate_host.bus.protocol import GarbledStreamError, Kind
+
+RECEIVE_BYTES = 64 * 1024
+LOG_FLUSH_US = 500_000
+
+# The wire is looked at no more often than this: many frames then share one wake-up and one system call, for
+# at most this much more latency. Time stamps are the wire's own and do not suffer.
+QUANTUM_US = 200
+
+
+class EpochClock:
+    """Unix time in us that never jumps: set once, then counted by the monotonic clock.
+
+    A step of the system's clock would otherwise halt the wire, or make it race, by the size of the step.
+    """
+
+    def __init__(self) -> None:
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_us(self) -> int:
+        """The time now."""
+        return (time.monotonic_ns() + self._offset_ns) // 1000
+
+
+class Hub:
+    """A running hub. `run` serves until `stop`; `close` removes the socket file.
+
+    Raises BusError when another hub listens on the socket or the socket cannot be made.
+    """
+
+    def __init__(self, path: Path, bitrate: int, txqueuelen: int, log: LogWriter | None = None) -> None:
+        self._clock = EpochClock()
+        self.core = HubCore(bitrate, txqueuelen, self._clock.now_us())
+        self.path = path
+        self._log = log
+        self._log_flushed_us = 0
+        self._stopping = False
+        self._clients: dict[socket.socket, Client] = {}
+        self._congested: set[socket.socket] = set()
+        self._listener = _listen(path)
+        self._inode = path.stat().st_ino
+        # select() and not epoll: its time-out is in microseconds, epoll's is rounded up to a millisecond.
+        self._selector = selectors.SelectSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        # A signal handler (or another thread) that calls `stop` wakes the selector through this pair.
+        self._wake_in, self._wake_out = socket.socketpair()
+        self._wake_in.setblocking(False)
+        self._selector.register(self._wake_in, selectors.EVENT_READ)
+
+    def run(self) -> None:
+        """Serves clients until `stop` is called."""
+        while not self._stopping:
+            now_us = self._clock.now_us()
+            for delivery in self.core.advance(now_us):
+                if self._log is not None:
+                    self._log.write(LogRecord(delivery.won_at_us, delivery.frame))
+            self._flush_log(now_us)
+            self._write_clients()
+            for key, events in self._selector.select(self._timeout_s()):
+                self._serve(key.fileobj, events)
+
+    def stop(self) -> None:
+        """Makes `run` return; may be called from a signal handler."""
+        self._stopping = True
+        with contextlib.suppress(BlockingIOError):
+            self._wake_out.send(b"x")
+
+    def close(self) -> None:
+        """Hangs up on every client and removes the socket file if it is still ours."""
+        for connection in list(self._clients):
+            self._hang_up(connection)
+        self._selector.close()
+        for end in (self._listener, self._wake_in, self._wake_out):
+            end.close()
+        with contextlib.suppress(FileNotFoundError):
+            if self.path.stat().st_ino == self._inode:
+                self.path.unlink()
+
+    def _timeout_s(self) -> float | None:
+        now_us = self._clock.now_us()
+        due_us = self.core.next_due_us(now_us)
+        if due_us is None:
+            return LOG_FLUSH_US / 1e6 if self._log is not None else None
+        return max(due_us - now_us, QUANTUM_US) / 1e6
+
+    def _serve(self, end: object, events: int) -> None:
+        if end is self._listener:
+            self._accept()
+        elif isinstance(end, socket.socket) and end in self._clients and events & selectors.EVENT_READ:
+            self._read(end)
+
+    def _accept(self) -> None:
+        connection, _ = self._listener.accept()
+        connection.setblocking(False)
+        self._clients[connection] = Client()
+        self._selector.register(connection, selectors.EVENT_READ)
+
+    def _read(self, connection: socket.socket) -> None:
+        client = self._clients[connection]
+        try:
+            data = connection.recv(RECEIVE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:  # reset by a killed client
+            data = b""
+        if not data:
+            self._hang_up(connection)
+            return
+        try:
+            self.core.receive(client, data, self._clock.now_us())
+        except GarbledStreamError as error:
+            client.output += protocol.message(Kind.REJECT, str(error).encode())
+            self._write(connection, client)
+            if connection in self._clients:
+                self._hang_up(connection)
+
+    def _write_clients(self) -> None:
+        for connection, client in list(self._clients.items()):
+            if client.output:
+                self._write(connection, client)
+
+    def _write(self, connection: socket.socket, client: Client) -> None:
+        try:
+            sent = connection.send(client.output)
+            del client.output[:sent]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._hang_up(connection)
+            return
+        self._watch_writable(connection, bool(client.output))
+
+    def _watch_writable(self, connection: socket.socket, congested: bool) -> None:
+        if congested != (connection in self._congested):
+            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if congested else 0)
+            self._selector.modify(connection, events)
+            self._congested ^= {connection}
+
+    def _hang_up(self, connection: socket.socket) -> None:
+        self.core.disconnect(self._clients.pop(connection))
+        self._congested.discard(connection)
+        self._selector.unregister(connection)
+        connection.close()
+
+    def _flush_log(self, now_us: int) -> None:
+        if self._log is not None and now_us - self._log_flushed_us >= LOG_FLUSH_US:
+            self._log.flush()
+            self._log_flushed_us = now_us
+
+
+def _listen(path: Path) -> socket.socket:
+    """A listening socket at `path`, mode 0600; replaces the file that a dead hub left behind."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        with _directory_lock(path.parent):
+            if path.exists():
+                _remove_stale(path)
+            mask = os.umask(0o177)
+            try:
+                listener.bind(str(path))
+            finally:
+                os.umask(mask)
+        listener.listen(64)
+        listener.setblocking(False)
+    except OSError as error:
+        listener.close()
+        raise BusError(
+            f"hub socket {path}: {error.strerror or error}: choose another path with --socket"
+        ) from error
+    except BusError:
+        listener.close()
+        raise
+    return listener
+
+
+def _remove_stale(path: Path) -> None:
+    if not path.is_socket():
+        raise BusError(f"hub socket {path}: the file is no socket: choose another path with --socket")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+    raise BusError(
+        f"hub socket {path}: a hub already listens there: use it, stop it, or give another --socket"
+    )
+
+
+@contextlib.contextmanager
+def _directory_lock(directory: Path) -> Iterator[None]:
+    """Two hubs that start together must not take each other's fresh socket for a stale one."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

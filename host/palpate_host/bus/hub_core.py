@@ -1,0 +1,275 @@
+"""The hub without its sockets: bytes of each client in, bytes for each client out; time is an argument."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, field
+
+import msgspec
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import ConfigError
+from palpate_host.bus import protocol
+from palpate_host.bus.bus_load import WINDOW_US, BusLoad
+from palpate_host.bus.control import (
+    AskStatistics,
+    Done,
+    FaultStatistics,
+    IdCount,
+    Inject,
+    PortStatistics,
+    Refused,
+    Reply,
+    Request,
+    Statistics,
+    request_decoder,
+)
+from palpate_host.bus.faults import UNHARMED, FaultPlan
+from palpate_host.bus.protocol import FrameFlag, GarbledStreamError, Kind, Mode
+from palpate_host.bus.wire import Delivery, Submitted, Wire
+
+MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
+
+NO_MODE = Mode(0)
+_VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
+_OWN = int(FrameFlag.OWN)
+_DELIVER_HEADER = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION, Kind.DELIVER, protocol.STAMPED.size)
+
+
+@dataclass(slots=True)
+class Client:
+    """One connection.
+
+    output: what the rim has to write to it. port: None before HELLO, and for a client that only controls.
+    """
+
+    splitter: protocol.Splitter = field(default_factory=protocol.Splitter)
+    output: bytearray = field(default_factory=bytearray)
+    name: str = ""
+    port: int | None = None
+    mode: Mode = NO_MODE
+    credits_owed: int = 0
+    overruns_untold: int = 0
+    sent: int = 0
+    delivered: int = 0
+    overruns: int = 0
+    refused: int = 0
+    lost_to_bus_off: int = 0
+
+
+class HubCore:
+    """Bus, faults, statistics and clients; see protocol.py for the messages.
+
+    bitrate: bit/s, 0 for a bus whose frames take no time. txqueuelen: frames each client may have waiting.
+    """
+
+    def __init__(self, bitrate: int, txqueuelen: int, now_us: int) -> None:
+        self.wire = Wire(bitrate, txqueuelen)
+        self.load = BusLoad()
+        self.faults = FaultPlan()
+        self.garbled_clients = 0
+        self._started_us = now_us
+        self._by_port: dict[int, Client] = {}
+        self._held: list[tuple[int, int, int, CanFrame, bool]] = []  # release us, order, port, frame, copy
+        self._held_count = 0
+
+    def disconnect(self, client: Client) -> None:
+        """Forgets a client and all that it had waiting."""
+        if client.port is not None:
+            self.wire.detach(client.port)
+            del self._by_port[client.port]
+            self._held = [held for held in self._held if held[2] != client.port]
+            heapq.heapify(self._held)
+            client.port = None
+
+    def receive(self, client: Client, data: bytes, now_us: int) -> None:
+        """Takes bytes from a client. Raises GarbledStreamError: then `disconnect` it."""
+        try:
+            for kind, payload in client.splitter.feed(data):
+                self._handle(client, kind, payload, now_us)
+        except GarbledStreamError:
+            self.garbled_clients += 1
+            raise
+
+    def advance(self, now_us: int) -> list[Delivery]:
+        """Runs bus and faults up to `now_us` and fills the clients' `output`; returns what was carried."""
+        if self.faults.next_edge_us(now_us) is not None or self._held:
+            self._apply_fault_windows(now_us)
+            self._release_held(now_us)
+        deliveries = self.wire.advance(now_us)
+        for delivery in deliveries:
+            self._deliver(delivery)
+        return deliveries
+
+    def next_due_us(self, now_us: int) -> int | None:
+        """When `advance` is due next; None when only a client's bytes can bring something."""
+        held = self._held[0][0] if self._held else None
+        due = (self.wire.next_due_us, held, self.faults.next_edge_us(now_us))
+        return min((time_us for time_us in due if time_us is not None), default=None)
+
+    def statistics(self, now_us: int) -> Statistics:
+        """All counters."""
+        return Statistics(
+            uptime_us=now_us - self._started_us,
+            bitrate=self.wire.bitrate,
+            txqueuelen=self.wire.txqueuelen,
+            frames=self.load.frames,
+            bits=self.load.bits,
+            window_us=WINDOW_US,
+            window_bits=self.load.window_bits(now_us),
+            garbled_clients=self.garbled_clients,
+            ids=[IdCount(can_id, *counts) for can_id, counts in sorted(self.load.by_id.items())],
+            ports=[_port_statistics(client) for client in self._by_port.values()],
+            faults=[FaultStatistics(rule, hits) for rule, hits in self.faults.rules()],
+        )
+
+    def _handle(self, client: Client, kind: Kind, payload: bytes, now_us: int) -> None:
+        if kind is Kind.SEND and client.port is not None:
+            for flags, frame in protocol.parse_frames(payload):
+                self._submit(client, client.port, frame, bool(flags & _VERDICT_WANTED), now_us)
+        elif kind is Kind.HELLO and not client.name:
+            self._welcome(client, protocol.parse_hello(payload), now_us)
+        elif kind is Kind.FILTERS and client.port is not None:
+            self.wire.set_filters(client.port, protocol.parse_filters(payload))
+        elif kind is Kind.REQUEST and client.name:
+            reply = self._answer(_parse_request(payload), now_us)
+            client.output += protocol.message(Kind.REPLY, msgspec.json.encode(reply))
+        else:
+            raise GarbledStreamError(f"message {kind.name} has no place here")
+
+    def _welcome(self, client: Client, hello: protocol.Hello, now_us: int) -> None:
+        if self.wire.bitrate and hello.bitrate not in (0, self.wire.bitrate):
+            reason = (
+                f"its bit rate is {self.wire.bitrate}, {hello.name} asks for {hello.bitrate}: make them equal"
+            )
+            client.output += protocol.message(Kind.REJECT, reason.encode())
+            return
+        client.name = hello.name
+        client.output += protocol.welcome_message(self.wire.txqueuelen, self.wire.bitrate)
+        if not hello.control_only:
+            client.port = self.wire.attach(hello.receive_own)
+            self._by_port[client.port] = client
+            self._apply_fault_windows(now_us)
+
+    def _answer(self, request: Request, now_us: int) -> Reply:
+        if isinstance(request, AskStatistics):
+            return self.statistics(now_us)
+        if isinstance(request, Inject):
+            try:
+                self.faults.inject(request.rule, now_us)
+            except ConfigError as error:
+                return Refused(str(error))
+        else:
+            self.faults.clear()
+        self._apply_fault_windows(now_us)
+        return Done()
+
+    def _submit(self, client: Client, port: int, frame: CanFrame, verdict_wanted: bool, now_us: int) -> None:
+        fate = self.faults.fate(client.name, frame, verdict_wanted, now_us)
+        if verdict_wanted:
+            client.output += protocol.message(Kind.VERDICT, bytes([not fate.refused]))
+        if fate.refused:
+            client.refused += 1
+        if fate is not UNHARMED:
+            self._apply_fault_windows(now_us)  # the hit may have used a rule up
+        if not fate.delays_us:
+            self._give_credit(client, 1)
+        for number, delay_us in enumerate(fate.delays_us):
+            if delay_us:
+                self._held_count += 1
+                held = (now_us + delay_us, self._held_count, port, frame, number > 0)
+                heapq.heappush(self._held, held)
+            else:
+                self._queue(client, port, frame, now_us, copy=number > 0)
+
+    def _queue(self, client: Client, port: int, frame: CanFrame, now_us: int, copy: bool) -> None:
+        outcome = self.wire.submit(port, frame, now_us, copy)
+        if outcome is Submitted.BUS_OFF and not copy:  # it was under way when the port was cut off
+            client.lost_to_bus_off += 1
+            self._give_credit(client, 1)
+        elif outcome is Submitted.QUEUE_FULL:
+            raise GarbledStreamError(
+                f"{client.name} sent more frames than its {self.wire.txqueuelen} credits"
+            )
+
+    def _release_held(self, now_us: int) -> None:
+        while self._held and self._held[0][0] <= now_us:
+            release_us, _, port, frame, copy = heapq.heappop(self._held)
+            self._queue(self._by_port[port], port, frame, release_us, copy)
+
+    def _deliver(self, delivery: Delivery) -> None:
+        frame = delivery.frame
+        self.load.count(delivery.won_at_us, frame.can_id, delivery.bits)
+        sender = self._by_port.get(delivery.sender)
+        if sender is not None:
+            sender.sent += 1
+            if not delivery.copy:
+                self._give_credit(sender, 1)
+        record = _deliver_message(delivery, 0)
+        for port in delivery.receivers:
+            client = self._by_port.get(port)
+            if client is not None:  # it may have left while the frame was on the wire
+                own = port == delivery.sender
+                self._output_frame(client, _deliver_message(delivery, _OWN) if own else record)
+
+    def _output_frame(self, client: Client, record: bytes) -> None:
+        if len(client.output) > MAX_QUEUED_BYTES:
+            client.overruns += 1
+            client.overruns_untold += 1
+            return
+        if client.overruns_untold:
+            client.output += protocol.count_message(Kind.OVERRUN, client.overruns_untold)
+            client.overruns_untold = 0
+        client.output += record
+        client.delivered += 1
+
+    def _give_credit(self, client: Client, count: int) -> None:
+        """Credits travel in portions of half a queue: one message a frame would double the hub's work."""
+        client.credits_owed += count
+        if client.credits_owed * 2 >= self.wire.txqueuelen:
+            client.output += protocol.count_message(Kind.CREDIT, client.credits_owed)
+            client.credits_owed = 0
+
+    def _apply_fault_windows(self, now_us: int) -> None:
+        self.faults.expire(now_us)
+        for port, client in self._by_port.items():
+            mode = NO_MODE
+            if self.faults.wants_verdicts(client.name):
+                mode |= Mode.ASK_VERDICT
+            if self.faults.is_bus_off(client.name, now_us):
+                mode |= Mode.BUS_OFF
+            if mode == client.mode:
+                continue
+            if (mode ^ client.mode) & Mode.BUS_OFF:
+                lost = self.wire.set_bus_off(port, bool(mode & Mode.BUS_OFF))
+                client.lost_to_bus_off += lost
+                self._give_credit(client, lost)
+            client.mode = mode
+            client.output += protocol.message(Kind.MODE, bytes([mode]))
+
+
+def _deliver_message(delivery: Delivery, flags: int) -> bytes:
+    frame = delivery.frame
+    if frame.remote:
+        flags |= FrameFlag.REMOTE
+    record = protocol.STAMPED.pack(delivery.won_at_us, frame.can_id, flags, len(frame.data), frame.data)
+    return _DELIVER_HEADER + record
+
+
+def _parse_request(payload: bytes) -> Request:
+    try:
+        return request_decoder.decode(payload)
+    except msgspec.MsgspecError as error:
+        raise GarbledStreamError(f"REQUEST is not understood: {error}") from error
+
+
+def _port_statistics(client: Client) -> PortStatistics:
+    return PortStatistics(
+        name=client.name,
+        sent=client.sent,
+        delivered=client.delivered,
+        overruns=client.overruns,
+        refused=client.refused,
+        lost_to_bus_off=client.lost_to_bus_off,
+        bus_off=bool(client.mode & Mode.BUS_OFF),
+    )
