@@ -1,0 +1,164 @@
+"""What the objects of ``fingertip.eds`` mean: from a contact and the board's health to their raw values.
+
+What is doubtful is never sent as valid: a refused frame, or a value that is missing, not finite or beyond its
+data type, clears the valid and the contact flag; the status (6150h) of each channel says which it was.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from palpate_edge.contact_type import Contact, Vector3
+from palpate_edge.node.object_dictionary import ObjectKey
+
+AI_AUTOZERO, AI_STATUS, AI_INPUT = 0x6125, 0x6150, 0x7130
+METHOD, CALIBRATION_HASH = 0x2000, 0x2001
+FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
+TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
+
+INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
+TEMPERATURE_UNKNOWN = INT16_MAX
+
+
+class Method(IntEnum):
+    """Object 2000h."""
+
+    PAPER = 0
+    CORRECTED = 1
+
+
+class ContactFlag(IntFlag):
+    """Object 2010h. SLIP stays 0 while no estimator tells slip."""
+
+    CONTACT = 0x01
+    SLIP = 0x02
+    VALID = 0x04
+
+
+class ChannelStatus(IntFlag):
+    """Object 6150h (CiA 404, AI status); 0 is good."""
+
+    NOT_VALID = 0x01
+    POSITIVE_OVERLOAD = 0x02
+    NEGATIVE_OVERLOAD = 0x04
+
+
+class Channel(IntEnum):
+    """Sub-indices of 7130h, 6131h, 6132h, 6150h."""
+
+    X = 1
+    Y = 2
+    Z = 3
+    NORMAL_FORCE = 4
+    SHEAR_X = 5
+    SHEAR_Y = 6
+    TORSION = 7
+
+
+INCREMENTS_PER_UNIT = {
+    Channel.X: 100,
+    Channel.Y: 100,
+    Channel.Z: 100,
+    Channel.NORMAL_FORCE: 1000,
+    Channel.SHEAR_X: 1000,
+    Channel.SHEAR_Y: 1000,
+    Channel.TORSION: 100,
+}
+"""Ten to the power of 6132h, for mm, N and N mm."""
+
+OPTIONAL_CHANNELS = frozenset({Channel.SHEAR_X, Channel.SHEAR_Y, Channel.TORSION})
+"""A method may give none of these without the contact being in doubt."""
+
+NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The board's state for TPDO 4. led_level: 0 (off) to 255."""
+
+    temperature_degC: float | None
+    frames_dropped: int
+    led_level: int
+
+
+def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
+    """The objects of TPDO 1 to 3, 6150h and 2021h.
+
+    contact.exposed_at_us: on the bus's clock. latency_us: from exposure until now.
+    """
+    objects: dict[ObjectKey, int] = {}
+    doubt = not contact.valid or not math.isfinite(contact.quality)
+    for channel, value in channel_values(contact).items():
+        increments, status = encode_channel(value, INCREMENTS_PER_UNIT[channel])
+        not_given = value is None and channel in OPTIONAL_CHANNELS
+        doubt = doubt or (bool(status) and not not_given)
+        objects[AI_INPUT, channel] = increments
+        objects[AI_STATUS, channel] = status
+    flags = ContactFlag(0)
+    if not doubt:
+        flags = ContactFlag.VALID | (ContactFlag.CONTACT if contact.in_contact else ContactFlag(0))
+    objects[FLAGS, 0] = flags
+    objects[QUALITY, 0] = 0 if doubt else clamp(round(UINT8_MAX * contact.quality), 0, UINT8_MAX)
+    objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & 0xFFFF_FFFF
+    objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX
+    objects[LATENCY, 0] = clamp(latency_us, 0, UINT16_MAX)
+    objects[BEADS_LOST, 0] = clamp(contact.beads_expected - contact.beads_found, 0, UINT16_MAX)
+    return objects
+
+
+def encode_health(health: Health) -> dict[ObjectKey, int]:
+    """The objects of TPDO 4 but 2021h, which goes with the contact."""
+    temperature = TEMPERATURE_UNKNOWN
+    if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
+        temperature = clamp(round(10 * health.temperature_degC), INT16_MIN, TEMPERATURE_UNKNOWN - 1)
+    return {
+        (TEMPERATURE, 0): temperature,
+        (FRAMES_DROPPED, 0): clamp(health.frames_dropped, 0, UINT16_MAX),
+        (LED_LEVEL, 0): clamp(health.led_level, 0, UINT8_MAX),
+    }
+
+
+def channel_values(contact: Contact) -> dict[Channel, float | None]:
+    """Each channel in mm, N or N mm; None where nothing is known."""
+    if not contact.valid:
+        return NOTHING_KNOWN
+    if not contact.in_contact:
+        return dict.fromkeys(Channel, 0.0)
+    if contact.position_mm is None:
+        return NOTHING_KNOWN
+    values: dict[Channel, float | None] = dict(zip(Channel, contact.position_mm, strict=False))
+    values[Channel.NORMAL_FORCE] = contact.normal_force_N
+    shear_N = None if contact.force_N is None else tangential_force_N(contact.position_mm, contact.force_N)
+    values[Channel.SHEAR_X] = None if shear_N is None else shear_N[0]
+    values[Channel.SHEAR_Y] = None if shear_N is None else shear_N[1]
+    values[Channel.TORSION] = contact.torsion_Nmm
+    return values
+
+
+def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
+    """The part of `force_N` across the sphere's normal at `position_mm`; NaN at the sphere's centre."""
+    distance_mm = math.hypot(*position_mm)
+    if distance_mm == 0.0:
+        return math.nan, math.nan, math.nan
+    normal = [component / distance_mm for component in position_mm]
+    along_N = sum(f * n for f, n in zip(force_N, normal, strict=True))
+    x_N, y_N, z_N = (f - along_N * n for f, n in zip(force_N, normal, strict=True))
+    return x_N, y_N, z_N
+
+
+def encode_channel(value: float | None, increments_per_unit: int) -> tuple[int, ChannelStatus]:
+    """One channel as INT16, held at its end where the value goes beyond it."""
+    if value is None or not math.isfinite(value):
+        return 0, ChannelStatus.NOT_VALID
+    increments = value * increments_per_unit
+    if increments >= INT16_MAX + 0.5:
+        return INT16_MAX, ChannelStatus.POSITIVE_OVERLOAD
+    if increments < INT16_MIN - 0.5:
+        return INT16_MIN, ChannelStatus.NEGATIVE_OVERLOAD
+    return round(increments), ChannelStatus(0)
+
+
+def clamp(value: int, low: int, high: int) -> int:
+    return max(low, min(high, value))

@@ -1,0 +1,145 @@
+"""PDO communication and mapping parameters (CiA 301, objects 1400h ff., 1600h ff., 1800h ff., 1A00h ff.).
+
+Reads them from the object store and refuses the writes that CiA 301 forbids, so that what is in the store is
+always a PDO that can be served.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate_edge.errors import ConfigError
+from palpate_edge.node.object_dictionary import Entry, ObjectDictionary, Value
+from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.pdo_codec import (
+    COB_ID_MASK,
+    COB_ID_NOT_VALID,
+    MappingFault,
+    PdoDirection,
+    PdoLayout,
+    layout_of,
+)
+from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
+
+MAX_PDOS = 512
+COB_ID_NO_RTR = 1 << 30
+HIGHEST_SYNC_TYPE = 240
+EVENT_DRIVEN = (254, 255)
+
+COB_ID_SUB, TYPE_SUB, INHIBIT_SUB, EVENT_TIMER_SUB = 1, 2, 3, 5
+
+RESTRICTED_IDS = (
+    range(0x080),
+    range(0x080, 0x081),
+    range(0x101, 0x181),
+    range(0x581, 0x600),
+    range(0x601, 0x680),
+    range(0x6E0, 0x800),
+)
+"""Identifiers that no configurable object may use (CiA 301, restricted CAN-IDs), with SYNC's."""
+
+ABORT_OF_FAULT = {
+    MappingFault.NOT_MAPPABLE: AbortCode.NOT_MAPPABLE,
+    MappingFault.TOO_LONG: AbortCode.PDO_TOO_LONG,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PdoParameters:
+    """One PDO as it is configured now. event_us: event timer (TPDO) or deadline (RPDO); 0 is off."""
+
+    number: int
+    can_id: int
+    valid: bool
+    transmission_type: int
+    inhibit_us: int
+    event_us: int
+    layout: PdoLayout
+
+    @property
+    def event_driven(self) -> bool:
+        return self.transmission_type in EVENT_DRIVEN
+
+
+def pdo_numbers(od: ObjectDictionary, direction: PdoDirection) -> tuple[int, ...]:
+    """The PDOs that `od` describes, 1-based."""
+    base = direction.communication_index
+    return tuple(number for number in range(1, MAX_PDOS + 1) if base + number - 1 in od.indices)
+
+
+def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) -> PdoParameters:
+    """What the store says of one PDO. Raises ConfigError when the EDS maps what cannot be."""
+    index = direction.communication_index + number - 1
+    mapping_index = direction.mapping_index + number - 1
+    layout = layout_of(store.od, _mapping_words(store, mapping_index), direction)
+    if isinstance(layout, MappingFault):
+        raise ConfigError(f"{store.od.source}: {mapping_index:04X}h maps {layout.value}; correct the EDS")
+    cob_id = store.number(index, COB_ID_SUB)
+    return PdoParameters(
+        number=number,
+        can_id=cob_id & COB_ID_MASK,
+        valid=not cob_id & COB_ID_NOT_VALID,
+        transmission_type=store.number(index, TYPE_SUB),
+        inhibit_us=100 * _optional_number(store, index, INHIBIT_SUB),
+        event_us=1000 * _optional_number(store, index, EVENT_TIMER_SUB),
+        layout=layout,
+    )
+
+
+def check_pdo_write(store: ObjectStore, entry: Entry, value: Value) -> None:
+    """Refuse a master's write to a PDO parameter with SdoAbortError; other objects pass."""
+    if not isinstance(value, int):
+        return
+    for direction in PdoDirection:
+        offset = entry.index - direction.communication_index
+        if 0 <= offset < MAX_PDOS:
+            _check_communication(store, direction, entry, value)
+        offset = entry.index - direction.mapping_index
+        if 0 <= offset < MAX_PDOS:
+            _check_mapping(store, direction, offset, entry, value)
+
+
+def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Entry, value: int) -> None:
+    cob_id = store.number(entry.index, COB_ID_SUB)
+    if entry.subindex == COB_ID_SUB:
+        _check_cob_id(direction, cob_id, value)
+    elif entry.subindex == TYPE_SUB:
+        if value > HIGHEST_SYNC_TYPE and value not in EVENT_DRIVEN:
+            raise SdoAbortError(AbortCode.VALUE_INVALID)
+    elif entry.subindex == INHIBIT_SUB and not cob_id & COB_ID_NOT_VALID:
+        raise SdoAbortError(AbortCode.DEVICE_STATE)
+
+
+def _check_cob_id(direction: PdoDirection, old: int, new: int) -> None:
+    can_id = new & COB_ID_MASK
+    known_bits = COB_ID_NOT_VALID | COB_ID_NO_RTR | COB_ID_MASK
+    answers_rtr = direction is PdoDirection.TRANSMIT and not new & COB_ID_NO_RTR
+    moves_while_valid = not (old | new) & COB_ID_NOT_VALID and can_id != old & COB_ID_MASK
+    restricted = any(can_id in ids for ids in RESTRICTED_IDS)
+    if new & ~known_bits or answers_rtr or moves_while_valid or restricted:
+        raise SdoAbortError(AbortCode.VALUE_INVALID)
+
+
+def _check_mapping(
+    store: ObjectStore, direction: PdoDirection, offset: int, entry: Entry, value: int
+) -> None:
+    cob_id = store.number(direction.communication_index + offset, COB_ID_SUB)
+    if not cob_id & COB_ID_NOT_VALID:
+        raise SdoAbortError(AbortCode.DEVICE_STATE)
+    if entry.subindex == 0:
+        words = [store.number(entry.index, 1 + slot) for slot in range(value)]
+    elif store.number(entry.index, 0):
+        raise SdoAbortError(AbortCode.DEVICE_STATE)
+    else:
+        words = [value] if value else []
+    layout = layout_of(store.od, words, direction)
+    if isinstance(layout, MappingFault):
+        raise SdoAbortError(ABORT_OF_FAULT[layout])
+
+
+def _mapping_words(store: ObjectStore, mapping_index: int) -> list[int]:
+    return [store.number(mapping_index, 1 + slot) for slot in range(store.number(mapping_index, 0))]
+
+
+def _optional_number(store: ObjectStore, index: int, subindex: int) -> int:
+    return store.number(index, subindex) if (index, subindex) in store.values else 0

@@ -1,0 +1,103 @@
+"""Receive PDOs (CiA 301, 7.2.2): types 0-240 take effect at the next SYNC, 254/255 at once.
+
+Too short: not taken, EMCY 0x8210. Too long: the mapped bytes are taken, EMCY 0x8220. The event timer of an
+RPDO is a deadline, watched from the first reception on: EMCY 0x8250. Each error goes with the next good PDO.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
+from palpate_edge.node.events import RpdoReceived, RpdoTimedOut
+from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.pdo_codec import PdoDirection
+from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters
+
+
+@dataclass(slots=True)
+class Rpdo:
+    """One RPDO in OPERATIONAL. waiting: data of a synchronous RPDO until the next SYNC."""
+
+    parameters: PdoParameters
+    waiting: bytes | None = None
+    deadline_us: int | None = None
+
+
+class RpdoService:
+    """All RPDOs of a node; they exist from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
+
+    def __init__(self, store: ObjectStore, emcy: EmergencyProducer) -> None:
+        self._store = store
+        self._emcy = emcy
+        self._numbers = pdo_numbers(store.od, PdoDirection.RECEIVE)
+        self._rpdos: tuple[Rpdo, ...] = ()
+        for number in self._numbers:
+            read_parameters(store, PdoDirection.RECEIVE, number)
+
+    def start(self) -> None:
+        parameters = (read_parameters(self._store, PdoDirection.RECEIVE, number) for number in self._numbers)
+        self._rpdos = tuple(Rpdo(one) for one in parameters if one.valid)
+
+    def stop(self) -> None:
+        self._rpdos = ()
+
+    def can_ids(self) -> set[int]:
+        """The identifiers that this node wants to receive."""
+        parameters = (read_parameters(self._store, PdoDirection.RECEIVE, number) for number in self._numbers)
+        return {one.can_id for one in parameters if one.valid}
+
+    def due_us(self) -> int | None:
+        return min((rpdo.deadline_us for rpdo in self._rpdos if rpdo.deadline_us is not None), default=None)
+
+    def receive(self, now_us: int, frame: CanFrame) -> list[RpdoReceived]:
+        """Take one frame, if it is an RPDO of this node."""
+        return [
+            event
+            for rpdo in self._rpdos
+            if rpdo.parameters.can_id == frame.can_id
+            for event in self._accept(now_us, rpdo, frame.data)
+        ]
+
+    def sync(self) -> list[RpdoReceived]:
+        """The synchronous RPDOs take effect."""
+        events = []
+        for rpdo in self._rpdos:
+            if rpdo.waiting is not None:
+                events.append(self._apply(rpdo, rpdo.waiting))
+                rpdo.waiting = None
+        return events
+
+    def poll(self, now_us: int) -> list[RpdoTimedOut]:
+        """The RPDOs whose deadline has passed; each is told once."""
+        events = []
+        for rpdo in self._rpdos:
+            if rpdo.deadline_us is not None and rpdo.deadline_us <= now_us:
+                rpdo.deadline_us = None
+                self._emcy.report(EmcyCode.RPDO_TIMEOUT, ErrorRegister.COMMUNICATION)
+                events.append(RpdoTimedOut(rpdo.parameters.number))
+        return events
+
+    def _accept(self, now_us: int, rpdo: Rpdo, data: bytes) -> list[RpdoReceived]:
+        parameters = rpdo.parameters
+        length_bytes = parameters.layout.packer.size
+        if len(data) < length_bytes:
+            self._emcy.report(EmcyCode.PDO_LENGTH, ErrorRegister.COMMUNICATION)
+            return []
+        if len(data) > length_bytes:
+            self._emcy.report(EmcyCode.PDO_LENGTH_EXCEEDED, ErrorRegister.COMMUNICATION)
+        else:
+            self._emcy.clear(EmcyCode.PDO_LENGTH_EXCEEDED)
+        self._emcy.clear(EmcyCode.PDO_LENGTH)
+        self._emcy.clear(EmcyCode.RPDO_TIMEOUT)
+        rpdo.deadline_us = now_us + parameters.event_us if parameters.event_us else None
+        if parameters.event_driven:
+            return [self._apply(rpdo, data[:length_bytes])]
+        rpdo.waiting = data[:length_bytes]
+        return []
+
+    def _apply(self, rpdo: Rpdo, data: bytes) -> RpdoReceived:
+        values = rpdo.parameters.layout.unpack(data)
+        self._store.values.update(values)
+        return RpdoReceived(rpdo.parameters.number, values)

@@ -1,0 +1,38 @@
+"""The SDO abort codes of CiA 301 (7.2.4.3.17) that these nodes answer."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from palpate_edge.errors import BusError
+
+
+class AbortCode(IntEnum):
+    """Why an SDO transfer ends without its value."""
+
+    TOGGLE_BIT = 0x0503_0000
+    TIMED_OUT = 0x0504_0000
+    COMMAND_UNKNOWN = 0x0504_0001
+    OUT_OF_MEMORY = 0x0504_0005
+    WRITE_ONLY = 0x0601_0001
+    READ_ONLY = 0x0601_0002
+    NO_OBJECT = 0x0602_0000
+    NOT_MAPPABLE = 0x0604_0041
+    PDO_TOO_LONG = 0x0604_0042
+    LENGTH_MISMATCH = 0x0607_0010
+    TOO_LONG = 0x0607_0012
+    TOO_SHORT = 0x0607_0013
+    NO_SUBINDEX = 0x0609_0011
+    VALUE_INVALID = 0x0609_0030
+    VALUE_TOO_HIGH = 0x0609_0031
+    VALUE_TOO_LOW = 0x0609_0032
+    NOT_STORED = 0x0800_0020
+    DEVICE_STATE = 0x0800_0022
+
+
+class SdoAbortError(BusError):
+    """Refuses an SDO access; the server answers its code to the client."""
+
+    def __init__(self, code: AbortCode) -> None:
+        super().__init__(f"SDO access refused with {code:08X}h ({code.name}); correct the request")
+        self.code = code

@@ -1,0 +1,109 @@
+"""Transmit PDOs (CiA 301, 7.2.2): event types 254/255 with inhibit time and event timer, SYNC types 0-240."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.pdo_codec import PdoDirection
+from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters
+
+
+@dataclass(slots=True)
+class Tpdo:
+    """One TPDO in OPERATIONAL. requested: the application has triggered it since it was sent."""
+
+    parameters: PdoParameters
+    requested: bool = False
+    syncs: int = 0
+    inhibited_until_us: int = 0
+    event_due_us: int | None = None
+
+    def due_us(self) -> int | None:
+        """When an event-driven TPDO is to be sent."""
+        if not self.parameters.event_driven:
+            return None
+        if self.requested:
+            return self.inhibited_until_us
+        if self.event_due_us is None:
+            return None
+        return max(self.event_due_us, self.inhibited_until_us)
+
+    def count_sync(self) -> bool:
+        """True when this SYNC is one to answer."""
+        kind = self.parameters.transmission_type
+        if self.parameters.event_driven or not self.parameters.valid:
+            return False
+        if kind == 0:
+            return self.requested
+        self.syncs += 1
+        return self.syncs >= kind
+
+    def sent(self, now_us: int) -> None:
+        self.requested = False
+        self.syncs = 0
+        self.inhibited_until_us = now_us + self.parameters.inhibit_us
+        self.start_event_timer(now_us)
+
+    def start_event_timer(self, now_us: int) -> None:
+        event_us = self.parameters.event_us
+        self.event_due_us = now_us + event_us if event_us else None
+
+
+class TpdoService:
+    """All TPDOs of a node; they exist from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
+
+    def __init__(self, store: ObjectStore) -> None:
+        self._store = store
+        self._numbers = pdo_numbers(store.od, PdoDirection.TRANSMIT)
+        self._tpdos: dict[int, Tpdo] = {}
+        for number in self._numbers:
+            read_parameters(store, PdoDirection.TRANSMIT, number)
+
+    def start(self, now_us: int) -> None:
+        for number in self._numbers:
+            parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
+            self._tpdos[number] = tpdo = Tpdo(parameters)
+            tpdo.start_event_timer(now_us)
+
+    def stop(self) -> None:
+        self._tpdos.clear()
+
+    def can_ids(self) -> set[int]:
+        """The identifiers that this node alone sends its valid TPDOs with."""
+        parameters = (read_parameters(self._store, PdoDirection.TRANSMIT, number) for number in self._numbers)
+        return {one.can_id for one in parameters if one.valid}
+
+    def trigger(self, numbers: Iterable[int]) -> None:
+        """Ask for these TPDOs; without effect outside OPERATIONAL. Raises BusError for an unknown one."""
+        for number in numbers:
+            if number not in self._numbers:
+                raise BusError(
+                    f"{self._store.od.source} has no TPDO {number}; trigger one of {self._numbers}"
+                )
+            if number in self._tpdos:
+                self._tpdos[number].requested = True
+
+    def due_us(self) -> int | None:
+        due = [tpdo.due_us() for tpdo in self._tpdos.values() if tpdo.parameters.valid]
+        return min((at_us for at_us in due if at_us is not None), default=None)
+
+    def sync(self, now_us: int) -> list[CanFrame]:
+        """What one SYNC asks for."""
+        return [self._send(tpdo, now_us) for tpdo in self._tpdos.values() if tpdo.count_sync()]
+
+    def poll(self, now_us: int) -> list[CanFrame]:
+        """The event-driven TPDOs that are due, in order of their numbers."""
+        frames = []
+        for tpdo in self._tpdos.values():
+            due_us = tpdo.due_us()
+            if tpdo.parameters.valid and due_us is not None and due_us <= now_us:
+                frames.append(self._send(tpdo, now_us))
+        return frames
+
+    def _send(self, tpdo: Tpdo, now_us: int) -> CanFrame:
+        tpdo.sent(now_us)
+        return CanFrame(tpdo.parameters.can_id, tpdo.parameters.layout.pack(self._store.values))

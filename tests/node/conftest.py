@@ -1,0 +1,104 @@
+"""A slave on python-can's in-process bus, and the pieces that the node tests share."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import canopen
+import pytest
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS, ObjectDictionary, load_eds
+from palpate_edge.node.slave import Output, Slave
+
+PROJECT = Path(__file__).resolve().parents[2]
+DRIVE_EDS = PROJECT / "host" / "palpate_host" / "drives" / "cia402.eds"
+NODE_ID = 0x10
+
+Process = Callable[[int, tuple[CanFrame, ...]], Output]
+
+
+@pytest.fixture
+def fingertip_od() -> ObjectDictionary:
+    return load_eds(FINGERTIP_EDS, NODE_ID)
+
+
+@pytest.fixture
+def drive_od() -> ObjectDictionary:
+    return load_eds(DRIVE_EDS, NODE_ID)
+
+
+@pytest.fixture
+def fingertip() -> FingertipNode:
+    return FingertipNode(NODE_ID, Method.CORRECTED, "0123456789abcdef0123")
+
+
+@pytest.fixture
+def operational() -> Callable[[Slave], Slave]:
+    """Bring a slave to OPERATIONAL at time 0."""
+
+    def bring(slave: Slave) -> Slave:
+        slave.process(0, [CanFrame(0x000, bytes([0x01, 0x00]))])
+        return slave
+
+    return bring
+
+
+@pytest.fixture
+def sdo() -> Callable[[Slave, str], str | None]:
+    """One SDO request of node 0x10, as hexadecimal text, and its answer."""
+
+    def ask(slave: Slave, request: str) -> str | None:
+        output = slave.process(1, [CanFrame(0x610, bytes.fromhex(request))])
+        answers = [frame.data.hex(" ") for frame in output.frames_out if frame.can_id == 0x590]
+        assert len(answers) <= 1
+        return answers[0] if answers else None
+
+    return ask
+
+
+@contextmanager
+def master_of(process: Process) -> Iterator[canopen.Network]:
+    """A master of the `canopen` package on a bus of its own, with a thread that serves `process`."""
+    channel = uuid.uuid4().hex
+    with can.Bus(channel, interface="virtual") as slave_bus:
+        stop = threading.Event()
+
+        def serve() -> None:
+            frames: tuple[CanFrame, ...] = ()
+            while not stop.is_set():
+                output = process(time.monotonic_ns() // 1000, frames)
+                for frame in output.frames_out:
+                    slave_bus.send(
+                        can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
+                    )
+                message = slave_bus.recv(0.005)
+                frames = ()
+                if message is not None:
+                    frames = (
+                        CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame),
+                    )
+
+        network = canopen.Network()
+        network.connect(channel=channel, interface="virtual")
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield network
+        finally:
+            stop.set()
+            thread.join()
+            network.disconnect()
+
+
+@pytest.fixture
+def canopen_master() -> Callable[[Process], object]:
+    return master_of

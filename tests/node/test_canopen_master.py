@@ -1,0 +1,114 @@
+"""A foreign master, the `canopen` package, against our slave: SDO, NMT, heartbeat, PDO by the EDS."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import canopen
+import pytest
+
+from palpate_edge.contact_type import Contact
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS
+
+WAIT_S = 10.0
+
+
+def contact(sequence: int) -> Contact:
+    return Contact(
+        sequence=sequence,
+        exposed_at_us=123_456,
+        valid=True,
+        in_contact=True,
+        position_mm=(3.0, -4.0, 12.5),
+        normal_force_N=1.25,
+        force_N=None,
+        torsion_Nmm=-0.5,
+        quality=1.0,
+        reason="",
+        beads_found=30,
+        beads_expected=31,
+    )
+
+
+@pytest.fixture
+def master(fingertip: FingertipNode, canopen_master: Callable):
+    with canopen_master(fingertip.process) as network:
+        node = network.add_node(canopen.RemoteNode(0x10, str(FINGERTIP_EDS)))
+        node.sdo.RESPONSE_TIMEOUT = WAIT_S
+        yield node
+
+
+def test_expedited_and_segmented_uploads(master: canopen.RemoteNode) -> None:
+    assert master.sdo[0x1000].raw == 0x00020194
+    assert master.sdo[0x1018][2].raw == 0x404
+    assert master.sdo[0x1008].raw == "palpate fingertip"
+    assert master.sdo[0x2001].raw == "0123456789abcdef"
+    assert master.sdo[0x6131][4].raw == 0x00210000
+
+
+def test_an_empty_text_is_uploaded(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:
+    fingertip.slave.write(0x2001, 0, "")
+    assert master.sdo.upload(0x2001, 0) == b""
+
+
+def test_download_and_abort(master: canopen.RemoteNode) -> None:
+    master.sdo[0x1017].raw = 250
+    assert master.sdo[0x1017].raw == 250
+    with pytest.raises(canopen.SdoAbortedError) as refused:
+        master.sdo[0x2000].raw = 1
+    assert refused.value.code == 0x06010002
+    with pytest.raises(canopen.SdoAbortedError) as refused:
+        master.sdo.upload(0x5FFF, 0)
+    assert refused.value.code == 0x06020000
+
+
+def test_segmented_download(master: canopen.RemoteNode) -> None:
+    with master.sdo.open(0x1017, 0, "wb", size=2, force_segment=True) as stream:
+        stream.write(b"\x2c\x01")
+    assert master.sdo[0x1017].raw == 300
+
+
+def test_nmt_heartbeat_and_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:
+    master.sdo[0x1017].raw = 20
+    assert master.nmt.wait_for_heartbeat(WAIT_S) == "PRE-OPERATIONAL"
+    master.tpdo.read()
+    arrived = {number: threading.Event() for number in (1, 2, 3)}
+    for number, event in arrived.items():
+        master.tpdo[number].add_callback(lambda _, event=event: event.set())
+    master.nmt.state = "OPERATIONAL"
+    while master.nmt.wait_for_heartbeat(WAIT_S) != "OPERATIONAL":
+        pass
+    fingertip.publish(contact(sequence=77), latency_us=9_000)
+    for event in arrived.values():
+        assert event.wait(WAIT_S)
+    first, second, third = (master.tpdo[number] for number in (1, 2, 3))
+    assert [variable.raw for variable in first] == [300, -400, 1250, 1250]
+    assert [variable.raw for variable in second] == [0, 0, -50, 5, 255]
+    assert [variable.raw for variable in third] == [123_456, 77, 9_000]
+
+
+def test_remapping_a_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:
+    master.tpdo.read()
+    pdo = master.tpdo[4]
+    pdo.clear()
+    pdo.add_variable(0x2013)
+    pdo.add_variable(0x2011)
+    pdo.trans_type = 255
+    pdo.event_timer = 10
+    pdo.enabled = True
+    pdo.save()
+    arrived = threading.Event()
+    pdo.add_callback(lambda _: arrived.set())
+    fingertip.publish(contact(sequence=513), latency_us=0)
+    master.nmt.state = "OPERATIONAL"
+    assert arrived.wait(WAIT_S)
+    assert pdo.data == bytearray([0x01, 0x02, 255])
+
+
+def test_reset_gives_boot_up_and_defaults(master: canopen.RemoteNode) -> None:
+    master.sdo[0x1017].raw = 0
+    master.nmt.send_command(0x82)
+    master.nmt.wait_for_bootup(WAIT_S)
+    assert master.sdo[0x1017].raw == 100
