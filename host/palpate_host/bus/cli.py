@@ -1,42 +1,182 @@
-"""``palpate-host bus``: the hub, a logger, statistics and faults."""
+"""``palpate-host bus``: the hub, a logger, statistics, faults, and logs for Wireshark."""
 
 from __future__ import annotations
 
 import signal
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-from palpate_host.bus.candump import LogHeader, LogWriter
+from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
+from palpate_host.bus.connection import ask
+from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
 from palpate_host.bus.default_socket import default_socket
+from palpate_host.bus.fault_cli import fault_rule_options
+from palpate_host.bus.faults import FaultRule
 from palpate_host.bus.hub import Hub
+from palpate_host.bus.pcap import write_pcap
+from palpate_host.bus.stats_table import stats_table, status_line
 
+FILE = click.Path(path_type=Path, dir_okay=False)
 SOCKET = click.option(
     "--socket",
     "socket_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=None,
-    help="The hub's Unix socket; default $PALPATE_HUB or palpate-hub.sock in $XDG_RUNTIME_DIR.",
+    type=FILE,
+    default=default_socket,
+    show_default="$PALPATE_HUB, else palpate-hub.sock in $XDG_RUNTIME_DIR",
+    help="The hub's Unix socket.",
+)
+HEADER = click.option(
+    "--header",
+    "header_entries",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A line of the log's header, such as origin=demo; may be given many times.",
 )
 
 
 @click.group()
 def bus() -> None:
-    """The local CAN hub: a bus between processes of one machine, without SocketCAN."""
+    """The local CAN hub: a bus between the processes of one machine, without SocketCAN.
+
+    \b
+    palpate-host bus hub --log traffic.log          run the hub
+    candump-like:  palpate-host bus log traffic.log
+    palpate-host bus stats
+    palpate-host bus fault drop --id 0x190 --probability 0.1
+    """
 
 
 @bus.command()
 @SOCKET
-@click.option("--bitrate", type=click.IntRange(0, 1_000_000), default=1_000_000, show_default=True)
-@click.option("--txqueuelen", type=click.IntRange(1, 4096), default=128, show_default=True)
-@click.option("--log", "log_path", type=click.Path(path_type=Path, dir_okay=False), default=None)
-def hub(socket_path: Path | None, bitrate: int, txqueuelen: int, log_path: Path | None) -> None:
-    """Runs the hub until SIGTERM or SIGINT."""
-    path = socket_path or default_socket()
-    log = LogWriter(log_path, LogHeader()) if log_path else None
-    server = Hub(path, bitrate, txqueuelen, log)
+@HEADER
+@click.option(
+    "--bitrate",
+    type=click.IntRange(0, 1_000_000),
+    default=1_000_000,
+    show_default=True,
+    help="bit/s; 0: frames take no time.",
+)
+@click.option(
+    "--txqueuelen",
+    type=click.IntRange(1, 4096),
+    default=128,
+    show_default=True,
+    help="Frames each client may have waiting; one more is refused with ENOBUFS.",
+)
+@click.option("--log", "log_path", type=FILE, help="Write all traffic to this candump log.")
+def hub(
+    socket_path: Path, header_entries: tuple[str, ...], bitrate: int, txqueuelen: int, log_path: Path | None
+) -> None:
+    """Run the hub until SIGTERM or SIGINT, then print one line of counters.
+
+    \b
+    palpate-host bus hub
+    palpate-host bus hub --socket /run/user/1000/hand.sock --bitrate 500000 --log hand.log
+    """
+    server = Hub(socket_path, bitrate, txqueuelen)
+    try:
+        _on_stop_signal(server.stop)
+        if log_path is not None:
+            server.log = LogWriter(log_path, _header(header_entries))
+        click.echo(f"hub: listening at {socket_path}, {bitrate or 'unlimited'} bit/s", err=True)
+        server.run()
+        click.echo(f"hub: {status_line(server.statistics())}", err=True)
+    finally:
+        server.close()
+
+
+@bus.command()
+@SOCKET
+@HEADER
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after this many seconds.")
+@click.argument("log_path", metavar="LOG", type=FILE)
+def log(socket_path: Path, header_entries: tuple[str, ...], duration_s: float | None, log_path: Path) -> None:
+    """Write the traffic to LOG (candump -L format) until SIGTERM, SIGINT or the duration.
+
+    \b
+    palpate-host bus log hand.log --duration 10 --header origin=bench
+    """
+    stopped: list[bool] = []
+    config = BusConfig(interface="palpate", channel=str(socket_path))
+    end_s = None if duration_s is None else time.monotonic() + duration_s
+    with open_bus(config, "log") as port, LogWriter(log_path, _header(header_entries)) as writer:
+        _on_stop_signal(lambda: stopped.append(True))
+        while not stopped and (end_s is None or time.monotonic() < end_s):
+            for stamp_us, frame in port.receive(0.2):
+                writer.write(LogRecord(stamp_us, frame))
+            writer.flush()
+        click.echo(f"log: {port.counters.received} frames in {log_path}", err=True)
+
+
+@bus.command()
+@SOCKET
+def stats(socket_path: Path) -> None:
+    """Print bus load, clients, identifiers and faults.
+
+    \b
+    palpate-host bus stats
+    """
+    reply = ask(socket_path, AskStatistics())
+    if isinstance(reply, Statistics):
+        click.echo(stats_table(reply))
+
+
+@bus.command()
+@click.argument("log_path", metavar="LOG", type=FILE)
+@click.argument("pcap_path", metavar="PCAP", type=FILE)
+def pcap(log_path: Path, pcap_path: Path) -> None:
+    """Turn LOG into a pcap file.
+
+    \b
+    palpate-host bus pcap hand.log hand.pcap
+    tshark -r hand.pcap -d can.subdissector,canopen
+    """
+    write_pcap(pcap_path, read_log(log_path).records)
+
+
+@bus.group()
+def fault() -> None:
+    """Put faults into the running bus, or clear them.
+
+    \b
+    palpate-host bus fault drop --id 0x190 --probability 0.1 --seed 7
+    palpate-host bus fault delay --port finger-1 --delay-ms 5 --delay-max-ms 40
+    palpate-host bus fault tx-full --port finger-1 --count 3
+    palpate-host bus fault bus-off --port finger-1 --duration-ms 2000
+    palpate-host bus fault clear
+    """
+
+
+@fault.command()
+@SOCKET
+def clear(socket_path: Path) -> None:
+    """End every fault; ports that were cut off come back."""
+    ask(socket_path, ClearFaults())
+
+
+def _inject(socket_path: Path, rule: FaultRule) -> None:
+    ask(socket_path, Inject(rule))
+
+
+for _command in fault_rule_options(SOCKET, _inject):
+    fault.add_command(_command)
+
+
+def _on_stop_signal(stop: Callable[[], None]) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: server.stop())
-    click.echo(f"CAN hub at {path}, {bitrate} bit/s", err=True)
-    server.run()
-    server.close()
+        signal.signal(number, lambda *_: stop())
+
+
+def _header(entries: tuple[str, ...]) -> LogHeader:
+    pairs = {}
+    for entry in entries:
+        key, equals, value = entry.partition("=")
+        if not equals:
+            raise ConfigError(f"--header {entry}: write KEY=VALUE")
+        pairs[key] = value
+    return LogHeader(pairs)

@@ -18,6 +18,7 @@ from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.errors import ConfigError
 
 MAX_DELAY_US = 10_000_000
+MAX_RULES = 64
 MAX_COPIES = 16  # of one frame, by DUPLICATE rules on top of each other
 
 
@@ -123,8 +124,10 @@ class FaultPlan:
         self._active: list[_Active] = []
 
     def inject(self, rule: FaultRule, now_us: int) -> None:
-        """Puts a rule in force; raises ConfigError when it contradicts itself."""
+        """Puts a rule in force; raises ConfigError when it contradicts itself or there are too many."""
         rule.check()
+        if len(self._active) == MAX_RULES:
+            raise ConfigError(f"{MAX_RULES} faults are in force already: clear them first (bus fault clear)")
         from_us = now_us + rule.start_us
         until_us = None if rule.duration_us is None else from_us + rule.duration_us
         self._active.append(_Active(rule, from_us, until_us))

@@ -14,6 +14,7 @@ from pathlib import Path
 from palpate_edge.errors import BusError
 from palpate_host.bus import protocol
 from palpate_host.bus.candump import LogRecord, LogWriter
+from palpate_host.bus.control import Statistics
 from palpate_host.bus.hub_core import Client, HubCore
 from palpate_host.bus.protocol import GarbledStreamError, Kind
 
@@ -42,14 +43,16 @@ class EpochClock:
 class Hub:
     """A running hub. `run` serves until `stop`; `close` removes the socket file.
 
+    log: all traffic is written to it when set; `close` closes it.
+
     Raises BusError when another hub listens on the socket or the socket cannot be made.
     """
 
-    def __init__(self, path: Path, bitrate: int, txqueuelen: int, log: LogWriter | None = None) -> None:
+    def __init__(self, path: Path, bitrate: int, txqueuelen: int) -> None:
         self._clock = EpochClock()
         self.core = HubCore(bitrate, txqueuelen, self._clock.now_us())
         self.path = path
-        self._log = log
+        self.log: LogWriter | None = None
         self._log_flushed_us = 0
         self._stopping = False
         self._clients: dict[socket.socket, Client] = {}
@@ -69,8 +72,8 @@ class Hub:
         while not self._stopping:
             now_us = self._clock.now_us()
             for delivery in self.core.advance(now_us):
-                if self._log is not None:
-                    self._log.write(LogRecord(delivery.won_at_us, delivery.frame))
+                if self.log is not None:
+                    self.log.write(LogRecord(delivery.won_at_us, delivery.frame))
             self._flush_log(now_us)
             self._write_clients()
             for key, events in self._selector.select(self._timeout_s()):
@@ -82,6 +85,10 @@ class Hub:
         with contextlib.suppress(BlockingIOError):
             self._wake_out.send(b"x")
 
+    def statistics(self) -> Statistics:
+        """All counters."""
+        return self.core.statistics(self._clock.now_us())
+
     def close(self) -> None:
         """Hangs up on every client and removes the socket file if it is still ours."""
         for connection in list(self._clients):
@@ -92,12 +99,14 @@ class Hub:
         with contextlib.suppress(FileNotFoundError):
             if self.path.stat().st_ino == self._inode:
                 self.path.unlink()
+        if self.log is not None:
+            self.log.close()
 
     def _timeout_s(self) -> float | None:
         now_us = self._clock.now_us()
         due_us = self.core.next_due_us(now_us)
         if due_us is None:
-            return LOG_FLUSH_US / 1e6 if self._log is not None else None
+            return LOG_FLUSH_US / 1e6 if self.log is not None else None
         return max(due_us - now_us, QUANTUM_US) / 1e6
 
     def _serve(self, end: object, events: int) -> None:
@@ -107,7 +116,10 @@ class Hub:
             self._read(end)
 
     def _accept(self) -> None:
-        connection, _ = self._listener.accept()
+        try:
+            connection, _ = self._listener.accept()
+        except (BlockingIOError, ConnectionAbortedError):  # it has gone before we came to it
+            return
         connection.setblocking(False)
         self._clients[connection] = Client()
         self._selector.register(connection, selectors.EVENT_READ)
@@ -160,8 +172,8 @@ class Hub:
         connection.close()
 
     def _flush_log(self, now_us: int) -> None:
-        if self._log is not None and now_us - self._log_flushed_us >= LOG_FLUSH_US:
-            self._log.flush()
+        if self.log is not None and now_us - self._log_flushed_us >= LOG_FLUSH_US:
+            self.log.flush()
             self._log_flushed_us = now_us
 
 

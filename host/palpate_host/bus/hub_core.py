@@ -29,6 +29,7 @@ from palpate_host.bus.protocol import FrameFlag, GarbledStreamError, Kind, Mode
 from palpate_host.bus.wire import Delivery, Submitted, Wire
 
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
+MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # with answers and credits, which are never left out
 
 NO_MODE = Mode(0)
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
@@ -87,6 +88,8 @@ class HubCore:
         try:
             for kind, payload in client.splitter.feed(data):
                 self._handle(client, kind, payload, now_us)
+                if len(client.output) > MAX_UNREAD_BYTES:
+                    raise GarbledStreamError(f"{client.name} asks and does not read the answers")
         except GarbledStreamError:
             self.garbled_clients += 1
             raise

@@ -34,7 +34,7 @@ from palpate_edge.errors import BusError
 
 MAGIC = 0x4350
 VERSION = 1
-MAX_PAYLOAD_BYTES = 1 << 20
+MAX_PAYLOAD_BYTES = 256 * 1024
 
 HEADER = Struct("<HBBI")
 HELLO = Struct("<BI")

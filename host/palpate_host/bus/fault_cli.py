@@ -1,0 +1,84 @@
+"""The commands under ``palpate-host bus fault``: one for each kind of fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import click
+
+from palpate_edge.can_frame import MAX_STANDARD_ID
+from palpate_host.bus.faults import FaultKind, FaultRule
+
+_HELP = {
+    FaultKind.DROP: "Lose frames before they reach the wire.",
+    FaultKind.DUPLICATE: "Send frames twice.",
+    FaultKind.DELAY: "Hold frames back; a range of delays also reorders them.",
+    FaultKind.TX_FULL: "Refuse frames as if the sender's transmit buffer were full (ENOBUFS).",
+    FaultKind.BUS_OFF: "Cut a port off the bus.",
+}
+
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Any]
+
+
+class _Identifier(click.ParamType[int]):
+    name = "identifier"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        try:
+            number = int(str(value), 0)
+        except ValueError:
+            self.fail(f"{value!r} is no number: write 0x190 or 400", param, ctx)
+        if not 0 <= number <= MAX_STANDARD_ID:
+            self.fail(f"{value} has more than 11 bits", param, ctx)
+        return number
+
+
+_MATCH_OPTIONS: tuple[Decorator, ...] = (
+    click.option("--id", "can_id", type=_Identifier(), help="Only frames with this identifier."),
+    click.option(
+        "--mask", type=_Identifier(), default="0x7FF", show_default=True, help="Bits of --id that count."
+    ),
+    click.option("--probability", type=click.FloatRange(0, 1), default=1.0, show_default=True),
+    click.option("--count", type=click.IntRange(min=1), help="End after this many hits."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Of the random draws."),
+)
+_DELAY_OPTIONS: tuple[Decorator, ...] = (
+    click.option("--delay-ms", type=click.FloatRange(min=0), required=True),
+    click.option("--delay-max-ms", type=click.FloatRange(min=0), help="Draw from --delay-ms to this."),
+)
+_WINDOW_OPTIONS: tuple[Decorator, ...] = (
+    click.option("--start-ms", type=click.FloatRange(min=0), default=0.0, show_default=True),
+    click.option("--duration-ms", type=click.FloatRange(min=0.001), help="Without it: until cleared."),
+)
+
+
+def fault_rule_options(
+    socket_option: Decorator, inject: Callable[[Path, FaultRule], None]
+) -> Iterator[click.Command]:
+    """One command for each kind of fault; it calls `inject` with the socket's path and the rule."""
+    for kind in FaultKind:
+        port = click.option("--port", required=kind is FaultKind.BUS_OFF, help="Only what this client sends.")
+        options: list[Decorator] = [socket_option, port, *_WINDOW_OPTIONS]
+        if kind is not FaultKind.BUS_OFF:
+            options += _MATCH_OPTIONS
+        if kind is FaultKind.DELAY:
+            options += _DELAY_OPTIONS
+        yield _command(kind, options, inject)
+
+
+def _command(
+    kind: FaultKind, options: list[Decorator], inject: Callable[[Path, FaultRule], None]
+) -> click.Command:
+    def run(socket_path: Path, **values: Any) -> None:
+        for name in ("start", "duration", "delay", "delay_max"):
+            milliseconds = values.pop(f"{name}_ms", None)
+            if milliseconds is not None:
+                values[f"{name}_us"] = round(milliseconds * 1000)
+        inject(socket_path, FaultRule(kind=kind, **values))
+
+    callback: Callable[..., Any] = run
+    for option in reversed(options):
+        callback = option(callback)
+    return click.command(kind.value, help=_HELP[kind])(callback)

@@ -1,0 +1,78 @@
+"""Frame lengths against a statement of the standard that shares nothing with the code: text and long division."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate_edge.can_frame import CanFrame
+from palpate_host.bus.bit_count import frame_bits
+
+GENERATOR = "1100010110011001"  # x^15+x^14+x^10+x^8+x^7+x^4+x^3+1, Bosch CAN 2.0 part A, 3.1.1
+
+
+def remainder(bits: str) -> str:
+    """Polynomial long division on paper."""
+    digits = [int(bit) for bit in bits] + [0] * 15
+    for place in range(len(bits)):
+        if digits[place]:
+            for offset, bit in enumerate(GENERATOR):
+                digits[place + offset] ^= int(bit)
+    return "".join(map(str, digits[-15:]))
+
+
+def stuffed(bits: str) -> str:
+    """A bit of the other level after each five equal ones, from left to right."""
+    start = 0
+    while (match := re.compile("00000|11111").search(bits, start)) is not None:
+        other = "1" if match[0][0] == "0" else "0"
+        bits = bits[: match.end()] + other + bits[match.end() :]
+        start = match.end()
+    return bits
+
+
+def length_on_paper(frame: CanFrame) -> int:
+    data = "" if frame.remote else "".join(f"{byte:08b}" for byte in frame.data)
+    fields = f"0{frame.can_id:011b}{int(frame.remote)}00{len(frame.data):04b}{data}"
+    delimiter_ack_eof_interframe = 1 + 2 + 7 + 3
+    return len(stuffed(fields + remainder(fields))) + delimiter_ack_eof_interframe
+
+
+FRAMES = st.builds(
+    CanFrame,
+    can_id=st.integers(0, 0x7FF),
+    data=st.one_of(st.binary(max_size=8), st.sampled_from([b"\0" * 8, b"\xff" * 8, b"\xf0\xf0\xf0\xf0"])),
+    remote=st.booleans(),
+)
+
+
+def test_long_division_gives_the_catalogued_check_value_of_crc15_can():
+    text = "".join(f"{byte:08b}" for byte in b"123456789")
+    assert int(remainder(text), 2) == 0x059E
+
+
+@given(FRAMES)
+def test_length_is_that_of_the_standard(frame):
+    assert frame_bits(frame) == length_on_paper(frame)
+
+
+@given(FRAMES)
+def test_length_is_within_the_published_bounds(frame):
+    """47 + 8 n without stuff bits; at most 55 + 10 n (Davis et al., Real-Time Systems 35, 2007, for 11 bit)."""
+    n = 0 if frame.remote else len(frame.data)
+    assert 47 + 8 * n <= frame_bits(frame) <= 55 + 10 * n
+
+
+def test_34_dominant_bits_take_6_stuff_bits():
+    """Identifier 0, no data: the CRC of zeros is zero, so 34 equal bits: a stuff bit after the 5th; the stuff
+    bit breaks the run, so one more after each further 5: 34 // 5 = 6."""
+    assert frame_bits(CanFrame(0)) == 34 + 6 + 13
+
+
+@pytest.mark.parametrize("length", range(9))
+def test_a_remote_frame_carries_its_dlc_and_no_data(length):
+    frame = CanFrame(0x2A5, bytes(length), remote=True)
+    assert 47 <= frame_bits(frame) <= 55
