@@ -80,11 +80,11 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
 
 
 def joint_torque_Nm(
-    pose: HandPose, qdot_rad_s: Array, R_vir: Array, R_d_vir: Array | None, gains: Gains
+    pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, R_d_vir: Array | None, gains: Gains
 ) -> Array:
-    """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only when R_d_vir is None."""
+    """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only without both frames."""
     force = grasp_force_N(pose.tip_centre_m, gains)
-    if R_d_vir is not None:
+    if R_vir is not None and R_d_vir is not None:
         force = force + orientation_force_N(pose.tip_centre_m, R_vir, R_d_vir, gains)
     forces_to_joints = np.einsum("iaj,ia->j", pose.tip_jacobian_m, force)
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)

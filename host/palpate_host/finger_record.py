@@ -1,0 +1,78 @@
+"""What the host remembers of one finger: its last contact, how old it is, and how often frames come."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from palpate_host.fingertips import Fingertip, TipContact
+from palpate_host.status import FingerStatus
+from palpate_host.supervisor import FingerHealth
+
+RATE_WINDOW_US = 1_000_000
+RATE_SAMPLES = 256
+
+
+class FingerRecord:
+    """One finger's fingertip and the times that the supervisor and the view ask for."""
+
+    def __init__(self, name: str, node_id: int) -> None:
+        self.node_id = node_id
+        self.tip = Fingertip(node_id, name)
+        self.unpaired = 0
+        self._name = name
+        self._last: TipContact | None = None
+        self._valid_at_us: int | None = None
+        self._touched_at_us: int | None = None
+        self._received_us: deque[int] = deque(maxlen=RATE_SAMPLES)
+
+    def note(self, contact: TipContact) -> None:
+        """Remember a coherent contact. Ages count from the exposure, the moment it was true."""
+        self._last = contact
+        self._received_us.append(contact.received_at_us)
+        if contact.valid:
+            self._valid_at_us = contact.exposed_at_us
+        if contact.in_contact:
+            self._touched_at_us = contact.exposed_at_us
+
+    def health(self, now_us: int, is_silent: bool) -> FingerHealth:
+        """For the supervisor."""
+        return FingerHealth(
+            name=self._name,
+            frame_age_us=_age(now_us, self._valid_at_us),
+            contact_age_us=_age(now_us, self._touched_at_us),
+            in_contact=self._last is not None and self._last.in_contact,
+            is_silent=is_silent,
+        )
+
+    def status(self, now_us: int) -> FingerStatus:
+        """For the view."""
+        while self._received_us and now_us - self._received_us[0] > RATE_WINDOW_US:
+            self._received_us.popleft()
+        last, counters = self._last, self.tip.counters
+        age_us = None if last is None else _age(now_us, last.exposed_at_us)
+        return FingerStatus(
+            name=self._name,
+            position_mm=last.position_mm if last and last.in_contact else None,
+            normal_force_N=last.normal_force_N if last and last.in_contact else None,
+            shear_N=last.shear_N if last and last.in_contact else None,
+            torsion_Nmm=last.torsion_Nmm if last and last.in_contact else None,
+            valid=last is not None and last.valid,
+            in_contact=last is not None and last.in_contact,
+            slip=last is not None and last.slip,
+            quality=0 if last is None else last.quality,
+            sequence=None if last is None else last.sequence,
+            age_ms=None if age_us is None else age_us / 1000.0,
+            latency_us=None if last is None else last.latency_us,
+            frames_per_s=float(len(self._received_us)),
+            complete=counters.complete,
+            incomplete=counters.incomplete,
+            out_of_order=counters.out_of_order,
+            duplicates=counters.duplicates,
+            late=counters.late,
+            lost_frames=counters.lost_frames,
+            unpaired=self.unpaired,
+        )
+
+
+def _age(now_us: int, then_us: int | None) -> int | None:
+    return None if then_us is None else max(0, now_us - then_us)

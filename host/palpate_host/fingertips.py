@@ -1,0 +1,206 @@
+"""From a fingertip's TPDOs 1-3 to one time-stamped contact (docs: the fingertip on the bus).
+
+TPDO 1 carries position and normal force, TPDO 2 shear, torsion, flags and quality, TPDO 3 exposure time,
+sequence and latency. A node sends the three of a frame one after the other; only a whole, coherent triple
+counts. What the bus dropped, doubled or delayed is counted by name and never mixed into another frame's
+contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
+from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
+from palpate_host.hand import HandPose
+from palpate_host.rotation import Array
+
+VALUE = 0x7130  # CiA 404 process values: x, y, z, normal force, shear x, shear y, torsion
+FLAGS = (0x2010, 0)
+QUALITY = (0x2011, 0)
+EXPOSED_AT = (0x2012, 0)
+SEQUENCE = (0x2013, 0)
+LATENCY = (0x2014, 0)
+
+FLAG_CONTACT, FLAG_SLIP, FLAG_VALID = 1, 2, 4
+
+# The three parts leave the node together; on a 1 Mbit/s bus they arrive within a few of its frame times.
+TRIPLE_WINDOW_US = 10_000
+BUS_CLOCK_WRAP_US = 1 << 32
+SEQUENCE_WRAP = 1 << 16
+# After so many refused triples in a row the node must have begun a new count of its own.
+RESYNCHRONISE_AFTER = 5
+
+
+@dataclass(frozen=True, slots=True)
+class TipContact:
+    """One frame's contact as the bus told it; vectors in the dome's frame F.
+
+    exposed_at_us: on the host's clock (epoch us), unwrapped from the bus clock's 32 bits.
+    in_contact counts only with valid.
+    """
+
+    received_at_us: int
+    exposed_at_us: int
+    sequence: int
+    latency_us: int
+    position_mm: tuple[float, float, float]
+    normal_force_N: float
+    shear_N: tuple[float, float]
+    torsion_Nmm: float
+    valid: bool
+    in_contact: bool
+    slip: bool
+    quality: int
+
+
+@dataclass(slots=True)
+class TripleCounters:
+    """What happened to a fingertip's parts. lost_frames is what the sequence numbers say is missing."""
+
+    complete: int = 0
+    incomplete: int = 0
+    out_of_order: int = 0
+    duplicates: int = 0
+    late: int = 0
+    lost_frames: int = 0
+    resynchronised: int = 0
+
+
+class Fingertip:
+    """Assembles one node's triples."""
+
+    def __init__(self, node_id: int, name: str) -> None:
+        od = load_eds(FINGERTIP_EDS, node_id)
+        self.name = name
+        self.counters = TripleCounters()
+        self._codecs = [pdo_codec(od, PdoDirection.TRANSMIT, number) for number in (1, 2, 3)]
+        self._parts: list[tuple[int, bytes]] = []
+        self._last_part: tuple[int, int, bytes] | None = None
+        self._last_sequence: int | None = None
+        self._begun_since_last = 0
+        self._refused_in_a_row = 0
+
+    @property
+    def receive_ids(self) -> tuple[int, ...]:
+        """The identifiers that `receive` understands."""
+        return tuple(codec.cob_id for codec in self._codecs)
+
+    def forget(self) -> None:
+        """The node booted anew: its sequence begins again."""
+        self._parts.clear()
+        self._last_part = None
+        self._last_sequence = None
+        self._begun_since_last = 0
+
+    def receive(self, stamp_us: int, frame: CanFrame) -> TipContact | None:
+        """Take one TPDO in; returns a contact when it completes a coherent triple.
+
+        BusError, naming node and PDO, when its length is not the EDS's.
+        """
+        number = self.receive_ids.index(frame.can_id)
+        codec = self._codecs[number]
+        if len(frame.data) != codec.length_bytes:
+            codec.decode(frame.data)
+        if self._is_duplicate(number, stamp_us, frame.data):
+            self.counters.duplicates += 1
+            return None
+        self._last_part = (number, stamp_us, frame.data)
+        if number == 0:
+            self.counters.incomplete += bool(self._parts)
+            self._parts = [(stamp_us, frame.data)]
+            self._begun_since_last += 1
+            return None
+        if len(self._parts) != number:
+            self.counters.out_of_order += 1
+            self._parts.clear()
+            return None
+        if stamp_us - self._parts[0][0] > TRIPLE_WINDOW_US:
+            self.counters.late += 1
+            self._parts.clear()
+            return None
+        self._parts.append((stamp_us, frame.data))
+        return self._complete() if number == 2 else None
+
+    def _is_duplicate(self, number: int, stamp_us: int, data: bytes) -> bool:
+        if self._last_part is None:
+            return False
+        last_number, last_stamp_us, last_data = self._last_part
+        same = last_number == number and last_data == data
+        return same and stamp_us - last_stamp_us <= TRIPLE_WINDOW_US
+
+    def _complete(self) -> TipContact | None:
+        contact = decode_triple(self._codecs, self._parts)
+        self._parts.clear()
+        if not self._is_next(contact.sequence):
+            self.counters.late += 1
+            return None
+        self.counters.complete += 1
+        return contact
+
+    def _is_next(self, sequence: int) -> bool:
+        """Whether the sequence number fits the frames begun since the last one.
+
+        Each TPDO 1 begins a frame. A TPDO 3 that a delay pushed into the next frame's triple therefore
+        carries a number that is too small, as has everything older than what is known.
+        """
+        if self._last_sequence is not None:
+            step = (sequence - self._last_sequence) % SEQUENCE_WRAP
+            if not self._begun_since_last <= step < SEQUENCE_WRAP // 2:
+                self._refused_in_a_row += 1
+                if self._refused_in_a_row < RESYNCHRONISE_AFTER:
+                    return False
+                self.counters.resynchronised += 1
+            else:
+                self.counters.lost_frames += step - 1
+        self._last_sequence = sequence
+        self._begun_since_last = 0
+        self._refused_in_a_row = 0
+        return True
+
+
+def decode_triple(codecs: list[PdoCodec], parts: list[tuple[int, bytes]]) -> TipContact:
+    """The contact in three (stamp, payload) parts, in engineering units."""
+    values: dict[tuple[int, int], int] = {}
+    for codec, (_, data) in zip(codecs, parts, strict=True):
+        values |= codec.decode(data)
+    stamp_us = parts[-1][0]
+    flags = values[FLAGS]
+    valid = bool(flags & FLAG_VALID)
+    x, y, z, normal, shear_x, shear_y, torsion = (values[(VALUE, sub)] for sub in range(1, 8))
+    return TipContact(
+        received_at_us=stamp_us,
+        exposed_at_us=unwrap_us(values[EXPOSED_AT], stamp_us),
+        sequence=values[SEQUENCE],
+        latency_us=values[LATENCY],
+        position_mm=(x / 100.0, y / 100.0, z / 100.0),
+        normal_force_N=normal / 1000.0,
+        shear_N=(shear_x / 1000.0, shear_y / 1000.0),
+        torsion_Nmm=torsion / 100.0,
+        valid=valid,
+        in_contact=valid and bool(flags & FLAG_CONTACT),
+        slip=bool(flags & FLAG_SLIP),
+        quality=values[QUALITY],
+    )
+
+
+def unwrap_us(bus_clock_us: int, near_us: int) -> int:
+    """The epoch time nearest to `near_us` that the 32-bit bus clock (epoch us modulo 2^32) can mean."""
+    half = BUS_CLOCK_WRAP_US // 2
+    return near_us + (bus_clock_us - near_us + half) % BUS_CLOCK_WRAP_US - half
+
+
+def contact_normal(pose: HandPose, finger: int, position_mm: tuple[float, float, float]) -> Array | None:
+    """d_i = (x_ci - x_i)/|x_ci - x_i| (3,) in the hand's frame, Eq. (16), at the pose of the exposure.
+
+    The contact point in F is measured from the dome's centre, so d_i is that direction turned round. None
+    when the point is the centre itself, which no contact is.
+    """
+    point = np.array(position_mm)
+    distance = float(np.linalg.norm(point))
+    if distance == 0.0:
+        return None
+    return np.asarray(pose.tip_rotation[finger] @ (point / -distance))

@@ -1,0 +1,92 @@
+"""Turns the object: from contacts and the target to the desired virtual frame and the joint torques.
+
+Holds what Eqs. (9)-(16) need from one tick to the next and nothing of the bus: the estimate M, the object's
+orientation when turning began, how far the ramp has come.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate_host import rotation
+from palpate_host.control import Gains, joint_torque_Nm, limit_torque_Nm, target_step
+from palpate_host.fingertips import TipContact, contact_normal
+from palpate_host.hand import HandPose
+from palpate_host.hand_config import ControlMode, HandConfig
+from palpate_host.object_orientation import ObjectOrientation
+from palpate_host.rotation import Array
+from palpate_host.supervisor import Mode
+from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame
+
+
+class Manipulation:
+    """The controller's memory; `torque_Nm` is one tick of it."""
+
+    def __init__(self, config: HandConfig) -> None:
+        self.gains = gains_of(config)
+        self.orientation = ObjectOrientation(config.control.reference_frames, config.control.contact_filter_s)
+        self.R_d: Array | None = None
+        self.R_d_vir: Array | None = None
+        self._blind_by_choice = config.control.mode is ControlMode.BLIND
+        self._full_step = rotation.from_rpy_deg(*config.target.rpy_deg)
+        self._ramp_s = config.target.ramp_s
+        self._turned_s = 0.0
+        self._start: Array | None = None
+
+    @property
+    def M(self) -> Array | None:
+        """R_vir^T R_c. Tahara's blind law is the paper's with the virtual frame in the object's place."""
+        return np.eye(3) if self._blind_by_choice else self.orientation.M
+
+    def add_contact(self, finger: int, contact: TipContact, exposure_pose: HandPose) -> None:
+        """A valid frame of one finger with the hand's pose at its exposure (pairs Eq. 15).
+
+        FrameError when the tips' centres defined no virtual frame at that moment.
+        """
+        if not contact.in_contact:
+            self.orientation.release(finger)
+            return
+        normal = contact_normal(exposure_pose, finger, contact.position_mm)
+        if normal is not None:
+            R_vir_then = virtual_frame(exposure_pose.tip_centre_m)
+            self.orientation.add(finger, R_vir_then.T @ normal, contact.exposed_at_us)
+
+    def torque_Nm(
+        self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
+    ) -> Array:
+        """Joint torques (nq,) within every limit; zero unless the mode moves joints."""
+        if mode not in (Mode.HOLD, Mode.MANIPULATE, Mode.BLIND):
+            return np.zeros(len(qdot_rad_s))
+        R_d_vir = None
+        if R_vir is not None and mode is not Mode.HOLD:
+            if mode is Mode.MANIPULATE or self._blind_by_choice:
+                self._advance(R_vir, dt_s)
+            R_d_vir = self.R_d_vir
+        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains)
+        return limit_torque_Nm(u, pose.q_rad, self.gains)
+
+    def _advance(self, R_vir: Array, dt_s: float) -> None:
+        """One tick along the ramp and a new R_d_vir, Eq. (15). In BLIND neither moves."""
+        M = self.M
+        if M is None:
+            return
+        if self._start is None:
+            self._start = R_vir @ M
+        self._turned_s += dt_s
+        self.R_d = target_step(self._full_step, self._turned_s, self._ramp_s) @ self._start
+        self.R_d_vir = desired_virtual_frame(self.R_d, M)
+
+
+def gains_of(config: HandConfig) -> Gains:
+    """The gains and limits of hand.toml as arrays in the order of q."""
+    joints, control = config.joints, config.control
+    return Gains(
+        f_d_N=control.f_d_N,
+        K_r=control.K_r,
+        B_Nms_rad=np.array([joint.B_Nms_rad for joint in joints]),
+        tip_radius_m=control.tip_radius_m,
+        friction_ratio=control.friction_ratio,
+        torque_limit_Nm=np.array([joint.torque_limit_Nm for joint in joints]),
+        q_min_rad=np.array([joint.min_rad for joint in joints]),
+        q_max_rad=np.array([joint.max_rad for joint in joints]),
+    )

@@ -1,0 +1,285 @@
+"""The host's core: every frame of the bus in, every frame of the host out, on the time it is given.
+
+One tick at tick_Hz: SYNC, supervisor, torques, one command a drive. Frames are taken in with their own stamps
+and answered at the next tick, so that what leaves depends on stamps and ticks alone and a log replays
+exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_host import rotation
+from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.drives.joint_command import DriveGoal
+from palpate_host.finger_record import FingerRecord
+from palpate_host.fingertips import TipContact
+from palpate_host.hand import Hand, HandPose
+from palpate_host.hand_config import ControlMode, HandConfig
+from palpate_host.joint_history import JointHistory
+from palpate_host.manipulation import Manipulation
+from palpate_host.network import EMCY_ID, HEARTBEAT_ID, SYNC, Network
+from palpate_host.rotation import Array
+from palpate_host.status import Counters, HostStatus, matrix
+from palpate_host.supervisor import Decision, Inputs, Mode, Tiers, decide
+from palpate_host.virtual_frame import FrameError, check_numbering, virtual_frame
+
+QUICK_STOP_LIMIT_US = 500_000
+POWER_OFF_US = 50_000
+EXPOSURE_AHEAD_LIMIT_US = 50_000
+
+_MOVING = (Mode.HOLD, Mode.MANIPULATE, Mode.BLIND)
+OPERATOR_STOP = "stopped by the operator"
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one call of `process` gives.
+
+    next_due_us: when to call again at the latest. finished: the hand is stopped and safe, the loop may end;
+    failure then says why in one line, empty after an operator's stop.
+    """
+
+    frames_out: tuple[CanFrame, ...]
+    next_due_us: int
+    status: HostStatus | None
+    finished: bool
+    failure: str
+
+
+class HostCore:
+    """The pure host: hand it frames and times, send what it returns."""
+
+    def __init__(self, config: HandConfig, hand: Hand) -> None:
+        """FrameError when the fingers are numbered clockwise, with every joint in the middle of its range."""
+        middle = np.array([(joint.min_rad + joint.max_rad) / 2 for joint in config.joints])
+        check_numbering(hand.pose(middle).tip_centre_m)
+        self._config = config
+        self._hand = hand
+        self._tick_us = 1_000_000 // config.control.tick_Hz
+        network, s = config.network, config.staleness
+        self._network = Network(
+            config.node_names,
+            network.host_node,
+            network.heartbeat_ms * 1000,
+            network.heartbeat_timeout_ms * 1000,
+        )
+        self._tiers = Tiers(
+            warn_us=s.warn_ms * 1000,
+            freeze_us=s.freeze_ms * 1000,
+            hold_us=s.hold_ms * 1000,
+            stop_us=s.stop_ms * 1000,
+            settle_us=config.control.settle_ms * 1000,
+        )
+        self._drives = DriveGroup(config.joints)
+        self._fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
+        self._finger_by_id = {
+            can_id: i for i, finger in enumerate(self._fingers) for can_id in finger.tip.receive_ids
+        }
+        self._history = JointHistory(config.control.tick_Hz)
+        self._control = Manipulation(config)
+        self._decision: Decision | None = None
+        self._next_tick_us: int | None = None
+        self._last_sync_us: int | None = None
+        self._stop_reason = ""
+        self._command_Nm = np.zeros(len(config.joints))
+        self._R_vir: Array | None = None
+        self._power_off_us: int | None = None
+        self._finished = False
+        self._last_emergency = ""
+        self._counters = Counters()
+        self._status: HostStatus | None = None
+
+    @property
+    def accept_ids(self) -> tuple[int, ...]:
+        """The identifiers this core wants from the bus: for filters, and to pick its inputs from a log."""
+        nodes = self._config.node_names
+        beats = [HEARTBEAT_ID + node for node in nodes]
+        emergencies = [EMCY_ID + node for node in nodes]
+        return tuple(sorted([*beats, *emergencies, *self._drives.receive_ids, *self._finger_by_id]))
+
+    def request_stop(self, reason: str = OPERATOR_STOP) -> None:
+        """Stop at the next tick: quick stop, drives off, NMT stop. The first reason stays."""
+        self._stop_reason = self._stop_reason or reason
+
+    def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> Output:
+        """Take in stamped frames and, when a tick is due, give the host's frames for it.
+
+        A tick that is more than one period late is left out and counted. Never raises for what comes from the
+        bus: a frame that breaks the contract stops the hand, and its reason is the output's failure.
+        """
+        for stamp_us, frame in frames_in:
+            self._counters.frames_in += 1
+            try:
+                self._receive(stamp_us, frame)
+            except BusError as exc:
+                self.request_stop(str(exc))
+        if self._next_tick_us is None:
+            self._next_tick_us = now_us
+        frames_out: list[CanFrame] = []
+        if now_us >= self._next_tick_us and not self._finished:
+            left_out = (now_us - self._next_tick_us) // self._tick_us
+            self._counters.late_ticks += left_out
+            tick_us = self._next_tick_us + left_out * self._tick_us
+            frames_out = self._tick(tick_us)
+            self._next_tick_us = tick_us + self._tick_us
+            self._counters.frames_out += len(frames_out)
+            self._status = self._make_status(tick_us)
+        failure = "" if self._stop_reason == OPERATOR_STOP or not self._finished else self._stop_reason
+        return Output(tuple(frames_out), self._next_tick_us, self._status, self._finished, failure)
+
+    def _receive(self, stamp_us: int, frame: CanFrame) -> None:
+        node_id = frame.can_id & 0x7F
+        if frame.remote:
+            self._counters.foreign_frames += 1
+        elif frame.can_id in self._finger_by_id:
+            self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
+        elif frame.can_id in self._drives.receive_ids:
+            self._drives.receive(stamp_us, frame)
+        elif frame.can_id == HEARTBEAT_ID + node_id and node_id in self._config.node_names:
+            if self._network.receive(stamp_us, frame) is not None:
+                self._booted(node_id)
+        elif frame.can_id == EMCY_ID + node_id and node_id in self._config.node_names:
+            self._receive_emergency(node_id, frame)
+        else:
+            self._counters.foreign_frames += 1
+
+    def _booted(self, node_id: int) -> None:
+        self._drives.booted(node_id)
+        for finger in self._fingers:
+            if finger.node_id == node_id:
+                finger.tip.forget()
+
+    def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
+        self._counters.emergencies += 1
+        code = int.from_bytes(frame.data[:2], "little")
+        self._last_emergency = f"{self._network.name(node_id)}: EMCY {code:04X}h"
+
+    def _receive_contact(self, index: int, stamp_us: int, frame: CanFrame) -> None:
+        finger = self._fingers[index]
+        contact = finger.tip.receive(stamp_us, frame)
+        if contact is None:
+            return
+        pose = self._pose_at_exposure(contact, stamp_us)
+        if pose is None:
+            finger.unpaired += 1
+            return
+        finger.note(contact)
+        if contact.valid:
+            try:
+                self._control.add_contact(index, contact, pose)
+            except FrameError:
+                finger.unpaired += 1
+
+    def _pose_at_exposure(self, contact: TipContact, stamp_us: int) -> HandPose | None:
+        """None when the exposure lies before the joints' history or ahead of the clock."""
+        if contact.exposed_at_us > stamp_us + EXPOSURE_AHEAD_LIMIT_US:
+            return None
+        q_rad = self._history.at(contact.exposed_at_us)
+        return None if q_rad is None else self._hand.pose(q_rad)
+
+    def _tick(self, tick_us: int) -> list[CanFrame]:
+        self._counters.ticks += 1
+        if self._last_sync_us is not None and self._drives.sampled_after(self._last_sync_us):
+            angles = self._drives.angles()
+            if angles is not None:
+                self._history.add(self._last_sync_us, angles[0])
+        self._last_sync_us = tick_us
+        is_up = [self._network.is_up(drive.node_id) for drive in self._drives.drives]
+        ready = [*self._drives.identified(), *(finger.node_id for finger in self._fingers)]
+        frames = [*self._network.due(tick_us, ready), *self._drives.questions(tick_us, is_up), SYNC]
+        goal, torque = self._control_step(tick_us)
+        self._command_Nm = torque
+        frames += self._drives.commands(goal, torque)
+        if self._power_off_us is not None and tick_us - self._power_off_us >= POWER_OFF_US:
+            frames += self._network.stop_all()
+            self._finished = True
+        return frames
+
+    def _control_step(self, tick_us: int) -> tuple[DriveGoal, Array]:
+        angles = self._drives.angles()
+        pose = R_vir = None
+        no_virtual_frame = ""
+        if angles is not None:
+            pose = self._hand.pose(angles[0])
+            try:
+                R_vir = virtual_frame(pose.tip_centre_m)
+            except FrameError as exc:
+                no_virtual_frame = str(exc)
+        self._R_vir = R_vir
+        decision = self._decide(tick_us, no_virtual_frame)
+        if decision.mode is Mode.STOP:
+            return self._stopping(tick_us, decision), np.zeros_like(self._command_Nm)
+        if pose is None or angles is None:
+            torque = np.zeros_like(self._command_Nm)
+        else:
+            torque = self._control.torque_Nm(decision.mode, pose, angles[1], R_vir, self._tick_us * 1e-6)
+        return (DriveGoal.OFF if decision.mode is Mode.INIT else DriveGoal.TORQUE), torque
+
+    def _decide(self, tick_us: int, no_virtual_frame: str) -> Decision:
+        last = self._decision or Decision(Mode.INIT, "starting", tick_us)
+        orientation = self._control.orientation
+        inputs = Inputs(
+            now_us=tick_us,
+            stop=self._reason_to_stop(tick_us, last.mode),
+            waiting_for=", ".join(self._network.not_operating()),
+            drives_waiting=self._drives.waiting(),
+            no_virtual_frame=no_virtual_frame,
+            no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
+            blind_by_choice=self._config.control.mode is ControlMode.BLIND,
+            fingers=[
+                finger.health(tick_us, self._network.is_silent(finger.node_id, tick_us))
+                for finger in self._fingers
+            ],
+        )
+        self._decision = decide(last, inputs, self._tiers)
+        if self._decision.mode is Mode.STOP:
+            self.request_stop(self._decision.reason)
+        return self._decision
+
+    def _reason_to_stop(self, tick_us: int, mode: Mode) -> str:
+        if self._stop_reason or mode not in _MOVING:
+            return self._stop_reason
+        for drive in self._drives.drives:
+            if self._network.is_silent(drive.node_id, tick_us):
+                return f"{self._network.name(drive.node_id)}: heartbeat lost"
+        waiting = self._drives.waiting()
+        if waiting:
+            return f"{waiting} left operation enabled; {self._last_emergency or 'no EMCY'}"
+        return self._drives.lost_joint(tick_us, self._config.staleness.joint_stop_ms * 1000)
+
+    def _stopping(self, tick_us: int, decision: Decision) -> DriveGoal:
+        """Quick stop until no drive has power, at most 500 ms; then off."""
+        if self._power_off_us is None:
+            if self._drives.any_powered() and tick_us - decision.since_us < QUICK_STOP_LIMIT_US:
+                return DriveGoal.QUICK_STOP
+            self._power_off_us = tick_us
+        return DriveGoal.OFF
+
+    def _make_status(self, now_us: int) -> HostStatus:
+        assert self._decision is not None
+        control, M, R_vir = self._control, self._control.M, self._R_vir
+        R_d_vir = control.R_d_vir
+        error = None if R_vir is None or R_d_vir is None else rotation.angle_deg(R_d_vir @ R_vir.T)
+        return HostStatus(
+            time_us=now_us,
+            mode=self._decision.mode,
+            reason=self._decision.reason,
+            warning=self._decision.warning,
+            fingers=tuple(finger.status(now_us) for finger in self._fingers),
+            joints=self._drives.status(self._command_Nm),
+            R_vir=matrix(R_vir),
+            R_c=None if R_vir is None or M is None else matrix(R_vir @ M),
+            R_d=matrix(control.R_d),
+            R_d_vir=matrix(R_d_vir),
+            orientation_error_deg=error,
+            fit_residual_deg=control.orientation.residual_deg,
+            target_rpy_deg=self._config.target.rpy_deg,
+            last_emergency=self._last_emergency,
+            counters=replace(self._counters),
+        )

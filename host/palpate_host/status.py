@@ -1,0 +1,95 @@
+"""What the host tells of itself each tick: everything a live view needs, immutable and ready for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate_host.rotation import Array
+from palpate_host.supervisor import Mode
+
+Matrix = tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FingerStatus:
+    """One fingertip. Position and forces are in frame F and None without contact.
+
+    age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDO parts that made
+    no frame; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
+    """
+
+    name: str
+    position_mm: tuple[float, float, float] | None
+    normal_force_N: float | None
+    shear_N: tuple[float, float] | None
+    torsion_Nmm: float | None
+    valid: bool
+    in_contact: bool
+    slip: bool
+    quality: int
+    sequence: int | None
+    age_ms: float | None
+    latency_us: int | None
+    frames_per_s: float
+    complete: int
+    incomplete: int
+    out_of_order: int
+    duplicates: int
+    late: int
+    lost_frames: int
+    unpaired: int
+
+
+@dataclass(frozen=True, slots=True)
+class JointStatus:
+    """One joint: where it is, what was asked of it, what its drive says."""
+
+    name: str
+    position_rad: float | None
+    velocity_rad_s: float | None
+    command_Nm: float
+    torque_Nm: float
+    drive_state: str
+
+
+@dataclass(slots=True)
+class Counters:
+    """Since the start. late_ticks: ticks left out because the loop came too late."""
+
+    ticks: int = 0
+    late_ticks: int = 0
+    frames_in: int = 0
+    frames_out: int = 0
+    foreign_frames: int = 0
+    emergencies: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class HostStatus:
+    """The host at `time_us` (epoch us).
+
+    R_vir, R_c, R_d, R_d_vir: rows of Eqs. (12), (16), the target and (15); None while they do not exist.
+    orientation_error_deg: angle from R_vir to R_d_vir. fit_residual_deg: largest misfit of a contact normal.
+    target_rpy_deg: the turn asked for at the end of the ramp.
+    """
+
+    time_us: int
+    mode: Mode
+    reason: str
+    warning: str
+    fingers: tuple[FingerStatus, ...]
+    joints: tuple[JointStatus, ...]
+    R_vir: Matrix | None
+    R_c: Matrix | None
+    R_d: Matrix | None
+    R_d_vir: Matrix | None
+    orientation_error_deg: float | None
+    fit_residual_deg: float
+    target_rpy_deg: tuple[float, float, float]
+    last_emergency: str
+    counters: Counters
+
+
+def matrix(R: Array | None) -> Matrix | None:
+    """A 3 x 3 array as nested tuples."""
+    return None if R is None else tuple((float(a), float(b), float(c)) for a, b, c in R)

@@ -1,0 +1,136 @@
+"""A whole hand on a bus in virtual time: HostCore, nine simulated drives, three fingertip nodes.
+
+Only cores run here, the same that run as processes elsewhere; the bus hands every frame to everybody else 100 us
+after the one before. A person's object is a function of time and the hand's pose that says what each dome feels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+import palpate_host
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.contact_type import Contact
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
+from palpate_host import hand_config
+from palpate_host.hand import Hand, HandPose
+from palpate_host.hand_config import HandConfig
+from palpate_host.master import HostCore, Output
+from palpate_host.status import HostStatus
+from palpate_host.twin.run_drives import drives_of
+
+TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
+START_POSE_RAD = (0.0, 0.348, 1.221)
+START_US = 1_700_000_000_000_000
+STEP_US = 500
+FRAME_US = 100
+FRAME_PERIOD_US = 33_333
+DELAY_US = 40_000
+
+Feel = Callable[[int, int, HandPose], tuple[float, float, float] | None]
+Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
+
+
+def load_table_4() -> tuple[HandConfig, Hand]:
+    config, mjcf = hand_config.load(TABLE_4)
+    return config, Hand(mjcf, [joint.name for joint in config.joints], config.model.tip_sites)
+
+
+def apex_only(_finger: int, _time_us: int, _pose: HandPose) -> tuple[float, float, float]:
+    """Every dome is touched at its apex all the time."""
+    return (0.0, 0.0, 30.0)
+
+
+def same(stamp_us: int, frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    """A bus without faults."""
+    return [(stamp_us, frame)]
+
+
+class VirtualBench:
+    """Everything on one bus; `run` moves it on. `log` holds every frame that was on the bus."""
+
+    def __init__(
+        self, config: HandConfig, hand: Hand, feel: Feel = apex_only, to_host: Filter = same
+    ) -> None:
+        self.hand = hand
+        self.core = HostCore(config, hand)
+        self.drives = drives_of(config, START_POSE_RAD)
+        self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self.feel = feel
+        self.to_host = to_host
+        self.now_us = START_US
+        self.log: list[tuple[int, CanFrame]] = []
+        self.statuses: list[HostStatus] = []
+        self.output: Output | None = None
+        self.silent: set[int] = set()
+        self._to_nodes: list[CanFrame] = []
+        self._exposed: list[tuple[int, int, int, HandPose]] = []
+        self._next_exposure_us = [START_US + 11_000 * finger for finger in range(3)]
+        self._sequence = [0, 0, 0]
+
+    def pose(self) -> HandPose:
+        return self.hand.pose(np.array([drive.plant.position_rad for drive in self.drives]))
+
+    def run(self, duration_s: float) -> HostStatus:
+        """Move on; returns the last status. Stops early when the host has finished."""
+        end_us = self.now_us + round(duration_s * 1e6)
+        while self.now_us < end_us and not (self.output and self.output.finished):
+            self._step()
+        return self.statuses[-1]
+
+    def _step(self) -> None:
+        now_us = self.now_us
+        to_nodes, self._to_nodes = self._to_nodes, []
+        from_nodes: list[CanFrame] = []
+        for drive in self.drives:
+            if drive.slave.node_id not in self.silent:
+                from_nodes += drive.process(now_us, to_nodes).frames_out
+        self._feel_and_publish(now_us)
+        for tip in self.tips:
+            if tip.slave.node_id not in self.silent:
+                from_nodes += tip.process(now_us, to_nodes).frames_out
+        stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
+        self.log += stamped
+        heard = sorted(
+            (item for stamp, frame in stamped for item in self.to_host(stamp, frame)),
+            key=lambda item: item[0],
+        )
+        self.now_us = now_us + STEP_US
+        self.output = self.core.process(self.now_us, heard)
+        self.log += [(self.now_us, frame) for frame in self.output.frames_out]
+        self._to_nodes = list(self.output.frames_out)
+        if self.output.frames_out and self.output.status is not None:
+            self.statuses.append(self.output.status)
+
+    def _feel_and_publish(self, now_us: int) -> None:
+        for finger in range(3):
+            if now_us >= self._next_exposure_us[finger]:
+                self._next_exposure_us[finger] += FRAME_PERIOD_US
+                self._sequence[finger] += 1
+                self._exposed.append((finger, now_us, self._sequence[finger], self.pose()))
+        while self._exposed and now_us >= self._exposed[0][1] + DELAY_US:
+            finger, exposed_us, sequence, pose = self._exposed.pop(0)
+            point = self.feel(finger, exposed_us, pose)
+            self.tips[finger].publish(contact_at(point, sequence, exposed_us), now_us - exposed_us)
+
+
+def contact_at(point: tuple[float, float, float] | None, sequence: int, exposed_us: int) -> Contact:
+    touching = point is not None
+    return Contact(
+        sequence=sequence,
+        exposed_at_us=exposed_us,
+        valid=True,
+        in_contact=touching,
+        position_mm=point,
+        normal_force_N=1.0 if touching else 0.0,
+        force_N=None,
+        torsion_Nmm=None,
+        quality=1.0,
+        reason="",
+        beads_found=85,
+        beads_expected=85,
+    )
