@@ -38,3 +38,23 @@ class Contact:
     reason: str
     beads_found: int
     beads_expected: int
+
+
+def refused_contact(
+    sequence: int, exposed_at_us: int, reason: str, beads_found: int, beads_expected: int
+) -> Contact:
+    """The contact of a frame that cannot be believed."""
+    return Contact(
+        sequence=sequence,
+        exposed_at_us=exposed_at_us,
+        valid=False,
+        in_contact=False,
+        position_mm=None,
+        normal_force_N=None,
+        force_N=None,
+        torsion_Nmm=None,
+        quality=0.0,
+        reason=reason,
+        beads_found=beads_found,
+        beads_expected=beads_expected,
+    )

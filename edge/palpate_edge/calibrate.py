@@ -1,0 +1,114 @@
+"""Press dataset -> Calibration: layout and camera from the reference frames, the rest from the presses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.calibration import Bead, Calibration, Source
+from palpate_edge.contact import PaperModel, RawContact, fit_paper_model, raw_contact
+from palpate_edge.dataset import Press, PressDataset
+from palpate_edge.errors import CalibrationError
+from palpate_edge.first_sight import FirstSight, first_sight
+from palpate_edge.images import read_image
+from palpate_edge.markers import Refiner, plane
+from palpate_edge.motion import SkinMotion
+from palpate_edge.sensor import View, bead_layout_mm
+from palpate_edge.tracking import Beads, Reference, Tracker
+from palpate_edge.virtual_points import VirtualPointMesh
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]  # done, total
+
+MIN_PRESS_FORCE_N = 0.1  # lighter presses say nothing about place or stiffness
+THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
+THRESHOLD_FLOOR_PX = 0.02
+
+
+def calibrate(dataset: PressDataset, progress: Progress = lambda _done, _total: None) -> Calibration:
+    """Calibrate one sensor with its reference frames and the train split of its presses, if any.
+
+    Raises CalibrationError where the reference frames do not show the layout, DatasetError for bad files.
+    """
+    presses = dataset.split("train")
+    total = len(dataset.reference) + len(presses)
+    sight = first_sight(read_image(dataset.reference[0]), dataset.sensor)
+    reference, rest_motion = _measure_reference(dataset, sight, lambda done: progress(done, total))
+    tracker, skin = Tracker(reference), SkinMotion(reference)
+    ring_of = bead_layout_mm(dataset.sensor.markers)[1]
+    mesh = VirtualPointMesh(reference.position_px, ring_of)
+    view = View(dataset.sensor.camera, sight.pose)
+    samples: list[tuple[Press, RawContact]] = []
+    for number, press in enumerate(presses, start=1):
+        image = read_image(dataset.path(press))
+        if image.shape[:2] != (dataset.sensor.camera.height, dataset.sensor.camera.width):
+            raise CalibrationError(
+                f"{dataset.path(press)} is {image.shape[1]}x{image.shape[0]}, sensor.toml says "
+                f"{dataset.sensor.camera.width}x{dataset.sensor.camera.height}: correct one of them"
+            )
+        beads = tracker.follow(plane(image, sight.appearance))
+        if press.position_mm is None:
+            rest_motion.append(skin.size_px(beads))
+        elif press.normal_force_N >= MIN_PRESS_FORCE_N:
+            points = mesh.points(beads.position_px, beads.found)
+            samples.append((press, raw_contact(mesh, points, view, dataset.sensor.markers.radius_mm)))
+        progress(len(dataset.reference) + number, total)
+    expected_px = view.project(bead_layout_mm(dataset.sensor.markers)[0])
+    return Calibration(
+        sensor=dataset.sensor,
+        pose=sight.pose,
+        appearance=sight.appearance,
+        beads=_beads(reference, ring_of),
+        contact_threshold_px=max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion)),
+        paper=_fit(samples),
+        residual_px=float(np.sqrt(((expected_px - reference.position_px) ** 2).sum(axis=1).mean())),
+        source=Source(dataset.folder.resolve().name, len(dataset.reference), len(samples)),
+    )
+
+
+def _measure_reference(
+    dataset: PressDataset, sight: FirstSight, progress: Callable[[int], None]
+) -> tuple[Reference, list[float]]:
+    """Median place, contrast and area of each bead over the reference frames, and each frame's motion."""
+    refiner = Refiner(sight.diameter_px)
+    position, contrast, area = [], [], []
+    for number, path in enumerate(dataset.reference, start=1):
+        image = read_image(path)
+        if image.shape[:2] != (dataset.sensor.camera.height, dataset.sensor.camera.width):
+            raise CalibrationError(
+                f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml says "
+                f"{dataset.sensor.camera.width}x{dataset.sensor.camera.height}: correct one of them"
+            )
+        refined = refiner.refine(plane(image, sight.appearance), sight.position_px)
+        position.append(refined.position_px)
+        contrast.append(refined.contrast)
+        area.append(refined.area)
+        progress(number)
+    reference = Reference(
+        np.median(position, axis=0), sight.diameter_px, np.median(contrast, axis=0), np.median(area, axis=0)
+    )
+    everything = np.ones(len(reference.position_px), dtype=np.bool_)
+    skin = SkinMotion(reference)
+    motion = [skin.size_px(Beads(frame, everything, False)) for frame in position]
+    return reference, motion
+
+
+def _fit(samples: list[tuple[Press, RawContact]]) -> PaperModel:
+    """The paper's correction function and stiffness from presses of known place and force."""
+    places = np.array([press.position_mm for press, _ in samples], dtype=np.float64).reshape(-1, 3)
+    return fit_paper_model(
+        theta_raw=np.array([raw.theta_rad for _, raw in samples]),
+        theta_true=np.arctan2(np.hypot(places[:, 0], places[:, 1]), places[:, 2]),
+        spread_px=np.array([raw.spread_px for _, raw in samples]),
+        force_N=np.array([press.normal_force_N for press, _ in samples]),
+    )
+
+
+def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:
+    columns = (reference.position_px, reference.diameter_px, reference.contrast, reference.area, ring_of)
+    return tuple(
+        Bead(float(place[0]), float(place[1]), float(diameter), float(contrast), float(area), int(ring))
+        for place, diameter, contrast, area, ring in zip(*columns, strict=True)
+    )

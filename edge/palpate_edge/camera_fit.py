@@ -1,0 +1,52 @@
+"""Where the camera really is: fits a CameraPose to beads whose places on the dome are known."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import Camera, CameraPose, View
+
+Array = NDArray[np.float64]
+
+# One-sigma spread of what assembly does to a camera; a bead's own place scatters by about a pixel.
+# They keep focal length and distance, which look alike from one view, near their nominal values.
+PRIOR_SIGMA = np.array([0.5, 0.5, 0.5, 0.02, 0.02, 0.02, 0.02])  # mm, mm, mm, rad, rad, rad, 1
+BEAD_SIGMA_PX = 1.0
+ITERATIONS = 12
+STEP = 1e-5
+
+
+def pose_from(parameters: Array) -> CameraPose:
+    """Seven numbers: offset x, y, z in mm, Rodrigues vector in rad, focal scale minus 1."""
+    x, y, z, a, b, c, scale = (float(value) for value in parameters)
+    return CameraPose((x, y, z), (a, b, c), 1.0 + scale)
+
+
+def fit_pose(camera: Camera, layout_mm: Array, pixels: Array) -> CameraPose:
+    """The pose that projects `layout_mm` (n, 3) in F onto `pixels` (n, 2), robust to a few wrong pairs.
+
+    Gauss-Newton on Huber-weighted reprojection residuals with the assembly prior.
+    """
+    parameters = np.zeros(len(PRIOR_SIGMA))
+    for _ in range(ITERATIONS):
+        residual = _residual(camera, parameters, layout_mm, pixels)
+        jacobian = np.empty((residual.size, len(parameters)))
+        for column in range(len(parameters)):
+            moved = parameters.copy()
+            moved[column] += STEP
+            jacobian[:, column] = (_residual(camera, moved, layout_mm, pixels) - residual).ravel() / STEP
+        size = np.linalg.norm(residual, axis=1)
+        huber = np.minimum(1.0, 2.0 * BEAD_SIGMA_PX / np.maximum(size, 1e-9))
+        weight = np.repeat(huber, 2) / BEAD_SIGMA_PX**2
+        normal = jacobian.T @ (weight[:, None] * jacobian) + np.diag(PRIOR_SIGMA**-2)
+        gradient = jacobian.T @ (weight * residual.ravel()) + parameters / PRIOR_SIGMA**2
+        step = np.linalg.solve(normal, gradient)
+        parameters = parameters - step
+        if np.abs(step / PRIOR_SIGMA).max() < 1e-6:
+            break
+    return pose_from(parameters)
+
+
+def _residual(camera: Camera, parameters: Array, layout_mm: Array, pixels: Array) -> Array:
+    return View(camera, pose_from(parameters)).project(layout_mm) - pixels

@@ -1,0 +1,141 @@
+"""palpate-edge: calibrate a fingertip, estimate recorded frames, run the fingertip's daemon."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+import cv2
+
+from palpate_edge import __version__
+from palpate_edge.errors import DatasetError, PalpateError
+
+INPUT = click.Path(path_type=Path)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="palpate-edge")
+def cli() -> None:
+    """Touch for robot hands, the part on the fingertip's board.
+
+    \b
+    Examples:
+      palpate-edge calibrate press-sample -o finger-1.cal
+      palpate-edge estimate press-sample --calibration finger-1.cal --csv contacts.csv
+      palpate-edge run --config finger-1.toml
+      palpate-edge inspect frame.png -o beads.png
+    """
+    cv2.setNumThreads(1)
+
+
+@cli.command()
+@click.argument("dataset", type=INPUT)
+@click.option("-o", "--output", type=INPUT, required=True, help="Calibration file to write.")
+def calibrate(dataset: Path, output: Path) -> None:
+    """Make a calibration from a press DATASET: the layout and the camera from its reference frames, the
+    paper's correction function and stiffness from the train split of its presses, if it has any."""
+    from palpate_edge.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
+    from palpate_edge.calibration import save_calibration  # noqa: PLC0415
+    from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+
+    with _progress("calibrating") as progress:
+        calibration = make(read_dataset(dataset), progress)
+    save_calibration(calibration, output)
+    pose = calibration.pose
+    click.echo(
+        f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
+        f"({'bright' if calibration.appearance.bright else 'dark'} on {calibration.appearance.channel}), "
+        f"{calibration.source.reference_frames} reference frames, {calibration.source.presses} presses"
+    )
+    click.echo(
+        "  camera off by "
+        + ", ".join(f"{value:+.2f}" for value in pose.offset_mm)
+        + f" mm, focal length x {pose.focal_scale:.4f}; layout residual "
+        f"{calibration.residual_px:.2f} px rms; contact above {calibration.contact_threshold_px:.3f} px of skin motion"
+    )
+    if not calibration.paper.stiffness_N_px:
+        click.echo("  no press of known force: positions are uncorrected and forces stay empty")
+
+
+@cli.command()
+@click.argument("frames", type=INPUT)
+@click.option("--calibration", "calibration_path", type=INPUT, required=True, help="Calibration file.")
+@click.option("--csv", "csv_path", type=INPUT, required=True, help="CSV file to write.")
+def estimate(frames: Path, calibration_path: Path, csv_path: Path) -> None:
+    """Estimate contact and force in FRAMES: a folder of images, a press dataset, one image or a video.
+
+    Positions are in mm and forces in N in the fingertip frame F. Empty fields are unknown; a refused frame
+    has quality 0 and a reason.
+    """
+    from palpate_edge.calibration import load_calibration  # noqa: PLC0415
+    from palpate_edge.contact_csv import write_contacts  # noqa: PLC0415
+    from palpate_edge.offline import estimate_recording  # noqa: PLC0415
+
+    calibration = load_calibration(calibration_path)
+    with _progress("estimating") as progress:
+        write_contacts(csv_path, estimate_recording(frames, calibration, calibration_path, progress))
+    click.echo(f"{csv_path} written")
+
+
+@cli.command()
+@click.option("--config", "config_path", type=INPUT, required=True, help="The fingertip's TOML file.")
+def run(config_path: Path) -> None:
+    """Run the fingertip's daemon: frames in, contact and force on the bus, until SIGTERM or Ctrl-C."""
+    from palpate_edge.config import read_config  # noqa: PLC0415
+    from palpate_edge.daemon import run as serve  # noqa: PLC0415
+
+    serve(read_config(config_path), lambda line: click.echo(line, err=True))
+
+
+@cli.command()
+@click.argument("frame", type=INPUT)
+@click.option("-o", "--output", type=INPUT, required=True, help="Picture to write (.png).")
+@click.option("--diameter", type=click.FloatRange(4, 200), help="Bead diameter in pixels, if known.")
+def inspect(frame: Path, output: Path, diameter: float | None) -> None:
+    """Find the beads in one image without knowing anything of the sensor, and draw them."""
+    from palpate_edge.images import read_image  # noqa: PLC0415
+    from palpate_edge.inspect import beads_without_layout, draw_beads  # noqa: PLC0415
+
+    image = read_image(frame)
+    blobs, appearance, size_px = beads_without_layout(image, diameter)
+    try:
+        written = cv2.imwrite(str(output), draw_beads(image, blobs.position_px, size_px))
+    except cv2.error:
+        written = False
+    if not written:
+        raise DatasetError(f"{output} cannot be written: give a .png or .jpg in a folder that exists")
+    kind = "bright" if appearance.bright else "dark"
+    click.echo(f"{output}: {len(blobs.strength)} {kind} beads of about {size_px:.0f} px")
+
+
+@contextmanager
+def _progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on stderr that learns its length with the first step; silent when not a terminal."""
+    with click.progressbar(length=1, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.length = total
+            bar.update(done - bar.pos)
+
+        yield progress
+
+
+def main() -> None:
+    """Entry point: a refusal becomes one line on stderr and an exit status that is not 0."""
+    run_cli(cli)
+
+
+def run_cli(command: click.Command) -> None:
+    """Run a command line; PalpateError becomes ``error: ...`` and the class's exit status."""
+    try:
+        command.main(standalone_mode=True)
+    except PalpateError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(error.exit_status)
+
+
+if __name__ == "__main__":
+    main()

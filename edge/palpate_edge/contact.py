@@ -1,0 +1,134 @@
+"""The paper's contact position (Eq. 2) and force (Eq. 3) from virtual points, and the contact test.
+
+Readings of what the paper leaves open:
+
+- Eq. (2): vp_ka is the mean area change about point k, vp_1 the point of the largest one. A neighbour that
+  changed as much as the centre would weigh infinitely; differences are bounded below by `MIN_AREA_STEP`.
+- Eq. (3): P_dist is the change of the two distances from the untouched sensor, so that no contact is no
+  force. k_est depends on the polar angle ("depending on the position"): a polynomial fitted from presses.
+- The raw position lies systematically nearer the rim than the contact. The position correction function is
+  a polynomial of the polar angle, fitted from presses, that leaves the azimuth alone.
+- The method gives no shear: the whole force is taken to act along the inward normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import View
+from palpate_edge.virtual_points import VirtualPointMesh, VirtualPoints
+
+Array = NDArray[np.float64]
+
+MIN_AREA_STEP = 1e-3  # relative area change
+MAX_THETA_RAD = np.radians(88.0)
+
+
+class PaperModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the paper's method needs to know of one sensor.
+
+    theta: coefficients t_k of theta = theta_raw (1 + sum_k t_k theta_raw^k), k from 1, angles in rad.
+    stiffness_N_px: coefficients of k_est(theta) = sum_k s_k theta^k, N per pixel of P_dist; empty when no
+    press of known force was there to fit it, and then there is no force.
+    """
+
+    theta: tuple[float, ...] = ()
+    stiffness_N_px: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RawContact:
+    """Eqs. (2)-(3) before any fitted correction.
+
+    centre: virtual point of the largest area change; point_px (2,): P_c; spread_px: P_dist.
+    theta_rad, phi_rad: where the ray through P_c meets the sphere of the beads.
+    """
+
+    centre: int
+    point_px: Array
+    spread_px: float
+    theta_rad: float
+    phi_rad: float
+
+
+def raw_contact(
+    mesh: VirtualPointMesh, points: VirtualPoints, view: View, markers_radius_mm: float
+) -> RawContact:
+    """Eqs. (2) and (3) on one frame's virtual points."""
+    change = mesh.area_change(points)
+    change[~points.trusted] = -np.inf
+    centre = int(np.argmax(change))
+    around = mesh.neighbours(centre)
+    around = around[points.trusted[around]]
+    if len(around):
+        step = np.maximum(change[centre] - change[around], MIN_AREA_STEP)
+        weight = 1.0 / step
+        point_px = np.asarray(weight @ mesh.reference_px[around] / weight.sum())  # Eq. (2)
+    else:
+        point_px = mesh.reference_px[centre]
+    before, behind = mesh.beside(centre)
+    spread_px = _spread(points.position_px, centre, before, behind) - _spread(
+        mesh.reference_px, centre, before, behind
+    )
+    x, y, z = view.onto_sphere(point_px[None], markers_radius_mm)[0]
+    return RawContact(
+        centre, point_px, spread_px, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
+    )
+
+
+def corrected_theta(model: PaperModel, theta_rad: float) -> float:
+    """The position correction function: raw polar angle -> polar angle of the contact, rad."""
+    factor = 1.0 + sum(c * theta_rad**k for k, c in enumerate(model.theta, start=1))
+    return float(np.clip(theta_rad * factor, 0.0, MAX_THETA_RAD))
+
+
+def normal_force(model: PaperModel, theta_rad: float, spread_px: float) -> float | None:
+    """Eq. (3): F_est = k_est(theta) P_dist, N, never negative; None without a fitted stiffness."""
+    if not model.stiffness_N_px:
+        return None
+    stiffness = sum(c * theta_rad**k for k, c in enumerate(model.stiffness_N_px))
+    return float(max(0.0, stiffness * spread_px))
+
+
+def on_dome(theta_rad: float, phi_rad: float, radius_mm: float) -> Array:
+    """Point (3,) of F on the outer sphere."""
+    sin = np.sin(theta_rad)
+    return radius_mm * np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
+
+
+def fit_paper_model(theta_raw: Array, theta_true: Array, spread_px: Array, force_N: Array) -> PaperModel:
+    """Least squares for both polynomials from n presses; angles in rad, force_N the normal force.
+
+    With fewer than `2 * degree` presses the degree is lowered; with none, the model is empty.
+    """
+    count = len(theta_raw)
+    degree = min(4, count // 2)
+    theta: tuple[float, ...] = ()
+    if degree:
+        powers = np.stack([theta_raw ** (k + 1) for k in range(1, degree + 1)], axis=1)
+        theta = _solve(powers, theta_true - theta_raw)
+    stiffness: tuple[float, ...] = ()
+    if count >= 2:
+        powers = np.stack([theta_true**k for k in range(min(3, count // 2 + 1))], axis=1)
+        stiffness = _solve(powers * spread_px[:, None], force_N)
+    return PaperModel(theta, stiffness)
+
+
+def _solve(matrix: Array, target: Array) -> tuple[float, ...]:
+    """Ridge regression, just regular enough for a handful of presses."""
+    scale = np.maximum(np.sqrt((matrix**2).mean(axis=0)), 1e-12)
+    scaled = matrix / scale
+    ridge = 1e-4 * len(matrix) * np.eye(matrix.shape[1])
+    return tuple(float(c) for c in np.linalg.solve(scaled.T @ scaled + ridge, scaled.T @ target) / scale)
+
+
+def _spread(points_px: Array, centre: int, before: int, behind: int) -> float:
+    """||P_nc+1 - P_nc|| + ||P_nc-1 - P_nc||, pixels (Eq. 3)."""
+    return float(
+        np.linalg.norm(points_px[behind] - points_px[centre])
+        + np.linalg.norm(points_px[before] - points_px[centre])
+    )

@@ -1,0 +1,60 @@
+"""The CSV of ``palpate-edge estimate``: one row a frame, a contract that stays as it is."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from palpate_edge.contact_type import Contact
+from palpate_edge.errors import DatasetError
+
+COLUMNS = (
+    "frame",
+    "contact",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "fn_N",
+    "fx_N",
+    "fy_N",
+    "fz_N",
+    "quality",
+    "ms",
+    "reason",
+)
+
+
+def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
+    """Write (frame name, contact, milliseconds) rows; the file appears whole, at the end, or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            writer.writerows(_row(*row) for row in rows)
+        temporary.replace(path)
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be written: {error.strerror}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _row(name: str, contact: Contact, milliseconds: float) -> list[str]:
+    position = contact.position_mm or (None, None, None)
+    force = contact.force_N or (None, None, None)
+    return [
+        name,
+        str(int(contact.in_contact)),
+        *(_number(value, 4) for value in position),
+        _number(contact.normal_force_N, 5),
+        *(_number(value, 5) for value in force),
+        _number(contact.quality, 3),
+        _number(milliseconds, 3),
+        contact.reason,
+    ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,108 @@
+"""The press dataset: what the camera saw while a probe pressed at known places (docs/press-dataset.md)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge.contact_type import Vector3
+from palpate_edge.errors import DatasetError
+from palpate_edge.images import list_images
+from palpate_edge.sensor import Sensor, read_sensor
+
+COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """One row of truth.csv.
+
+    frame: file name under frames/; position_mm: first touch on the undeformed outer surface, None when
+    nothing touches; normal_force_N >= 0; force_N: the whole force on the dome; lost: beads hidden.
+    """
+
+    frame: str
+    split: str
+    time_s: float
+    position_mm: Vector3 | None
+    normal_force_N: float
+    force_N: Vector3
+    probe: str
+    lost: int
+
+
+@dataclass(frozen=True, slots=True)
+class PressDataset:
+    """One sensor's recording. `presses` is empty for a recording without truth."""
+
+    folder: Path
+    sensor: Sensor
+    reference: tuple[Path, ...]
+    presses: tuple[Press, ...]
+
+    def split(self, name: str) -> tuple[Press, ...]:
+        """The presses of one split, ``train`` or ``test``."""
+        return tuple(press for press in self.presses if press.split == name)
+
+    def path(self, press: Press) -> Path:
+        return self.folder / "frames" / press.frame
+
+
+def is_dataset(folder: Path) -> bool:
+    return (folder / "sensor.toml").is_file()
+
+
+def read_dataset(folder: Path) -> PressDataset:
+    """Read a press dataset's description and truth; images are read when needed.
+
+    Raises DatasetError naming file, line and column.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is missing: give a press dataset's folder")
+    sensor = read_sensor(folder / "sensor.toml")
+    reference = tuple(list_images(folder / "reference"))
+    truth = folder / "truth.csv"
+    return PressDataset(folder, sensor, reference, read_truth(truth) if truth.exists() else ())
+
+
+def read_truth(path: Path) -> tuple[Press, ...]:
+    """All rows of a truth.csv. Raises DatasetError naming the line and the column."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DatasetError(f"{path} cannot be read as CSV: {error}") from None
+    if not rows or rows[0] != COLUMNS:
+        raise DatasetError(f"{path}: the first line must be {','.join(COLUMNS)}")
+    return tuple(_press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row)
+
+
+def _press(path: Path, number: int, row: list[str]) -> Press:
+    if len(row) != len(COLUMNS):
+        raise DatasetError(f"{path} line {number}: {len(row)} fields, not {len(COLUMNS)}; is it cut short?")
+    cell = dict(zip(COLUMNS, row, strict=True))
+
+    def value(column: str) -> float:
+        try:
+            number_read = float(cell[column])
+        except ValueError:
+            number_read = math.nan
+        if not math.isfinite(number_read):
+            raise DatasetError(f"{path} line {number}: {column} is {cell[column]!r}, not a number")
+        return number_read
+
+    if Path(cell["frame"]).name != cell["frame"]:
+        raise DatasetError(f"{path} line {number}: frame {cell['frame']!r} is not a file name")
+    touches = cell["x_mm"] != ""
+    return Press(
+        frame=cell["frame"],
+        split=cell["split"],
+        time_s=value("t_s"),
+        position_mm=(value("x_mm"), value("y_mm"), value("z_mm")) if touches else None,
+        normal_force_N=value("fn_N"),
+        force_N=(value("fx_N"), value("fy_N"), value("fz_N")),
+        probe=cell["probe"],
+        lost=int(value("lost")),
+    )

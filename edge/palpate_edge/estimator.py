@@ -1,0 +1,140 @@
+"""Frame -> Contact: the pipeline on a fingertip, pure, no I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.calibration import Calibration
+from palpate_edge.capture.frame import Frame
+from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_contact
+from palpate_edge.contact_type import Contact, Vector3, refused_contact
+from palpate_edge.markers import Image, plane
+from palpate_edge.motion import SkinMotion
+from palpate_edge.sensor import View
+from palpate_edge.tracking import Beads, Reference, Tracker
+from palpate_edge.virtual_points import VirtualPointMesh
+
+Array = NDArray[np.float64]
+
+MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
+MIN_DEVIATION = 2.0  # grey levels over the whole image; less is a blank frame
+TARE_FRAMES = 10
+MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorHealth:
+    """Counters since the start: frames seen and refused, beads lost (sum), whole-image searches."""
+
+    frames: int
+    refused: int
+    beads_lost: int
+    searches: int
+
+
+class Estimator:
+    """The paper's method on one sensor: beads, virtual points, area change, contact position and force.
+
+    It keeps the beads' last places and the tare from frame to frame, and nothing else.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._calibration = calibration
+        self._sensor = calibration.sensor
+        self._view = View(self._sensor.camera, calibration.pose)
+        self._ring_of = calibration.ring_of()
+        self._tracker = Tracker(calibration.reference())
+        self._rest_on(calibration.reference())
+        self._refused = 0
+        self._tare_left = 0
+        self._tare_sum = np.zeros_like(self._rest.position_px)
+
+    @property
+    def health(self) -> EstimatorHealth:
+        counters = self._tracker.counters
+        return EstimatorHealth(counters.frames, self._refused, counters.beads_lost, counters.searches)
+
+    def tare(self) -> None:
+        """Take the mean of the next `TARE_FRAMES` frames with every bead seen as the untouched sensor."""
+        self._tare_sum = np.zeros_like(self._rest.position_px)
+        self._tare_left = TARE_FRAMES
+
+    def estimate(self, frame: Frame) -> Contact:
+        """The contact that a frame shows; one that cannot be believed gives `valid` False and a reason."""
+        reason = self._unusable(frame.image)
+        if reason:
+            return self._refuse(frame, reason, 0)
+        beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
+        found = int(beads.found.sum())
+        if found < MIN_BEADS_SHARE * len(beads.found):
+            self._tracker.reset()
+            return self._refuse(frame, f"only {found} of {len(beads.found)} beads found", found)
+        if self._motion.roughness(beads) > MAX_ROUGHNESS:
+            self._tracker.reset()
+            return self._refuse(frame, "beads do not move as one skin: another sensor, or no dome", found)
+        if self._tare_left:
+            self._take_tare(beads)
+            return self._refuse(frame, "tare in progress", found)
+        touched = self._motion.size_px(beads) > self._calibration.contact_threshold_px
+        position, normal_N, force_N = self._contact(beads) if touched else (None, 0.0, (0.0, 0.0, 0.0))
+        return Contact(
+            sequence=frame.sequence,
+            exposed_at_us=frame.exposed_at_us,
+            valid=True,
+            in_contact=touched,
+            position_mm=position,
+            normal_force_N=normal_N,
+            force_N=force_N,
+            torsion_Nmm=None,
+            quality=found / len(beads.found),
+            reason="",
+            beads_found=found,
+            beads_expected=len(beads.found),
+        )
+
+    def _contact(self, beads: Beads) -> tuple[Vector3, float | None, Vector3 | None]:
+        """Position on the dome, normal force and force vector."""
+        model = self._calibration.paper
+        points = self._mesh.points(beads.position_px, beads.found)
+        raw = raw_contact(self._mesh, points, self._view, self._sensor.markers.radius_mm)
+        theta = corrected_theta(model, raw.theta_rad)
+        position = on_dome(theta, raw.phi_rad, self._sensor.dome.outer_radius_mm)
+        normal_N = normal_force(model, theta, raw.spread_px)
+        inward = -position / self._sensor.dome.outer_radius_mm
+        return _vector(position), normal_N, None if normal_N is None else _vector(normal_N * inward)
+
+    def _rest_on(self, rest: Reference) -> None:
+        """Measure motion and areas from `rest` on."""
+        self._rest = rest
+        self._motion = SkinMotion(rest)
+        self._mesh = VirtualPointMesh(rest.position_px, self._ring_of)
+
+    def _take_tare(self, beads: Beads) -> None:
+        if not beads.found.all():
+            return
+        self._tare_sum += beads.position_px
+        self._tare_left -= 1
+        if self._tare_left == 0:
+            self._rest_on(replace(self._rest, position_px=self._tare_sum / TARE_FRAMES))
+
+    def _unusable(self, image: Image) -> str:
+        """Why an image cannot hold the beads at all; empty when it can."""
+        width, height = self._sensor.image_size_px
+        if image.shape[:2] != (height, width):
+            return f"frame is {image.shape[1]}x{image.shape[0]}, the calibration is for {width}x{height}"
+        _, deviation = cv2.meanStdDev(image)
+        return "frame is blank" if float(deviation.max()) < MIN_DEVIATION else ""
+
+    def _refuse(self, frame: Frame, reason: str, found: int) -> Contact:
+        self._refused += 1
+        return refused_contact(
+            frame.sequence, frame.exposed_at_us, reason, found, len(self._rest.position_px)
+        )
+
+
+def _vector(values: Array) -> Vector3:
+    return float(values[0]), float(values[1]), float(values[2])

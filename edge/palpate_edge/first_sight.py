@@ -1,0 +1,122 @@
+"""The first look at an untouched sensor: what its beads look like, and which blob is which bead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.camera_fit import fit_pose
+from palpate_edge.errors import CalibrationError
+from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.sensor import CameraPose, Sensor, View, bead_layout_mm
+from palpate_edge.tracking import NO_PARTNER, assign, distances
+
+Array = NDArray[np.float64]
+
+MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
+FIT_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class FirstSight:
+    """What one reference image tells.
+
+    position_px (n, 2): blob of each bead in the layout's order (projected place where it was not seen);
+    seen (n,); diameter_px (n,): expected size of each bead; pose: the camera as fitted.
+    """
+
+    appearance: Appearance
+    pose: CameraPose
+    position_px: Array
+    seen: NDArray[np.bool_]
+    diameter_px: Array
+
+
+def first_sight(image: Image, sensor: Sensor) -> FirstSight:
+    """Recognise the layout of `sensor` in an untouched image.
+
+    Every channel is tried with dark and with bright beads; the one that shows most of the layout, and shows
+    it most clearly, is taken. Raises CalibrationError when none shows `MIN_BEADS_SHARE` of it.
+    """
+    layout_mm, _ = bead_layout_mm(sensor.markers)
+    if len(layout_mm) == 0:
+        raise CalibrationError("sensor.toml gives no markers.rings: list the rings of beads there")
+    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
+    sights = [
+        _recognise(image, sensor, layout_mm, Appearance(channel, bright))
+        for channel in channels
+        for bright in (False, True)
+    ]
+    _, best = max(sights, key=lambda pair: pair[0])
+    if best is None or best.seen.mean() < MIN_BEADS_SHARE:
+        seen = 0 if best is None else int(best.seen.sum())
+        raise CalibrationError(
+            f"only {seen} of {len(layout_mm)} beads of sensor.toml's layout were recognised in the reference "
+            "frame: check markers.rings, the camera's matrix and position, and the light"
+        )
+    return best
+
+
+def bead_diameters_px(sensor: Sensor, view: View, layout_mm: Array) -> Array:
+    """Diameter (n,) at which each bead appears: focal length times size over distance."""
+    distance_mm = np.linalg.norm(layout_mm - view.position_mm, axis=1)
+    return np.asarray(sensor.camera.matrix[0] * sensor.markers.diameter_mm / distance_mm)
+
+
+def _recognise(
+    image: Image, sensor: Sensor, layout_mm: Array, appearance: Appearance
+) -> tuple[float, FirstSight | None]:
+    """Score and sight with one appearance; the score is beads seen, then how far they stand out."""
+    view = View(sensor.camera)
+    expected_px = view.project(layout_mm)
+    diameter_px = bead_diameters_px(sensor, view, layout_mm)
+    blobs = find_blobs(plane(image, appearance), float(np.median(diameter_px)))
+    count = len(layout_mm)
+    if len(blobs.strength) < MIN_BEADS_SHARE * count:
+        return 0.0, None
+    near = _near_layout(blobs, expected_px)
+    start_px = _align(expected_px, blobs.position_px[near][:count])
+    spacing_px = _spacing(expected_px)
+    pose = CameraPose()
+    for _ in range(FIT_ROUNDS):
+        partner = assign(start_px, blobs.position_px, spacing_px)
+        seen = partner != NO_PARTNER
+        if seen.sum() < 6:
+            return 0.0, None
+        pose = fit_pose(sensor.camera, layout_mm[seen], blobs.position_px[partner[seen]])
+        start_px = View(sensor.camera, pose).project(layout_mm)
+    position_px = np.where(seen[:, None], blobs.position_px[partner], start_px)
+    clearness = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
+    fitted = View(sensor.camera, pose)
+    sight = FirstSight(appearance, pose, position_px, seen, bead_diameters_px(sensor, fitted, layout_mm))
+    return float(seen.sum()) + 1.0 - 1.0 / (1.0 + clearness), sight
+
+
+def _near_layout(blobs: Blobs, expected_px: Array) -> NDArray[np.bool_]:
+    """Blobs (n,) no farther out than the layout can be."""
+    centre = expected_px.mean(axis=0)
+    reach = np.linalg.norm(expected_px - centre, axis=1).max()
+    return np.asarray(np.linalg.norm(blobs.position_px - centre, axis=1) < 1.25 * reach)
+
+
+def _align(expected_px: Array, strongest_px: Array) -> Array:
+    """The expected places shifted and scaled to the cloud of the strongest blobs."""
+    from_centre, to_centre = expected_px.mean(axis=0), np.median(strongest_px, axis=0)
+    from_radius = np.median(np.linalg.norm(expected_px - from_centre, axis=1))
+    to_radius = np.median(np.linalg.norm(strongest_px - to_centre, axis=1))
+    scale = float(np.clip(to_radius / from_radius, 0.85, 1.15))
+    return np.asarray(to_centre + scale * (expected_px - from_centre))
+
+
+def _spacing(points_px: Array) -> Array:
+    distance = distances(points_px, points_px)
+    np.fill_diagonal(distance, np.inf)
+    return np.asarray(distance.min(axis=1))
+
+
+def _noise_strength(blobs: Blobs, taken: NDArray[np.intp]) -> float:
+    """Strength of the strongest blob that is no bead."""
+    others = np.delete(blobs.strength, taken)
+    return float(others.max()) if len(others) else 1.0

@@ -1,0 +1,52 @@
+"""Reading image files: whole, 8-bit, grey or BGR, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from palpate_edge.errors import DatasetError
+from palpate_edge.markers import Image
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp"})
+VIDEO_SUFFIXES = frozenset({".mp4", ".m4v", ".avi", ".mkv", ".webm", ".mov"})
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The image files of a folder in name order. Raises DatasetError when there is none."""
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is missing: give a folder of images, a press dataset or a video")
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    if not paths:
+        raise DatasetError(f"{folder} holds no image: put .png or .jpg frames there")
+    return paths
+
+
+def read_image(path: Path, *, grey: bool = False) -> Image:
+    """One image (height, width[, 3]) uint8. Raises DatasetError when missing, cut short or no image."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise DatasetError(f"{path} is missing: the dataset names it") from None
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be read: {error.strerror}") from None
+    if _is_cut_short(data):
+        raise DatasetError(f"{path} is cut short ({len(data)} bytes): record or copy it again")
+    if not data:
+        raise DatasetError(f"{path} is empty: record or copy it again")
+    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    if image is None:
+        raise DatasetError(f"{path} is no image that can be decoded: record or copy it again")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _is_cut_short(data: bytes) -> bool:
+    """A JPEG without its end marker or a PNG without its last chunk decodes to a half-grey picture."""
+    if data.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" not in data[-64:]
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" not in data[-64:]
+    return False

@@ -1,0 +1,178 @@
+"""The sensor: dome, markers and camera; pixels to points on the dome and back, in the fingertip frame F.
+
+F has its origin at the common centre of the dome's spheres, +z from the base to the apex, +x to the image's
+right and +y to its bottom. The camera sits near ``position_mm`` on -z and looks along +z; what it really
+looks like (offset, tilt, focal length) is a :class:`CameraPose` that the calibration solves for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.errors import DatasetError
+
+Array = NDArray[np.float64]
+
+
+class Dome(msgspec.Struct, frozen=True):
+    """Silicone hemisphere."""
+
+    outer_radius_mm: float
+    wall_mm: float
+
+
+class Ring(msgspec.Struct, frozen=True):
+    """`count` beads at polar angle `theta_deg`, the first at azimuth `phi0_deg`, evenly spaced."""
+
+    theta_deg: float
+    count: int
+    phi0_deg: float = 0.0
+
+
+class Markers(msgspec.Struct, frozen=True):
+    """Beads on a sphere of `radius_mm`; `rings` is empty when the layout is to be learned."""
+
+    radius_mm: float
+    diameter_mm: float
+    rings: tuple[Ring, ...] = ()
+
+
+class Camera(msgspec.Struct, frozen=True):
+    """Nominal camera; `matrix` is fx, fy, cx, cy in pixels, `distortion` OpenCV's coefficients."""
+
+    width: int
+    height: int
+    matrix: tuple[float, float, float, float]
+    position_mm: tuple[float, float, float]
+    fps: float = 30.0
+    model: Literal["pinhole", "fisheye"] = "pinhole"
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+
+
+class CameraPose(msgspec.Struct, frozen=True):
+    """What differs from the nominal camera.
+
+    offset_mm: added to the nominal position; rotation_rad: Rodrigues vector of the camera against F;
+    focal_scale: multiplies fx and fy.
+    """
+
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    focal_scale: float = 1.0
+
+
+class Sensor(msgspec.Struct, frozen=True):
+    """All of a press dataset's ``sensor.toml``. Keys that are not named here are ignored."""
+
+    dome: Dome
+    markers: Markers
+    camera: Camera
+
+    @property
+    def image_size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.camera.width, self.camera.height
+
+    def fingerprint(self) -> str:
+        """16 hex digits that change with every value of the description but the frame rate."""
+        at_any_rate = msgspec.structs.replace(self, camera=msgspec.structs.replace(self.camera, fps=0.0))
+        return hashlib.sha256(msgspec.json.encode(at_any_rate)).hexdigest()[:16]
+
+
+def read_sensor(path: Path) -> Sensor:
+    """Read a ``sensor.toml``. Raises DatasetError, naming file and key."""
+    try:
+        sensor = msgspec.toml.decode(path.read_bytes(), type=Sensor)
+    except FileNotFoundError:
+        raise DatasetError(f"{path} is missing: a press dataset describes its sensor there") from None
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be read: {error.strerror}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: {error}: correct it as in docs/press-dataset.md") from None
+    _check(sensor, path)
+    return sensor
+
+
+def _check(sensor: Sensor, path: Path) -> None:
+    """Refuse what TOML's types cannot: sizes that no dome has."""
+    checks = {
+        "dome.outer_radius_mm": sensor.dome.outer_radius_mm > 0,
+        "dome.wall_mm": 0 < sensor.dome.wall_mm < sensor.dome.outer_radius_mm,
+        "markers.radius_mm": 0 < sensor.markers.radius_mm <= sensor.dome.outer_radius_mm,
+        "markers.diameter_mm": 0 < sensor.markers.diameter_mm < sensor.markers.radius_mm,
+        "markers.rings": all(ring.count > 0 and 0 <= ring.theta_deg <= 180 for ring in sensor.markers.rings),
+        "camera.width": 16 <= sensor.camera.width <= 8192,
+        "camera.height": 16 <= sensor.camera.height <= 8192,
+        "camera.matrix": sensor.camera.matrix[0] > 0 and sensor.camera.matrix[1] > 0,
+        "camera.distortion": len(sensor.camera.distortion) in ({4} if _is_fisheye(sensor) else {4, 5, 8}),
+        "camera.fps": 0 < sensor.camera.fps <= 1000,
+    }
+    for key, holds in checks.items():
+        if not holds:
+            raise DatasetError(f"{path}: {key} is out of range: correct it as in docs/press-dataset.md")
+
+
+def _is_fisheye(sensor: Sensor) -> bool:
+    return sensor.camera.model == "fisheye"
+
+
+def bead_layout_mm(markers: Markers) -> tuple[Array, NDArray[np.intp]]:
+    """Bead centres on their sphere, (n, 3) in F, and each bead's ring index, (n,)."""
+    points, ring_of = [], []
+    for index, ring in enumerate(markers.rings):
+        phi = np.radians(ring.phi0_deg) + 2 * np.pi * np.arange(ring.count) / ring.count
+        theta = np.radians(ring.theta_deg)
+        x, y = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi)
+        points.append(markers.radius_mm * np.stack([x, y, np.full_like(x, np.cos(theta))], axis=1))
+        ring_of.append(np.full(ring.count, index))
+    if not points:
+        return np.zeros((0, 3)), np.zeros(0, dtype=np.intp)
+    return np.concatenate(points), np.concatenate(ring_of).astype(np.intp)
+
+
+class View:
+    """The camera as it is: projects points of F to pixels and pixels to a sphere about F's origin."""
+
+    def __init__(self, camera: Camera, pose: CameraPose | None = None) -> None:
+        pose = pose or CameraPose()
+        fx, fy, cx, cy = camera.matrix
+        self._fisheye = camera.model == "fisheye"
+        self._matrix = np.array(
+            [[fx * pose.focal_scale, 0.0, cx], [0.0, fy * pose.focal_scale, cy], [0.0, 0.0, 1.0]]
+        )
+        self._distortion = np.asarray(camera.distortion, dtype=np.float64)
+        rotation, _ = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
+        self._rotation = np.asarray(rotation, dtype=np.float64)  # camera axes as columns in F
+        self.position_mm: Array = np.asarray(camera.position_mm, dtype=np.float64) + pose.offset_mm
+
+    def project(self, points_mm: Array) -> Array:
+        """(n, 3) points in F, mm -> (n, 2) pixels."""
+        in_camera = np.ascontiguousarray((points_mm - self.position_mm) @ self._rotation).reshape(-1, 1, 3)
+        zero = np.zeros(3)
+        project = cv2.fisheye.projectPoints if self._fisheye else cv2.projectPoints
+        pixels, _ = project(in_camera, zero, zero, self._matrix, self._distortion)
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+    def rays(self, pixels: Array) -> Array:
+        """(n, 2) pixels -> (n, 3) unit directions in F, from the camera outwards."""
+        undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
+        flat = undistort(np.ascontiguousarray(pixels).reshape(-1, 1, 2), self._matrix, self._distortion)
+        flat = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
+        directions = np.concatenate([flat, np.ones((len(flat), 1))], axis=1) @ self._rotation.T
+        return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+    def onto_sphere(self, pixels: Array, radius_mm: float) -> Array:
+        """(n, 2) pixels -> (n, 3) points in F where the ray leaves the sphere; nan where it misses."""
+        ray = self.rays(pixels)
+        along = -ray @ self.position_mm
+        closest2 = float(self.position_mm @ self.position_mm) - along**2
+        with np.errstate(invalid="ignore"):
+            distance = along + np.sqrt(radius_mm**2 - closest2)
+        return np.asarray(self.position_mm + distance[:, None] * ray)

@@ -1,0 +1,168 @@
+"""From the beads of one frame to the same beads of the next: every bead keeps its number.
+
+A frame is read in small windows around the predicted places; only when too many beads are missing there is
+the whole image searched again and every candidate assigned one to one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.markers import Plane, Refiner, find_blobs
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
+AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
+MAX_LAST_SHIFT_PX = 0.35  # a centroid that still moves is not on a bead
+MAX_RETRIES = 3
+SEARCH_AGAIN_BELOW = 0.9  # share of beads found in windows under which the whole image is searched
+NO_PARTNER = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """The untouched sensor as its camera sees it, n beads.
+
+    position_px (n, 2); diameter_px, contrast, area (n,); spacing_px (n,): distance to the nearest bead.
+    """
+
+    position_px: Array
+    diameter_px: Array
+    contrast: Array
+    area: Array
+
+    @property
+    def spacing_px(self) -> Array:
+        distance = distances(self.position_px, self.position_px)
+        np.fill_diagonal(distance, np.inf)
+        return np.asarray(distance.min(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Beads:
+    """The beads of one frame: position_px (n, 2) in the reference's order, found (n,), and whether the
+    whole image had to be searched. Where found is False the position is the last known one."""
+
+    position_px: Array
+    found: Mask
+    searched: bool
+
+
+@dataclass(slots=True)
+class TrackingCounters:
+    """What happened since the start: frames, beads lost (summed over frames), whole-image searches."""
+
+    frames: int = 0
+    beads_lost: int = 0
+    searches: int = 0
+
+
+class Tracker:
+    """Follows the beads of one reference through a stream of planes (see markers.plane)."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._spacing = reference.spacing_px
+        self._refiner = Refiner(reference.diameter_px)
+        self._last = reference.position_px.copy()
+        self.counters = TrackingCounters()
+
+    def reset(self) -> None:
+        """Forget the last frame: the next one starts from the reference."""
+        self._last = self._reference.position_px.copy()
+
+    def follow(self, dark: Plane) -> Beads:
+        """The beads of the next frame."""
+        position, found = self._windows(dark, self._last)
+        for _ in range(MAX_RETRIES):  # the missing again, from where their neighbours went
+            if found.all():
+                break
+            start = np.where(found[:, None], position, self._filled(position, found))
+            position, found = self._windows(dark, start)
+        searched = bool(found.mean() < SEARCH_AGAIN_BELOW)
+        if searched:
+            self.counters.searches += 1
+            position, found = self._search(dark)
+        self.counters.frames += 1
+        self.counters.beads_lost += int((~found).sum())
+        self._last = np.where(found[:, None], position, self._filled(position, found))
+        return Beads(self._last.copy(), found, searched)
+
+    def _windows(self, dark: Plane, start_px: Array) -> tuple[Array, Mask]:
+        """Beads refined from `start_px`, and which windows really hold their bead."""
+        refined = self._refiner.refine(dark, start_px)
+        reference = self._reference
+        relative_area = refined.area / reference.area
+        found = (
+            (refined.contrast > MIN_CONTRAST_SHARE * reference.contrast)
+            & (relative_area > AREA_RANGE[0])
+            & (relative_area < AREA_RANGE[1])
+            & (refined.shift_px < MAX_LAST_SHIFT_PX)
+            & (np.hypot(*(refined.position_px - start_px).T) < 0.45 * self._spacing)
+        )
+        return refined.position_px, found & ~self._doubles(refined.position_px, refined.contrast)
+
+    def _doubles(self, position_px: Array, contrast: Array) -> Mask:
+        """Beads that sit on another one's place, all but the one of more contrast."""
+        near = distances(position_px, position_px) < 0.5 * self._reference.diameter_px[:, None]
+        np.fill_diagonal(near, False)
+        stronger = contrast[None, :] >= contrast[:, None]
+        return np.asarray((near & stronger).any(axis=1))
+
+    def _search(self, dark: Plane) -> tuple[Array, Mask]:
+        """Find every blob of the image and give each bead its own."""
+        reference = self._reference
+        blobs = find_blobs(dark, float(np.median(reference.diameter_px)))
+        partner = assign(reference.position_px, blobs.position_px, self._spacing)
+        start = np.where(partner[:, None] >= 0, blobs.position_px[partner], reference.position_px)
+        position, found = self._windows(dark, start)
+        return position, found & (partner >= 0)
+
+    def _filled(self, position_px: Array, found: Mask) -> Array:
+        """Where a lost bead would be: the reference moved like its found neighbours."""
+        reference = self._reference.position_px
+        if not found.any():
+            return reference
+        moved = position_px[found] - reference[found]
+        return np.asarray(reference + spread(reference[found], moved, reference, self._spacing))
+
+
+def distances(a: Array, b: Array) -> Array:
+    """(n, m) distances between (n, 2) and (m, 2) points."""
+    return np.asarray(np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2)))
+
+
+def spread(at_px: Array, value: Array, where_px: Array, scale_px: Array) -> Array:
+    """Gaussian-weighted mean of `value` (n, k), known at (n, 2), at (m, 2) places; scale_px (m,)."""
+    squared = (distances(where_px, at_px) / scale_px[:, None]) ** 2
+    weight = np.exp(-0.5 * (squared - squared.min(axis=1, keepdims=True)))
+    return np.asarray(weight @ value / weight.sum(axis=1, keepdims=True))
+
+
+def assign(reference_px: Array, candidates_px: Array, spacing_px: Array) -> NDArray[np.intp]:
+    """One candidate for each reference bead, or NO_PARTNER: (n,) indices into the candidates.
+
+    Mutual nearest neighbours within 0.6 of the bead's spacing come first; their motion, spread to the
+    neighbourhood, then predicts where the others went, three times over.
+    """
+    partner = np.full(len(reference_px), NO_PARTNER, dtype=np.intp)
+    if len(candidates_px) == 0:
+        return partner
+    predicted = reference_px
+    for gate in (0.6, 0.5, 0.4):
+        distance = distances(predicted, candidates_px)
+        forth = distance.argmin(axis=1)
+        back = distance.argmin(axis=0)
+        beads = np.arange(len(reference_px))
+        mutual = (back[forth] == beads) & (distance[beads, forth] < gate * spacing_px)
+        partner = np.where(mutual, forth, NO_PARTNER).astype(np.intp)
+        if not mutual.any():
+            break
+        motion = candidates_px[partner[mutual]] - reference_px[mutual]
+        predicted = reference_px + spread(reference_px[mutual], motion, reference_px, spacing_px)
+    return partner

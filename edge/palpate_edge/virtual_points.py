@@ -1,0 +1,156 @@
+"""Rings of beads -> ellipses -> virtual points (Eq. 1) -> triangles -> area change (Figs. 4-7 of the paper).
+
+Readings of what the paper leaves open:
+
+- Eq. (1b) as printed is an ellipse with its axes along the image's. A fitted ellipse is turned by some angle
+  alpha, which is meaningless for a near circle and jumps from frame to frame. The points are therefore taken
+  at the parameter theta_n - alpha and turned back by alpha: for every alpha the labels stay where they are.
+- theta_1 is the azimuth of the ring's first bead in the reference frames, t_n the ring's number of beads.
+- A ring of fewer than `MIN_ELLIPSE_BEADS` beads (the bead at the apex) has no ellipse; its beads stand for
+  themselves.
+- Triangles are those of the reference frames; labels are fixed, so each can be compared with itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.errors import CalibrationError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+MIN_ELLIPSE_BEADS = 6
+MIN_RING_SHARE = 0.5  # of a ring's beads must be seen for its ellipse to be trusted
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualPoints:
+    """position_px (n, 2); ellipses: one (x, y, width, height, angle_deg) a ring with an ellipse, as
+    cv2.fitEllipse gives it; trusted (n,): False where a ring had too few beads and kept its reference."""
+
+    position_px: Array
+    ellipses: tuple[tuple[float, float, float, float, float], ...]
+    trusted: Mask
+
+
+class VirtualPointMesh:
+    """The rings, virtual points and triangles of one sensor.
+
+    triangles (m, 3): indices into the virtual points. ring_of (n,): each virtual point's ring.
+    reference_px (n, 2): virtual points of the untouched sensor.
+    """
+
+    def __init__(self, reference_px: Array, ring_of: Indices) -> None:
+        """From the reference beads (n, 2) and each bead's ring (n,). Raises CalibrationError if no ring
+        has beads enough for an ellipse."""
+        self.ring_of = ring_of
+        self._beads_of = [np.flatnonzero(ring_of == ring) for ring in np.unique(ring_of)]
+        if not any(len(beads) >= MIN_ELLIPSE_BEADS for beads in self._beads_of):
+            raise CalibrationError(
+                f"no ring has {MIN_ELLIPSE_BEADS} beads or more, so no ellipse can be fitted: "
+                "give markers.rings in sensor.toml"
+            )
+        self._beads_px = reference_px
+        self._first_angle = [_first_angle(reference_px[beads]) for beads in self._beads_of]
+        self.reference_px = reference_px  # until the first ellipses are there, in case a ring is not seen
+        self.reference_px = self.points(reference_px, np.ones(len(reference_px), dtype=np.bool_)).position_px
+        self.triangles = delaunay(self.reference_px)
+        self._average = _vertex_average(self.triangles, len(reference_px))
+        self._reference_area = self._areas(self.reference_px)
+
+    def points(self, beads_px: Array, found: Mask) -> VirtualPoints:
+        """Virtual points of one frame's beads (n, 2), of which `found` (n,) are real."""
+        position = self.reference_px.copy()
+        trusted = np.zeros(len(position), dtype=np.bool_)
+        ellipses = []
+        for beads, first_angle in zip(self._beads_of, self._first_angle, strict=True):
+            seen = beads[found[beads]]
+            if len(beads) < MIN_ELLIPSE_BEADS:
+                position[seen] = beads_px[seen]
+                trusted[seen] = True
+            elif len(seen) >= max(MIN_ELLIPSE_BEADS, MIN_RING_SHARE * len(beads)):
+                ellipse = fit_ellipse(beads_px[seen])
+                position[beads] = ellipse_points(ellipse, first_angle, len(beads))
+                trusted[beads] = True
+                ellipses.append(ellipse)
+        return VirtualPoints(position, tuple(ellipses), trusted)
+
+    def area_change(self, points: VirtualPoints) -> Array:
+        """Relative change of the mean area of the triangles about each virtual point, (n,); 0 at rest."""
+        return np.asarray(self._areas(points.position_px) / self._reference_area - 1.0)
+
+    def neighbours(self, point: int) -> Indices:
+        """Virtual points that share a triangle with `point` (the paper's vp_2..vp_7)."""
+        touching = self.triangles[(self.triangles == point).any(axis=1)]
+        return np.setdiff1d(touching, [point]).astype(np.intp)
+
+    def beside(self, point: int) -> tuple[int, int]:
+        """The points before and behind `point` on its ring (P_nc-1, P_nc+1 of Eq. 3).
+
+        A point that is a ring of its own has none: there, two opposite points of the next ring.
+        """
+        ring = np.flatnonzero(self.ring_of == self.ring_of[point])
+        if len(ring) < 3:
+            around = self.neighbours(point)
+            return int(around[0]), int(around[len(around) // 2])
+        place = int(np.flatnonzero(ring == point)[0])
+        return int(ring[place - 1]), int(ring[(place + 1) % len(ring)])
+
+    def _areas(self, points_px: Array) -> Array:
+        """Mean area, px^2, of the triangles about each point."""
+        a, b, c = (points_px[self.triangles[:, corner]] for corner in range(3))
+        ab, ac = b - a, c - a
+        area = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+        return np.asarray(self._average @ area)
+
+
+def fit_ellipse(points_px: Array) -> tuple[float, float, float, float, float]:
+    """Least-squares ellipse of (n, 2) points: centre x, y, full axes, angle in degrees (cv2.fitEllipse)."""
+    (x, y), (width, height), angle_deg = cv2.fitEllipse(points_px.astype(np.float32))
+    return x, y, width, height, angle_deg
+
+
+def ellipse_points(
+    ellipse: tuple[float, float, float, float, float], first_angle_rad: float, count: int
+) -> Array:
+    """Eq. (1): `count` points (count, 2) on the ellipse, the first at `first_angle_rad` from +x."""
+    x, y, width, height, angle_deg = ellipse
+    alpha = np.radians(angle_deg)
+    theta = first_angle_rad + 2 * np.pi * np.arange(count) / count - alpha  # Eq. (1a)
+    along, across = width / 2 * np.cos(theta), height / 2 * np.sin(theta)  # Eq. (1b)
+    cos, sin = np.cos(alpha), np.sin(alpha)
+    return np.stack([x + cos * along - sin * across, y + sin * along + cos * across], axis=1)
+
+
+def delaunay(points_px: Array) -> Indices:
+    """Delaunay triangles (m, 3) of (n, 2) points, as indices."""
+    low, high = points_px.min(axis=0) - 2, points_px.max(axis=0) + 2
+    size = np.ceil(high - low).astype(int)
+    plane = cv2.Subdiv2D((0, 0, int(size[0]), int(size[1])))
+    local = (points_px - low).astype(np.float32)
+    plane.insert(local)
+    corners = np.asarray(plane.getTriangleList(), dtype=np.float64).reshape(-1, 2)
+    distance = np.sqrt(((corners[:, None, :] - local[None, :, :]) ** 2).sum(axis=2))
+    index = distance.argmin(axis=1).reshape(-1, 3)
+    real = (distance.min(axis=1).reshape(-1, 3) < 1e-2).all(axis=1)  # not the helper's outer corners
+    return np.asarray(index[real], dtype=np.intp)
+
+
+def _first_angle(ring_px: Array) -> float:
+    """Azimuth of the ring's first bead about the ring's centre, rad."""
+    centre = ring_px.mean(axis=0)
+    return float(np.arctan2(ring_px[0, 1] - centre[1], ring_px[0, 0] - centre[0]))
+
+
+def _vertex_average(triangles: Indices, count: int) -> Array:
+    """(count, m) matrix that averages triangle values over the triangles about each point."""
+    matrix = np.zeros((count, len(triangles)))
+    for corner in range(3):
+        matrix[triangles[:, corner], np.arange(len(triangles))] = 1.0
+    return np.asarray(matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1.0))
