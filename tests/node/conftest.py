@@ -83,11 +83,10 @@ def master_of(process: Process) -> Iterator[canopen.Network]:
                 message = slave_bus.recv(0.005)
                 frames = ()
                 if message is not None:
-                    frames = (
-                        CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame),
-                    )
+                    frames = (CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame),)
 
         network = canopen.Network()
+        network.NOTIFIER_CYCLE = 0.05  # its reader waits this long before it ends
         network.connect(channel=channel, interface="virtual")
         thread = threading.Thread(target=serve)
         thread.start()

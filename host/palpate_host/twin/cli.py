@@ -1,0 +1,44 @@
+"""``palpate-host drives``: the simulated joint drives of a hand on a bus."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+
+import click
+
+from palpate_edge.bus import open_bus
+from palpate_host import hand_config
+from palpate_host.twin.run_drives import drives_of, run_drives, states_line
+
+TABLE_4_POSE_RAD = (0.0, 0.348, 1.221)
+
+
+@click.command()
+@click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="hand.toml: its bus, and the node id and limits of each joint's drive.",
+)
+@click.option(
+    "--pose-rad",
+    type=(float, float, float),
+    default=TABLE_4_POSE_RAD,
+    show_default=True,
+    help="Joint angles of a finger where the load (the grasped object) is at rest.",
+)
+def drives(config_path: Path, pose_rad: tuple[float, float, float]) -> None:
+    """Runs a simulated CiA 402 drive for each joint until SIGTERM or SIGINT."""
+    config, _ = hand_config.load(config_path)
+    simulated = drives_of(config, pose_rad)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with open_bus(config.bus, "drives") as bus:
+        nodes = ", ".join(str(drive.slave.node_id) for drive in simulated)
+        click.echo(f"simulated drives: nodes {nodes}", err=True)
+        run_drives(bus, simulated, stop)
+    click.echo(f"simulated drives stopped: {states_line(simulated)}", err=True)

@@ -1,0 +1,77 @@
+"""What a simulated drive moves: rotor and gear, friction, joint limits, and the object the hand grasps.
+
+The load is a damped spring about the grasp pose: the grasped object until the twin's hand replaces it. With
+the joint angle q, the motor's torque tau and the grasp pose q_g:
+
+    J q'' = tau - b q' - k (q - q_g) - c q'
+
+Gravity is left out: the load carries the joint.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+LONGEST_STEP_US = 500
+LONGEST_ADVANCE_US = 1_000_000
+"""A process that was stopped for longer does not catch up with the time it missed."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointParameters:
+    """One joint. The motor is Table 4's AZM24AK: rotor 9.2e-7 kg m^2, 20:1, holding torque 0.095 N m.
+
+    friction and load: chosen, the paper gives none; friction is Table 3's size. min_rad, max_rad: hard stops.
+    """
+
+    rotor_inertia_kgm2: float = 9.2e-7
+    gear_ratio: float = 20.0
+    holding_torque_Nm: float = 0.095
+    friction_Nms_rad: float = 0.05
+    load_stiffness_Nm_rad: float = 4.0
+    load_damping_Nms_rad: float = 0.05
+    grasp_rad: float = 0.0
+    min_rad: float = -math.pi
+    max_rad: float = math.pi
+
+    @property
+    def inertia_kgm2(self) -> float:
+        """The rotor's inertia on the joint's side of the gear."""
+        return self.rotor_inertia_kgm2 * self.gear_ratio**2
+
+    @property
+    def rated_torque_Nm(self) -> float:
+        """The holding torque on the joint's side of the gear: 1.9 N m for Table 4's motor."""
+        return self.holding_torque_Nm * self.gear_ratio
+
+
+class JointPlant:
+    """One joint, at rest in the grasp pose at first."""
+
+    def __init__(self, parameters: JointParameters) -> None:
+        self.parameters = parameters
+        self.position_rad = parameters.grasp_rad
+        self.velocity_rad_s = 0.0
+
+    def advance(self, duration_us: int, torque_Nm: float) -> None:
+        """Move on under a constant motor torque."""
+        duration_us = min(duration_us, LONGEST_ADVANCE_US)
+        if duration_us <= 0:
+            return
+        steps = math.ceil(duration_us / LONGEST_STEP_US)
+        step_s = duration_us / steps * 1e-6
+        for _ in range(steps):
+            self._step(step_s, torque_Nm)
+
+    def _step(self, step_s: float, torque_Nm: float) -> None:
+        """Semi-implicit Euler: the velocity first, with damping taken implicitly, then the position."""
+        p = self.parameters
+        spring_Nm = -p.load_stiffness_Nm_rad * (self.position_rad - p.grasp_rad)
+        damping_Nms_rad = p.friction_Nms_rad + p.load_damping_Nms_rad
+        impulse = p.inertia_kgm2 * self.velocity_rad_s + step_s * (torque_Nm + spring_Nm)
+        self.velocity_rad_s = impulse / (p.inertia_kgm2 + step_s * damping_Nms_rad)
+        position_rad = self.position_rad + step_s * self.velocity_rad_s
+        self.position_rad = min(max(position_rad, p.min_rad), p.max_rad)
+        if self.position_rad != position_rad:
+            self.velocity_rad_s = 0.0
