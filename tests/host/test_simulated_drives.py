@@ -7,6 +7,7 @@ import struct
 import threading
 import time
 import uuid
+from collections.abc import Callable
 
 import can
 import canopen
@@ -105,6 +106,12 @@ def test_a_fault_resets_at_the_rising_edge_of_bit_7_only(enabled: SimulatedDrive
     enabled.process(1_000_002, (rpdo(0x00), rpdo(0x80)))
     assert enabled.state is DriveState.SWITCH_ON_DISABLED
     assert enabled.slave.read(0x603F) == 0
+
+
+def test_the_status_is_told_on_entering_operational() -> None:
+    sent = SimulatedDrive(5).process(0, (START,)).frames_out
+    assert [frame.can_id for frame in sent] == [0x705, 0x285]
+    assert struct.unpack("<Hbh", sent[1].data)[0] & 0x4F == 0x40
 
 
 def test_a_change_of_the_statusword_is_sent_at_once(drive: SimulatedDrive) -> None:
@@ -281,6 +288,13 @@ class Running:
                 self.error = error
 
 
+def eventually(holds: Callable[[], bool]) -> bool:
+    until = time.monotonic() + WAIT_S
+    while not holds() and time.monotonic() < until:
+        time.sleep(0.01)
+    return holds()
+
+
 def test_the_402_profile_of_another_master_enables_and_moves_a_drive() -> None:
     with Running([SimulatedDrive(5)]) as running:
         network = canopen.Network()
@@ -293,7 +307,7 @@ def test_the_402_profile_of_another_master_enables_and_moves_a_drive() -> None:
             node.sdo[0x1400][5].raw = 0  # this master sends RPDOs at changes only
             node.nmt.wait_for_heartbeat(WAIT_S)
             node.setup_402_state_machine()
-            assert node.state == "SWITCH ON DISABLED"
+            assert eventually(lambda: node.state == "SWITCH ON DISABLED")
             node.sdo[0x6060].raw = 10
             node.state = "OPERATION ENABLED"
             assert node.state == "OPERATION ENABLED"
@@ -301,10 +315,7 @@ def test_the_402_profile_of_another_master_enables_and_moves_a_drive() -> None:
             node.rpdo[1][0x6060].raw = 10
             node.rpdo[1][0x6071].raw = 50
             node.rpdo[1].transmit()
-            until = time.monotonic() + WAIT_S
-            while node.sdo[0x6064].raw < 500 and time.monotonic() < until:
-                time.sleep(0.01)
-            assert node.sdo[0x6064].raw >= 500
+            assert eventually(lambda: node.sdo[0x6064].raw >= 500)
             node.state = "SWITCH ON DISABLED"
             assert node.state == "SWITCH ON DISABLED"
         finally:

@@ -96,7 +96,9 @@ class SimulatedDrive:
             case NmtStateChanged(command=NmtCommand.RESET_NODE):
                 self._machine = DriveStateMachine()
                 self.slave.write(ERROR_CODE, 0, 0)
-            case NmtStateChanged(state=state) if state is not NmtState.OPERATIONAL:
+            case NmtStateChanged(state=NmtState.OPERATIONAL):
+                self.slave.trigger((STATUS_TPDO,))
+            case NmtStateChanged():
                 self._lose_command(COMMUNICATION_LOST)
 
     def _command(self, controlword: int) -> None:
