@@ -68,6 +68,7 @@ class Bus:
     def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
         self._bus = bus
         self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
+        self._failure: BusError | None = None
         self.counters = BusCounters()
 
     def send(self, frames: Iterable[CanFrame]) -> None:
@@ -90,15 +91,23 @@ class Bus:
         """Waits up to `timeout_s` for a first frame, then takes all that is pending (at most 512).
 
         Returns (epoch time in us, frame) in the order of the bus; empty after the timeout. Raises BusError
-        on bus-off and when the bus is gone.
+        on bus-off and when the bus is gone, but first gives the frames that came before.
         """
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
         frames: list[tuple[int, CanFrame]] = []
-        message = self._receive_one(timeout_s)
-        while message is not None:
-            self._sort_in(message, frames)
-            if len(frames) == RECEIVE_BATCH:
-                break
-            message = self._receive_one(0)
+        try:
+            message = self._receive_one(timeout_s)
+            while message is not None:
+                self._sort_in(message, frames)
+                if len(frames) == RECEIVE_BATCH:
+                    break
+                message = self._receive_one(0)
+        except BusError as error:
+            if not frames:
+                raise
+            self._failure = error
         self.counters.received += len(frames)
         return frames
 

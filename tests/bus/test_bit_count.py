@@ -1,4 +1,4 @@
-"""Frame lengths against a statement of the standard that shares nothing with the code: text and long division."""
+"""Frame lengths against a statement of the standard that shares no code: text and long division."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_length_is_that_of_the_standard(frame):
 
 @given(FRAMES)
 def test_length_is_within_the_published_bounds(frame):
-    """47 + 8 n without stuff bits; at most 55 + 10 n (Davis et al., Real-Time Systems 35, 2007, for 11 bit)."""
+    """47 + 8 n without stuff bits; at most 55 + 10 n (Davis et al., Real-Time Systems 35, 2007)."""
     n = 0 if frame.remote else len(frame.data)
     assert 47 + 8 * n <= frame_bits(frame) <= 55 + 10 * n
 

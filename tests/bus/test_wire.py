@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,7 +65,7 @@ def test_no_two_frames_overlap_and_none_starts_before_it_was_sent(submissions):
         sent_at.append((now_us, can_id))
     done += wire.advance(now_us + 10**6)
     assert sorted(delivery.frame.can_id for delivery in done) == sorted(can_id for _, can_id in sent_at)
-    for earlier, later in zip(done, done[1:], strict=False):
+    for earlier, later in itertools.pairwise(done):
         assert later.won_at_us >= earlier.won_at_us + frame_bits(earlier.frame)
     for delivery in done:
         assert delivery.won_at_us >= min(

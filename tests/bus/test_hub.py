@@ -1,0 +1,363 @@
+"""A hub as a process and clients on it, in this and in other processes."""
+
+from __future__ import annotations
+
+import errno
+import random
+import select
+import socket
+import stat
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import can
+import canopen
+import pytest
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_host.bus import protocol
+from palpate_host.bus.bit_count import frame_bits
+from palpate_host.bus.candump import read_log
+from palpate_host.bus.connection import ask
+from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
+from palpate_host.bus.faults import FaultKind, FaultRule
+
+PATIENCE_S = 20.0
+
+ECHO = """
+import sys
+from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_frame import CanFrame
+number = int(sys.argv[2])
+config = BusConfig(interface="palpate", channel=sys.argv[1])
+with open_bus(config, f"echo-{number}", [0x80, 0x600 + number]) as bus:
+    bus.send([CanFrame(0x700 + number, b"\\0")])
+    while True:
+        for stamp_us, frame in bus.receive(20):
+            if frame.can_id != 0x80:
+                sys.exit(0)
+            bus.send([CanFrame(0x180 + number, frame.data)])
+"""
+
+
+def message(can_id, data=b"", **options):
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **options)
+
+
+def statistics(hub) -> Statistics:
+    reply = ask(hub.path, AskStatistics())
+    assert isinstance(reply, Statistics)
+    return reply
+
+
+def inject(hub, kind, **fields):
+    ask(hub.path, Inject(FaultRule(kind=kind, **fields)))
+
+
+def receive_count(bus, count):
+    frames = []
+    while len(frames) < count:
+        batch = bus.receive(PATIENCE_S)
+        assert batch, f"{len(frames)} of {count} frames arrived"
+        frames += batch
+    return frames
+
+
+def test_several_processes_talk_and_stamps_are_of_the_wire(hub, open_edge):
+    master = open_edge("master")
+    echoes = [subprocess.Popen([sys.executable, "-c", ECHO, str(hub.path), str(n)]) for n in (1, 2, 3)]
+    receive_count(master, 3)
+    for round_number in range(10):
+        before_us = time.time_ns() // 1000
+        master.send([CanFrame(0x80, bytes([round_number]))])
+        answers = receive_count(master, 3)
+        after_us = time.time_ns() // 1000
+        assert {(frame.can_id, frame.data) for _, frame in answers} == {
+            (0x180 + n, bytes([round_number])) for n in (1, 2, 3)
+        }
+        stamps = [stamp_us for stamp_us, _ in answers]
+        assert before_us <= stamps[0]
+        assert stamps[-1] <= after_us
+        gaps_us = [later - earlier for earlier, later in pairwise(stamps)]
+        assert all(gap >= frame_bits(frame) for gap, (_, frame) in zip(gaps_us, answers, strict=False))
+    master.send([CanFrame(0x600 + n) for n in (1, 2, 3)])
+    assert [echo.wait(timeout=30) for echo in echoes] == [0, 0, 0]
+
+
+def test_remote_frames_and_own_frames(hub, open_port):
+    a, b = open_port("a", receive_own_messages=True), open_port("b")
+    a.send(message(0x701, is_remote_frame=True, dlc=3))
+    own, other = a.recv(PATIENCE_S), b.recv(PATIENCE_S)
+    assert (own.is_remote_frame, own.dlc, own.is_rx) == (True, 3, False)
+    assert (other.is_remote_frame, other.dlc, other.is_rx) == (True, 3, True)
+    assert own.timestamp == other.timestamp
+
+
+def test_the_descriptor_stays_readable_while_something_is_pending(hub, open_port):
+    a, b = open_port("a"), open_port("b")
+    for number in range(5):
+        a.send(message(number))
+    taken = []
+    while len(taken) < 5:
+        readable, _, _ = select.select([b.fileno()], [], [], PATIENCE_S)
+        assert readable
+        if (one := b.recv(0)) is not None:
+            taken.append(one.arbitration_id)
+    assert taken == [0, 1, 2, 3, 4]
+    assert select.select([b.fileno()], [], [], 0) == ([], [], [])
+
+
+def test_filters_act_in_the_hub(hub, open_port):
+    a, b = open_port("a"), open_port("b", can_filters=[{"can_id": 0x180, "can_mask": 0x780}])
+    for can_id in (0x200, 0x18F, 0x080, 0x180):
+        a.send(message(can_id))
+    assert [b.recv(PATIENCE_S).arbitration_id for _ in range(2)] == [0x18F, 0x180]
+    b.set_filters([{"can_id": 0x700, "can_mask": 0x7FF, "extended": False}])
+    statistics(hub)  # the hub has taken the filters
+    for can_id in (0x180, 0x700):
+        a.send(message(can_id))
+    assert b.recv(PATIENCE_S).arbitration_id == 0x700
+    assert {port.name: port.delivered for port in statistics(hub).ports}["b"] == 3
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        can.Message(arbitration_id=0x12345, is_extended_id=True),
+        can.Message(arbitration_id=0x123, is_extended_id=False, is_fd=True, data=bytes(12)),
+        can.Message(arbitration_id=0x800, is_extended_id=False),
+        can.Message(arbitration_id=0x1, is_extended_id=False, data=bytes(9)),
+        can.Message(is_error_frame=True),
+    ],
+    ids=["29 bit", "FD", "12 bit", "9 bytes", "error frame"],
+)
+def test_what_classic_canopen_has_not_is_refused(hub, open_port, odd):
+    with pytest.raises(can.CanOperationError) as refusal:
+        open_port("a").send(odd)
+    assert refusal.value.error_code == errno.EINVAL
+
+
+def test_a_full_transmit_queue_is_enobufs_and_drains(start_hub, open_port):
+    start_hub("--txqueuelen", "4", "--bitrate", "10000")  # a frame takes 5 ms and more
+    port = open_port("a")
+    for _ in range(5):  # four wait, one may be on the wire with its credit still owed
+        try:
+            port.send(message(0x100, bytes(8)))
+        except can.CanOperationError as error:
+            refusal = error
+            break
+    assert refusal.error_code == errno.ENOBUFS
+    port.send(message(0x100), timeout=PATIENCE_S)
+
+
+def test_the_edge_bus_retries_enobufs_with_a_bound_and_counts(start_hub, open_edge):
+    hub = start_hub()
+    bus = open_edge("a")
+    inject(hub, FaultKind.TX_FULL, port="a", count=3)
+    bus.send([CanFrame(0x100)])
+    assert (bus.counters.send_retries, bus.counters.sent) == (3, 1)
+    inject(hub, FaultKind.TX_FULL, port="a")
+    with pytest.raises(BusError, match="transmit queue full, frame 101"):
+        bus.send([CanFrame(0x101)])
+    ask(hub.path, ClearFaults())
+    bus.send([CanFrame(0x102)])
+    assert {port.name: port.refused for port in statistics(hub).ports}["a"] > 3
+
+
+def test_bus_off_is_an_error_frame_a_state_and_a_refusal(hub, open_port):
+    port = open_port("a")
+    inject(hub, FaultKind.BUS_OFF, port="a")
+    error_frame = port.recv(PATIENCE_S)
+    assert error_frame.is_error_frame
+    assert error_frame.arbitration_id == 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
+    assert port.state is can.BusState.ERROR
+    with pytest.raises(can.CanOperationError) as refusal:
+        port.send(message(1))
+    assert refusal.value.error_code == errno.ENETDOWN
+    ask(hub.path, ClearFaults())
+    assert port.recv(PATIENCE_S).arbitration_id == 0x100  # CAN_ERR_RESTARTED
+    assert port.state is can.BusState.ACTIVE
+    port.send(message(1))
+
+
+def test_bus_off_raises_from_the_edge_bus(hub, open_edge):
+    bus = open_edge("a")
+    inject(hub, FaultKind.BUS_OFF, port="a")
+    with pytest.raises(BusError, match="went bus-off: check wiring"):
+        bus.receive(PATIENCE_S)
+    with pytest.raises(BusError, match="bus-off"):
+        bus.send([CanFrame(1)])
+
+
+def test_without_a_hub_the_error_says_how_to_start_one(tmp_path, open_port, open_edge):
+    with pytest.raises(
+        can.CanInitializationError, match=r"start it with: palpate-host bus hub --socket .*hub\.sock"
+    ):
+        open_port("a")
+    with pytest.raises(BusError, match="palpate-host bus hub"):
+        open_edge("a")
+
+
+def test_a_killed_hub_is_a_clear_error_after_what_it_delivered(hub, open_port, open_edge):
+    a, b, edge = open_port("a"), open_port("b"), open_edge("edge")
+    a.send(message(0x123))
+    assert select.select([b.fileno()], [], [], PATIENCE_S)[0]
+    hub.kill()
+    assert b.recv(PATIENCE_S).arbitration_id == 0x123
+    with pytest.raises(can.CanOperationError, match="has gone: start it with"):
+        b.recv(PATIENCE_S)
+    with pytest.raises(can.CanOperationError, match="has gone"):
+        a.send(message(1))
+    receive_count(edge, 1)
+    with pytest.raises(BusError, match="has gone"):
+        edge.receive(PATIENCE_S)
+
+
+def test_a_stale_socket_is_replaced_and_removed_at_exit(start_hub, open_port):
+    first = start_hub()
+    first.kill()
+    assert first.path.exists()
+    second = start_hub()
+    assert stat.S_IMODE(second.path.stat().st_mode) == 0o600
+    open_port("a").send(message(1))
+    assert "frames" in second.stop()
+    assert not second.path.exists()
+
+
+def test_a_second_hub_is_refused_and_the_first_lives(hub, start_hub, open_port):
+    second = start_hub()
+    assert second.process.wait(timeout=30) != 0
+    said = second.first_line + second.process.communicate()[1]
+    assert "a hub already listens there" in said
+    a, b = open_port("a"), open_port("b")
+    a.send(message(1))
+    assert b.recv(PATIENCE_S) is not None
+
+
+def test_a_file_that_is_no_socket_is_left_alone(start_hub, tmp_path):
+    (tmp_path / "hub.sock").write_text("precious")
+    hub = start_hub()
+    assert hub.process.wait(timeout=30) != 0
+    assert "is no socket" in hub.first_line + hub.process.communicate()[1]
+    assert (tmp_path / "hub.sock").read_text() == "precious"
+
+
+def test_noise_on_the_socket_costs_only_the_noisy_client(hub, open_port):
+    a, b = open_port("a"), open_port("b")
+    noise = random.Random(11)
+    for _ in range(50):
+        with socket.socket(socket.AF_UNIX) as stranger:
+            stranger.connect(str(hub.path))
+            stranger.sendall(noise.randbytes(noise.randint(8, 400)))
+            stranger.settimeout(PATIENCE_S)
+            reply = stranger.recv(4096)
+            assert reply == b"" or next(protocol.Splitter().feed(reply))[0] is protocol.Kind.REJECT
+    a.send(message(5))
+    assert b.recv(PATIENCE_S).arbitration_id == 5
+    assert statistics(hub).garbled_clients == 50
+
+
+def test_a_client_that_does_not_read_blocks_nobody_and_hears_of_its_loss(start_hub, open_port):
+    hub = start_hub("--bitrate", "0")
+    sender, sleeper, reader = open_port("sender"), open_port("sleeper"), open_port("reader")
+    rounds, chunk = 200, 100
+    for _ in range(rounds):
+        for _ in range(chunk):
+            sender.send(message(0x100, bytes(8)), timeout=PATIENCE_S)
+        for _ in range(chunk):
+            assert reader.recv(PATIENCE_S) is not None
+    overruns = {port.name: port.overruns for port in statistics(hub).ports}
+    assert overruns["sleeper"] > 0
+    assert overruns["reader"] == 0
+    delivered = 0
+    while sleeper.recv(0.2) is not None:
+        delivered += 1
+    sender.send(message(0x101))
+    told, last = sleeper.recv(PATIENCE_S), sleeper.recv(PATIENCE_S)
+    assert told.is_error_frame
+    assert (told.arbitration_id, told.data[1]) == (0x04, 0x01)  # CAN_ERR_CRTL, RX_OVERFLOW
+    assert last.arbitration_id == 0x101
+    assert delivered + overruns["sleeper"] == rounds * chunk
+
+
+def test_a_client_that_vanishes_is_dropped(hub, open_port):
+    vanishing = open_port("vanishing")
+    assert len(statistics(hub).ports) == 1
+    vanishing.shutdown()
+    assert statistics(hub).ports == []
+
+
+def test_another_bit_rate_is_refused(hub, open_port):
+    with pytest.raises(can.CanInitializationError, match="bit rate is 1000000, slow asks for 125000"):
+        open_port("slow", bitrate=125_000)
+
+
+def test_statistics_count_identifiers_and_bits(hub, open_edge):
+    a, b = open_edge("a"), open_edge("b")
+    frames = [CanFrame(0x190, bytes([n])) for n in range(4)] + [CanFrame(0x080)]
+    a.send(frames)
+    receive_count(b, 5)
+    counters = statistics(hub)
+    assert {entry.can_id: (entry.frames, entry.bits) for entry in counters.ids} == {
+        0x080: (1, frame_bits(frames[4])),
+        0x190: (4, sum(frame_bits(frame) for frame in frames[:4])),
+    }
+    assert counters.load == counters.window_bits / 1e6
+
+
+def test_the_hub_logs_all_traffic(start_hub, tmp_path, open_edge):
+    hub = start_hub("--log", str(tmp_path / "bus.log"), "--header", "origin=test")
+    a, b = open_edge("a"), open_edge("b")
+    a.send([CanFrame(0x190, b"\x01\x02"), CanFrame(0x701, b"", remote=True)])
+    heard = receive_count(b, 2)
+    hub.stop()
+    log = read_log(tmp_path / "bus.log")
+    assert log.header.entries == {"origin": "test"}
+    assert [(record.stamp_us, record.frame) for record in log.records] == heard
+
+
+def test_can_notifier(hub, open_port):
+    a, b = open_port("a"), open_port("b")
+    reader = can.BufferedReader()
+    with can.Notifier(b, [reader], timeout=0.1):
+        for number in range(20):
+            a.send(message(number), timeout=PATIENCE_S)
+        assert [reader.get_message(PATIENCE_S).arbitration_id for _ in range(20)] == list(range(20))
+
+
+def test_canopen_master_and_slave_of_the_canopen_package(hub):
+    """A foreign master and a foreign slave: SDO upload and download, NMT, heartbeat across the hub."""
+    dictionary = canopen.ObjectDictionary()
+    variable = canopen.objectdictionary.ODVariable("producer heartbeat time", 0x1017, 0)
+    variable.data_type = canopen.objectdictionary.datatypes.UNSIGNED16
+    variable.access_type = "rw"
+    variable.default = 0
+    dictionary.add_object(variable)
+    with canopen.Network() as master_net, canopen.Network() as slave_net:
+        for network in (master_net, slave_net):
+            network.connect(interface="palpate", channel=str(hub.path))
+        slave = slave_net.create_node(5, dictionary)
+        remote = master_net.add_node(5, dictionary)
+        remote.sdo.RESPONSE_TIMEOUT = PATIENCE_S
+        remote.sdo[0x1017].raw = 50
+        assert remote.sdo[0x1017].raw == 50
+        slave.nmt.state = "OPERATIONAL"
+        remote.nmt.wait_for_heartbeat(PATIENCE_S)
+        slave.nmt.stop_heartbeat()
+
+
+def test_stopping_the_hub_prints_its_counters(hub, open_port):
+    open_port("a").send(message(1))
+    assert statistics(hub).ports[0].name == "a"
+    said = hub.stop()
+    assert "frames 1 " in said
+    assert hub.process.returncode == 0
+
+
+def test_thirty_two_ports_at_once(hub, open_port):
+    ports = [open_port(f"p{number}") for number in range(32)]
+    ports[0].send(message(0x42))
+    assert [port.recv(PATIENCE_S).arbitration_id for port in ports[1:]] == [0x42] * 31

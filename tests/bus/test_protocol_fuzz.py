@@ -1,0 +1,76 @@
+"""Random and damaged bytes: the hub's core refuses them with GarbledStreamError and lives."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate_edge.can_frame import CanFrame
+from palpate_host.bus import protocol
+from palpate_host.bus.hub_core import Client, HubCore
+from palpate_host.bus.protocol import GarbledStreamError, Hello, Kind
+
+FRAMES = st.lists(
+    st.builds(CanFrame, can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8), remote=st.booleans()),
+    max_size=8,
+)
+HELLO = protocol.hello_message(Hello("fuzz", 0, receive_own=True, control_only=False))
+PAYLOADS = st.one_of(
+    st.binary(max_size=64), st.binary(min_size=12, max_size=12), st.just(b'{"type":"statistics"}')
+)
+STREAMS = st.lists(
+    st.one_of(
+        st.binary(max_size=32),
+        st.builds(protocol.message, st.sampled_from(list(Kind)), PAYLOADS),
+        st.just(HELLO),
+        st.just(protocol.filters_message(None)),
+    ),
+    max_size=8,
+)
+
+
+def survives(core: HubCore, client: Client, data: bytes) -> None:
+    try:
+        core.receive(client, data, 0)
+    except GarbledStreamError as error:
+        assert "\n" not in str(error)
+        core.disconnect(client)
+    core.advance(0)
+
+
+@given(STREAMS)
+def test_the_core_survives_any_sequence_of_messages_and_noise(stream):
+    core = HubCore(bitrate=0, txqueuelen=4, now_us=0)
+    survives(core, Client(), b"".join(stream))
+    late = Client()
+    core.receive(late, HELLO, 1)
+    assert (Kind.WELCOME, protocol.WELCOME.pack(4, 0)) in protocol.Splitter().feed(bytes(late.output))
+
+
+@given(FRAMES, st.data())
+def test_one_damaged_byte_never_raises_anything_else(frames, data):
+    stream = HELLO + protocol.message(Kind.SEND, b"".join(protocol.pack_frame(frame) for frame in frames))
+    damaged = bytearray(stream)
+    damaged[data.draw(st.integers(0, len(stream) - 1))] ^= data.draw(st.integers(1, 255))
+    survives(HubCore(bitrate=0, txqueuelen=8, now_us=0), Client(), bytes(damaged))
+
+
+@given(FRAMES, st.lists(st.integers(0, 400), max_size=6))
+def test_messages_survive_any_cutting_of_the_stream(frames, cuts):
+    stream = HELLO + protocol.message(Kind.SEND, b"".join(protocol.pack_frame(frame) for frame in frames))
+    edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    splitter = protocol.Splitter()
+    messages = [
+        message for start, end in itertools.pairwise(edges) for message in splitter.feed(stream[start:end])
+    ]
+    assert [kind for kind, _ in messages] == [Kind.HELLO, Kind.SEND]
+    assert [frame for _, frame in protocol.parse_frames(messages[1][1])] == frames
+
+
+def test_another_version_is_named():
+    header = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION + 1, Kind.HELLO, 0)
+    with pytest.raises(GarbledStreamError, match=r"version 2 .* update palpate"):
+        list(protocol.Splitter().feed(header))
