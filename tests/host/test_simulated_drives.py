@@ -307,6 +307,7 @@ def test_the_402_profile_of_another_master_enables_and_moves_a_drive() -> None:
             node.sdo[0x1400][5].raw = 0  # this master sends RPDOs at changes only
             node.nmt.wait_for_heartbeat(WAIT_S)
             node.setup_402_state_machine()
+            node.nmt.state = "OPERATIONAL"
             assert eventually(lambda: node.state == "SWITCH ON DISABLED")
             node.sdo[0x6060].raw = 10
             node.state = "OPERATION ENABLED"
