@@ -54,7 +54,8 @@ def calibrate(dataset: Path, output: Path) -> None:
         "  camera off by "
         + ", ".join(f"{value:+.2f}" for value in pose.offset_mm)
         + f" mm, focal length x {pose.focal_scale:.4f}; layout residual "
-        f"{calibration.residual_px:.2f} px rms; contact above {calibration.contact_threshold_px:.3f} px of skin motion"
+        f"{calibration.residual_px:.2f} px rms; "
+        f"contact above {calibration.contact_threshold_px:.3f} px of skin motion"
     )
     if not calibration.paper.stiffness_N_px:
         click.echo("  no press of known force: positions are uncorrected and forces stay empty")

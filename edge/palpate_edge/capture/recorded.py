@@ -102,7 +102,7 @@ class VideoRecording:
 
 
 def open_recording(path: Path, *, grey: bool = True) -> Recording:
-    """A press dataset (its frames/ in name order, or its frames.mp4), a folder of images, an image or a video.
+    """A press dataset (its frames/ in name order, or its frames.mp4), a folder of images, an image, a video.
 
     Raises DatasetError naming what was expected.
     """
