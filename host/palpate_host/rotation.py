@@ -18,6 +18,11 @@ def skew(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
+def cross(a: Array, b: Array) -> Array:
+    """a x b of two vectors (3,); numpy's own spends most of its time on shapes."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def axial(R: Array) -> Array:
     """Rotation axis times sin(angle): half the sum of e_k x R e_k over the columns."""
     return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
@@ -36,6 +41,8 @@ def log(R: Array) -> Array:
     # R = 2 a a^T - I at half a turn: the largest column of (R + I)/2 is the axis, up to its length.
     columns = 0.5 * (R + np.eye(3))
     axis = columns[:, int(np.argmax(np.diag(columns)))]
+    if axis @ s < 0.0:
+        axis = -axis
     return np.asarray(axis * (angle / float(np.linalg.norm(axis))))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from palpate_edge.errors import ConfigError
 from palpate_host import rotation
-from palpate_host.rotation import Array
+from palpate_host.rotation import Array, cross
 
 # The triangle's area over that of the equilateral one with the same longest side.
 MIN_TRIANGLE_FLATNESS = 0.02
@@ -42,7 +42,7 @@ def virtual_frame(tip_centre_m: Array) -> Array:
     one line.
     """
     x1, x2, x3 = tip_centre_m
-    normal = np.cross(x1 - x3, x2 - x3)
+    normal = cross(x1 - x3, x2 - x3)
     length = float(np.linalg.norm(normal))
     longest_squared = max(float(e @ e) for e in (x1 - x3, x2 - x3, x1 - x2))
     if length < MIN_TRIANGLE_FLATNESS * longest_squared * math.sqrt(3.0) / 2.0 or longest_squared == 0.0:
@@ -52,7 +52,7 @@ def virtual_frame(tip_centre_m: Array) -> Array:
         )
     z = normal / length
     y = (x2 - x3) / np.linalg.norm(x2 - x3)
-    return np.column_stack((np.cross(y, z), y, z))
+    return np.column_stack((cross(y, z), y, z))
 
 
 def check_numbering(tip_centre_m: Array) -> None:
@@ -75,17 +75,17 @@ def contact_frame(normals: Array) -> Array:
     `fit_contact_frame` follows it. FrameError when the contacts are opposed or equal (r_cz is 0/0).
     """
     d1, d2, d3 = normals
-    z = np.cross(d1, d2) + np.cross(d2, d3) + np.cross(d3, d1)
+    z = cross(d1, d2) + cross(d2, d3) + cross(d3, d1)
     z_length = float(np.linalg.norm(z))
     if z_length < MIN_NORMAL_SPREAD:
         raise FrameError(_COLLINEAR)
     z = z / z_length
-    y = np.cross(d1, z)
+    y = cross(d1, z)
     y_length = float(np.linalg.norm(y))
     if y_length < MIN_NORMAL_SPREAD:
         raise FrameError(_COLLINEAR)
     y = y / y_length
-    return np.column_stack((np.cross(y, z), y, z))
+    return np.column_stack((cross(y, z), y, z))
 
 
 def fit_contact_frame(reference: Array, normals: Array) -> Array:

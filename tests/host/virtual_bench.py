@@ -1,7 +1,8 @@
 """A whole hand on a bus in virtual time: HostCore, nine simulated drives, three fingertip nodes.
 
-Only cores run here, the same that run as processes elsewhere; the bus hands every frame to everybody else 100 us
-after the one before. A person's object is a function of time and the hand's pose that says what each dome feels.
+Only cores run here, the same that run as processes elsewhere; the bus hands every frame to everybody else 100
+us after the one before. A person's object is a function of time and the hand's pose that says what each dome
+feels.
 """
 
 from __future__ import annotations

@@ -1,0 +1,37 @@
+"""Helpers for the host's tests: the virtual bench and the hand of Table 4."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig
+
+
+def _load_bench() -> ModuleType:
+    name = "palpate_virtual_bench"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("virtual_bench.py"))
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def bench() -> ModuleType:
+    """The module virtual_bench.py."""
+    return _load_bench()
+
+
+@pytest.fixture(scope="session")
+def table_4(bench: ModuleType) -> tuple[HandConfig, Hand]:
+    """Configuration and hand of models/table4.toml."""
+    result: tuple[HandConfig, Hand] = bench.load_table_4()
+    return result

@@ -1,0 +1,85 @@
+"""hand.toml: what is refused, and that the text names file, key and way out."""
+
+import re
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palpate_edge.errors import ConfigError
+from palpate_host import hand_config
+
+
+@pytest.fixture
+def table_4_text(bench):
+    return bench.TABLE_4.read_text()
+
+
+def test_table_4_is_the_papers(bench):
+    config, mjcf = hand_config.load(bench.TABLE_4)
+    assert mjcf.is_file()
+    assert (config.control.f_d_N, config.control.tip_radius_m) == (4.0, 0.030)
+    assert [joint.drive_node for joint in config.joints] == list(range(1, 10))
+    assert [finger.fingertip_node for finger in config.fingers] == [0x10, 0x11, 0x12]
+    assert len(config.node_names) == 12
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "says"),
+    [
+        (r"f_d_N = .*", "", r"missing required field `f_d_N`.*control"),
+        (r"f_d_N = .*", "f_d_N = 4\nfd = 3", r"unknown field `fd`.*control"),
+        (r"f_d_N = .*", "f_d_N = -1", r"> 0.*control.f_d_N"),
+        (r"f_d_N = .*", 'f_d_N = "much"', r"Expected `float`.*control.f_d_N"),
+        (r'mode = "proposed"', 'mode = "magic"', r"magic.*control.mode"),
+        (r"tick_Hz = 100", "tick_Hz = 100000", r"<= 1000.*tick_Hz"),
+        (
+            r"drive_node = 9",
+            "drive_node = 3",
+            r"0x03 is used twice, by drive_node of curl_1 and by .* curl_3: change",
+        ),
+        (
+            r"fingertip_node = 0x10",
+            "fingertip_node = 1",
+            r"0x01 is used twice, by fingertip_node of finger-1",
+        ),
+        (r"host_node = 0x7F", "host_node = 0x12", r"0x12 is used twice, by network.host_node"),
+        (r"drive_node = 9", "drive_node = 128", r"<= 127.*drive_node"),
+        (r'name = "finger-2"', 'name = "finger-1"', r"'finger-1' is used twice"),
+        (r'"tip_2"', '"tip_1"', r"model.tip_sites 'tip_1' is used twice"),
+        (r"direction = 1", "direction = 0", r"direction of abduction_1 is 0: set 1 or -1"),
+        (r"max_rad = 0.5", "max_rad = -0.5", r"min_rad of abduction_1 is not below its max_rad"),
+        (r"freeze_ms = 250", "freeze_ms = 1200", r"tiers must grow.*correct \[staleness\]"),
+        (r"heartbeat_timeout_ms = 500", "heartbeat_timeout_ms = 100", r"heartbeat_timeout_ms must exceed"),
+        (r"\[target\]", "[target", r"not valid TOML"),
+        (r"\[\[fingers\]\]\nname = .finger-3.[^]]*\]", "", r"fingers"),
+    ],
+)
+def test_refusals(tmp_path, table_4_text, pattern, replacement, says):
+    path = tmp_path / "hand.toml"
+    changed = re.sub(pattern, replacement, table_4_text, count=1)
+    assert changed != table_4_text
+    path.write_text(changed)
+    with pytest.raises(ConfigError) as caught:
+        hand_config.load(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ") and "\n" not in text
+    assert re.search(says, text), text
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"cannot be read .No such file.*give the hand's file"):
+        hand_config.load(tmp_path / "hand.toml")
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.integers(0, 10_000), damage=st.binary(max_size=6), cut=st.integers(0, 40))
+def test_damaged_files_are_refused_in_one_line_or_read(tmp_path, bench, place, damage, cut):
+    data = bench.TABLE_4.read_bytes()
+    place %= len(data)
+    path = tmp_path / "hand.toml"
+    path.write_bytes(data[:place] + damage + data[place + cut :])
+    try:
+        hand_config.load(path)
+    except ConfigError as exc:
+        assert "\n" not in str(exc)

@@ -1,0 +1,265 @@
+"""The whole host core against nine simulated drives and three fingertip nodes, in virtual time."""
+
+import dataclasses
+import struct
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate_edge.can_frame import CanFrame
+from palpate_host.drives.cia402 import DriveState
+from palpate_host.hand_config import ControlMode
+from palpate_host.master import HostCore
+from palpate_host.status import HostStatus
+from palpate_host.supervisor import Mode
+from palpate_host.virtual_frame import FrameError, virtual_frame
+
+
+def modes_of(bench):
+    modes = []
+    for status in bench.statuses:
+        if not modes or modes[-1] is not status.mode:
+            modes.append(status.mode)
+    return modes
+
+
+def changed(config, section, **values):
+    part = msgspec.structs.replace(getattr(config, section), **values)
+    return msgspec.structs.replace(config, **{section: part})
+
+
+def drives_are_off(bench):
+    return all(drive.state is DriveState.SWITCH_ON_DISABLED for drive in bench.drives)
+
+
+@pytest.fixture
+def rig(bench, table_4):
+    config, hand = table_4
+    return bench.VirtualBench(config, hand)
+
+
+def test_start_up_to_manipulation_and_an_orderly_stop(rig):
+    status = rig.run(1.5)
+    assert modes_of(rig) == [Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE]
+    assert all(drive.state is DriveState.OPERATION_ENABLED for drive in rig.drives)
+    assert [finger.frames_per_s for finger in status.fingers] == pytest.approx([30] * 3, abs=2)
+    assert status.fingers[0].lost_frames == 0 and status.counters.foreign_frames <= 12
+    rig.core.request_stop()
+    status = rig.run(2.0)
+    assert (status.mode, status.reason) == (Mode.STOP, "stopped by the operator")
+    assert rig.output.finished and rig.output.failure == ""
+    assert drives_are_off(rig)
+    # NMT stop to each of the twelve nodes is the last thing said.
+    assert [f.data[:1] for _, f in rig.log[-12:] if f.can_id == 0] == [b"\x02"] * 12
+
+
+def test_one_sync_and_one_command_a_drive_each_tick(rig):
+    rig.run(1.5)
+    ticks = rig.statuses[-1].counters.ticks
+    syncs = [stamp for stamp, frame in rig.log if frame.can_id == 0x080]
+    assert len(syncs) == ticks and set(np.diff(syncs)) == {10_000}
+    last = [frame.can_id for stamp, frame in rig.log if stamp == syncs[-1]]
+    assert last.index(0x080) < last.index(0x201)
+    assert [can_id for can_id in last if 0x200 < can_id < 0x280] == list(range(0x201, 0x20A))
+
+
+class RigidObject:
+    """An object that the tips roll on: it turns by itself about z while the tips hold still.
+
+    Its three faces look outwards at 0, 120 and 240 degrees; the dome touches where the face's normal meets
+    it.
+    """
+
+    def __init__(self, rate_deg_s, start_us):
+        self.rate_deg_s = rate_deg_s
+        self.start_us = start_us
+
+    def rotation(self, time_us):
+        return Rotation.from_euler("z", self.rate_deg_s * (time_us - self.start_us) * 1e-6, degrees=True)
+
+    def __call__(self, finger, time_us, pose):
+        azimuth = 2 * np.pi * finger / 3
+        outwards = self.rotation(time_us).apply([np.cos(azimuth), np.sin(azimuth), 0.0])
+        in_dome = pose.tip_rotation[finger].T @ -outwards
+        return tuple(30.0 * in_dome)
+
+
+def test_object_orientation_is_followed_through_delay(bench, table_4):
+    """The estimate follows an object that turns under still tips, from frames 40 ms old."""
+    config, hand = table_4
+    config = changed(config, "control", contact_filter_s=0.0, K_r=0.0)
+    thing = RigidObject(2.0, bench.START_US)
+    rig = bench.VirtualBench(config, hand, feel=thing)
+    rig.run(1.0)
+    start = rig.statuses[-1]
+    status = rig.run(2.0)
+    turned = np.array(status.R_c) @ np.array(start.R_c).T
+    angle = Rotation.from_matrix(turned).as_rotvec(degrees=True)
+    # 2 s at 2 deg/s. INT16 positions of 0.01 mm on 30 mm leave 0.02 deg.
+    np.testing.assert_allclose(angle, [0, 0, 4.0], atol=0.2)
+    assert status.fit_residual_deg < 0.1
+
+
+def test_the_loop_turns_the_desired_frame_against_what_the_object_does(bench, table_4):
+    """Target 0: an object that turns by +z is answered by a virtual frame wanted at -z of the same size."""
+    config, hand = table_4
+    config = changed(config, "control", contact_filter_s=0.0)
+    config = changed(config, "target", rpy_deg=(0.0, 0.0, 0.0))
+    rig = bench.VirtualBench(config, hand, feel=RigidObject(2.0, bench.START_US))
+    rig.run(1.0)
+    before = rig.statuses[-1]
+    after = rig.run(1.0)
+    wanted = Rotation.from_matrix(np.array(after.R_d_vir) @ np.array(before.R_d_vir).T).as_rotvec(
+        degrees=True
+    )
+    assert wanted[2] < -1.0
+    torque = np.array([joint.command_Nm for joint in after.joints]).reshape(3, 3)
+    # Abduction (about +x, inwards) by a positive angle moves a tip towards -y of its base frame: +azimuth.
+    assert np.all(torque[:, 0] < 0.0)
+
+
+def test_gain_and_loss_of_contact_switch_cleanly(bench, table_4):
+    """Finger 2 lets go for 0.4 s and touches elsewhere: blind, then proposed, and R_d_vir never jumps."""
+    config, hand = table_4
+    lost = (bench.START_US + 1_500_000, bench.START_US + 1_900_000)
+
+    def feel(finger, time_us, pose):
+        if finger == 1 and lost[0] <= time_us < lost[1]:
+            return None
+        return (0.0, 0.0, 30.0) if time_us < lost[1] else (0.0, 12.0, 27.495)
+
+    rig = bench.VirtualBench(config, hand, feel=feel)
+    rig.run(3.0)
+    assert modes_of(rig) == [
+        Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.MANIPULATE,
+    ]  # fmt: skip
+    turning = [np.array(status.R_d_vir) for status in rig.statuses if status.R_d_vir is not None]
+    jumps = [np.degrees(Rotation.from_matrix(b @ a.T).magnitude()) for a, b in pairwise(turning)]
+    assert max(jumps) < 0.3
+    blind = [status.R_d_vir for status in rig.statuses if status.mode is Mode.BLIND]
+    assert blind and all(blind[0] == R for R in blind)
+
+
+def test_contacts_that_jump_about_never_pass_the_limits(bench, table_4):
+    """Recorded presses do not follow the hand: random places, coming and going. The limits hold."""
+    config, hand = table_4
+    limits = [joint.torque_limit_Nm for joint in config.joints]
+
+    def feel(finger, time_us, _pose):
+        rng = np.random.default_rng([finger, time_us // 400_000])
+        if rng.random() < 0.3:
+            return None
+        point = rng.normal(size=3) * [1, 1, 0.3] + [0, 0, 0.3]
+        return tuple(30.0 * np.abs(point) / np.linalg.norm(point))
+
+    rig = bench.VirtualBench(config, hand, feel=feel)
+    rig.run(6.0)
+    assert rig.statuses[-1].mode is not Mode.STOP
+    assert {Mode.HOLD, Mode.MANIPULATE, Mode.BLIND} <= set(modes_of(rig))
+    for status in rig.statuses:
+        assert all(abs(j.command_Nm) <= limit for j, limit in zip(status.joints, limits, strict=True))
+    sent = [f.data for _, f in rig.log if 0x200 < f.can_id < 0x20A and len(f.data) == 5]
+    assert max(abs(struct.unpack("<Hbh", data)[2]) for data in sent) <= 0.5 / 1.9 * 1000
+
+
+def test_blind_by_choice_reaches_the_target_of_the_virtual_frame_without_fingertips(bench, table_4):
+    config, hand = table_4
+    config = changed(config, "control", mode=ControlMode.BLIND, friction_ratio=10.0)
+    config = changed(config, "target", rpy_deg=(0.0, 0.0, 2.0), ramp_s=1.0)
+    rig = bench.VirtualBench(config, hand, feel=lambda *_: None)
+    rig.run(0.4)
+    R_start = virtual_frame(rig.pose().tip_centre_m)
+    rig.run(2.5)
+    assert modes_of(rig) == [Mode.INIT, Mode.READY, Mode.HOLD, Mode.BLIND]
+    turned = Rotation.from_matrix(virtual_frame(rig.pose().tip_centre_m) @ R_start.T).as_rotvec(degrees=True)
+    # A proportional law against the load's spring: on the way, and the right way round.
+    assert 0.3 < turned[2] <= 2.0
+
+
+def test_a_silent_fingertip_goes_down_the_ladder(rig):
+    rig.run(1.5)
+    rig.silent.add(0x11)
+    rig.run(6.0)
+    assert modes_of(rig)[3:] == [Mode.MANIPULATE, Mode.BLIND, Mode.HOLD, Mode.STOP]
+    assert rig.output.finished and "finger-2: no valid frame for more than 3000 ms" in rig.output.failure
+    assert drives_are_off(rig)
+
+
+def test_a_silent_drive_stops_the_hand(rig):
+    rig.run(1.5)
+    rig.silent.add(5)
+    rig.run(2.0)
+    assert rig.output.finished
+    assert "drive of flexion_2 (node 0x05)" in rig.output.failure
+    assert all(d.state is DriveState.SWITCH_ON_DISABLED for d in rig.drives if d.slave.node_id != 5)
+
+
+def test_a_missing_node_is_named_while_the_host_waits(rig):
+    rig.silent.add(0x12)
+    status = rig.run(1.5)
+    assert status.mode is Mode.INIT
+    assert status.reason == "waiting for fingertip of finger-3 (node 0x12)"
+    assert all(joint.command_Nm == 0.0 for joint in status.joints)
+    assert len([f for _, f in rig.log if f == CanFrame(0, b"\x82\x12")]) == 2
+    rig.silent.clear()
+    assert rig.run(2.0).mode is Mode.MANIPULATE
+
+
+def test_a_pdo_of_the_wrong_length_stops_the_hand_safely(bench, table_4):
+    broken_from = bench.START_US + 1_500_000
+
+    def cut(stamp_us, frame):
+        short = frame.can_id == 0x291 and stamp_us > broken_from
+        return [(stamp_us, CanFrame(frame.can_id, frame.data[:7]) if short else frame)]
+
+    rig = bench.VirtualBench(*table_4, to_host=cut)
+    status = rig.run(3.0)
+    assert status.mode is Mode.STOP and rig.output.finished
+    assert (
+        rig.output.failure.startswith("node 17 TPDO 2: 7 bytes, expected 8")
+        and "\n" not in rig.output.failure
+    )
+    assert drives_are_off(rig)
+
+
+def test_late_ticks_are_left_out_and_counted(table_4, bench):
+    core = HostCore(*table_4)
+    first = core.process(1_000_000, ())
+    assert first.next_due_us == 1_010_000
+    late = core.process(1_045_000, ())
+    assert late.status.counters.late_ticks == 3 and late.next_due_us == 1_050_000
+    assert sum(frame.can_id == 0x080 for frame in late.frames_out) == 1
+
+
+def test_clockwise_fingers_are_refused_at_the_start(table_4):
+    config, hand = table_4
+    config = msgspec.structs.replace(config, fingers=config.fingers[::-1])
+    mirrored = dataclasses.make_dataclass("Mirrored", ["pose"])(
+        lambda q: dataclasses.replace(hand.pose(q), tip_centre_m=hand.pose(q).tip_centre_m[::-1])
+    )
+    with pytest.raises(FrameError, match="numbered clockwise"):
+        HostCore(config, mirrored)
+
+
+def test_random_frames_never_raise(table_4, bench):
+    core = HostCore(*table_4)
+    rng = np.random.default_rng(1)
+    now_us = bench.START_US
+    for _ in range(3000):
+        now_us += 500
+        frame = CanFrame(
+            int(rng.choice(core.accept_ids)),
+            rng.bytes(int(rng.integers(0, 9))),
+            remote=bool(rng.random() < 0.05),
+        )
+        output = core.process(now_us, [(now_us, frame)])
+    assert output.status.mode is Mode.STOP
+
+
+def test_status_survives_json(rig):
+    status = rig.run(1.5)
+    back = msgspec.json.decode(msgspec.json.encode(status), type=HostStatus)
+    assert back == status

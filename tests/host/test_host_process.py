@@ -1,0 +1,134 @@
+"""`run` as a process on the local hub with simulated drives: an orderly stop, and failures with a reason."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from palpate_edge.bus import BusConfig, open_bus
+
+PROGRAMS = {
+    "hub": "from palpate_host.bus.cli import bus; bus()",
+    "drives": "from palpate_host.twin.cli import drives; drives()",
+    "run": (
+        "import sys\n"
+        "from palpate_edge.errors import PalpateError\n"
+        "from palpate_host.run_cli import run\n"
+        "try:\n"
+        "    run(standalone_mode=False)\n"
+        "except PalpateError as exc:\n"
+        "    print(f'error: {exc}', file=sys.stderr)\n"
+        "    sys.exit(exc.exit_status)\n"
+    ),
+}
+PATIENCE_S = 60.0
+
+
+class Processes:
+    def __init__(self):
+        self.running = []
+
+    def start(self, program, *arguments):
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAMS[program], *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.running.append(process)
+        return process
+
+    def stop(self):
+        for process in reversed(self.running):
+            if process.poll() is None:
+                process.terminate()
+            process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def processes():
+    started = Processes()
+    yield started
+    started.stop()
+
+
+@pytest.fixture
+def hub(tmp_path, processes):
+    path = tmp_path / "hub.sock"
+    process = processes.start("hub", "hub", "--socket", path)
+    assert "hub: listening" in process.stderr.readline()
+    return path, process
+
+
+@pytest.fixture
+def config(tmp_path, hub, bench):
+    """Table 4 on this hub, blind by choice: drives alone move it."""
+    text = bench.TABLE_4.read_text()
+    text = text.replace('mjcf = "table4.xml"', f'mjcf = "{bench.TABLE_4.with_suffix(".xml")}"')
+    text = text.replace('interface = "palpate"', f'interface = "palpate"\nchannel = "{hub[0]}"')
+    path = tmp_path / "hand.toml"
+    path.write_text(text)
+    return path
+
+
+def wait_for(condition, what):
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"{what} did not come"
+        time.sleep(0.02)
+
+
+def last_status(path):
+    lines = path.read_text().splitlines() if path.exists() else []
+    return json.loads(lines[-1]) if lines else None
+
+
+def test_run_waits_for_the_missing_fingertips_and_stops_on_sigterm(tmp_path, processes, hub, config):
+    drives = processes.start("drives", "--config", config)
+    assert "simulated drives" in drives.stderr.readline()
+    status_path = tmp_path / "status.jsonl"
+    host = processes.start("run", "--config", config, "--status", status_path)
+
+    def only_fingertips_missing():
+        status = last_status(status_path)
+        return status is not None and status["reason"].startswith(
+            "waiting for fingertip of finger-1 (node 0x10)"
+        )
+
+    wait_for(only_fingertips_missing, "the drives' start-up")
+    with open_bus(BusConfig(interface="palpate", channel=str(hub[0])), "test", [0x000]) as bus:
+        host.send_signal(signal.SIGTERM)
+        _, said = host.communicate(timeout=PATIENCE_S)
+        assert (host.returncode, said) == (0, "")
+        stops = [frame.data[1] for _, frame in bus.receive(1.0) if frame.data[0] == 0x02]
+    assert sorted(stops) == [*range(1, 10), 0x10, 0x11, 0x12]
+    assert last_status(status_path)["mode"] == "stop"
+
+
+def test_duration_ends_the_run(processes, config):
+    host = processes.start("run", "--config", config, "--duration", 0.1)
+    host.communicate(timeout=PATIENCE_S)
+    assert host.returncode == 0
+
+
+def test_a_hub_that_goes_is_a_bus_error(tmp_path, processes, hub, config):
+    status_path = tmp_path / "status.jsonl"
+    host = processes.start("run", "--config", config, "--status", status_path)
+    wait_for(lambda: last_status(status_path) is not None, "the first status")
+    os.kill(hub[1].pid, signal.SIGKILL)
+    _, said = host.communicate(timeout=PATIENCE_S)
+    assert host.returncode == 6
+    assert said.startswith("error: ") and said.count("\n") == 1
+
+
+def test_no_hub_is_a_bus_error(tmp_path, processes, config, hub):
+    hub[1].terminate()
+    hub[1].wait(PATIENCE_S)
+    host = processes.start("run", "--config", config)
+    _, said = host.communicate(timeout=PATIENCE_S)
+    assert host.returncode == 6
+    assert "cannot open palpate bus" in said and said.count("\n") == 1

@@ -1,0 +1,105 @@
+"""The modes' ladder in virtual time, row by row as the configuration promises it."""
+
+import dataclasses
+
+import pytest
+
+from palpate_host.supervisor import Decision, FingerHealth, Inputs, Mode, Tiers, decide
+
+TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500)
+FRESH = FingerHealth("finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, is_silent=False)
+GOOD = Inputs(
+    now_us=10_000,
+    stop="",
+    waiting_for="",
+    drives_waiting="",
+    no_virtual_frame="",
+    no_contact_frame="",
+    blind_by_choice=False,
+    fingers=(FRESH, FRESH, FRESH),
+)
+
+
+def at(mode, since_us=0):
+    return Decision(mode, "", since_us)
+
+
+def with_finger(**changes):
+    changed = dataclasses.replace(FRESH, name="finger-2", **changes)
+    return dataclasses.replace(GOOD, fingers=(FRESH, changed, FRESH))
+
+
+def test_start_up_waits_for_nodes_drives_frames_and_the_grasp():
+    one = decide(at(Mode.INIT), dataclasses.replace(GOOD, waiting_for="node 3"), TIERS)
+    assert (one.mode, one.reason) == (Mode.INIT, "waiting for node 3")
+    two = decide(one, dataclasses.replace(GOOD, drives_waiting="drive of curl_1"), TIERS)
+    assert (two.mode, two.reason) == (Mode.READY, "waiting for drive of curl_1")
+    three = decide(two, with_finger(frame_age_us=None, contact_age_us=None), TIERS)
+    assert (three.mode, three.reason) == (Mode.READY, "waiting for a valid frame of finger-2")
+    four = decide(three, GOOD, TIERS)
+    assert four.mode is Mode.HOLD
+    assert decide(four, dataclasses.replace(GOOD, now_us=10_499), TIERS).mode is Mode.HOLD
+    assert decide(four, dataclasses.replace(GOOD, now_us=10_500), TIERS).mode is Mode.MANIPULATE
+
+
+@pytest.mark.parametrize(
+    ("changes", "mode", "reason"),
+    [
+        ({"contact_age_us": 100}, Mode.MANIPULATE, "every finger"),
+        ({"contact_age_us": 200}, Mode.MANIPULATE, "every finger"),
+        ({"contact_age_us": 201}, Mode.BLIND, "finger-2: contact older"),
+        ({"in_contact": False, "contact_age_us": 1}, Mode.BLIND, "finger-2: no contact"),
+        ({"contact_age_us": 1000}, Mode.BLIND, "finger-2"),
+        ({"contact_age_us": 1001}, Mode.HOLD, "finger-2: no contact for more"),
+        ({"is_silent": True}, Mode.HOLD, "finger-2: heartbeat lost"),
+        ({"frame_age_us": 3000}, Mode.MANIPULATE, "every finger"),
+        ({"frame_age_us": 3001}, Mode.STOP, "finger-2: no valid frame"),
+    ],
+)
+def test_ladder_from_manipulate(changes, mode, reason):
+    decision = decide(at(Mode.MANIPULATE), with_finger(**changes), TIERS)
+    assert decision.mode is mode and decision.reason.startswith(reason)
+
+
+def test_an_old_contact_is_a_warning_first():
+    assert decide(at(Mode.MANIPULATE), with_finger(contact_age_us=100), TIERS).warning == ""
+    decision = decide(at(Mode.MANIPULATE), with_finger(contact_age_us=101), TIERS)
+    assert decision.mode is Mode.MANIPULATE and decision.warning.startswith("finger-2")
+
+
+def test_blind_recovers_at_once_but_hold_settles_first():
+    assert decide(at(Mode.BLIND, 9_999), GOOD, TIERS).mode is Mode.MANIPULATE
+    assert decide(at(Mode.HOLD, 9_999), GOOD, TIERS).mode is Mode.HOLD
+
+
+def test_hold_never_goes_blind_for_it_has_no_frame_to_freeze():
+    assert decide(at(Mode.HOLD), with_finger(in_contact=False), TIERS).mode is Mode.HOLD
+
+
+def test_frames_that_do_not_exist():
+    no_contacts = dataclasses.replace(GOOD, no_contact_frame="parallel")
+    assert decide(at(Mode.MANIPULATE), no_contacts, TIERS).mode is Mode.BLIND
+    no_tips = dataclasses.replace(GOOD, no_virtual_frame="on one line")
+    assert decide(at(Mode.MANIPULATE), no_tips, TIERS).mode is Mode.HOLD
+    assert decide(at(Mode.BLIND), dataclasses.replace(no_tips, blind_by_choice=True), TIERS).mode is Mode.HOLD
+
+
+def test_blind_by_choice_needs_no_fingertip():
+    gone = FingerHealth("finger-1", None, None, False, True)
+    inputs = dataclasses.replace(GOOD, blind_by_choice=True, fingers=(gone, gone, gone))
+    assert decide(at(Mode.READY), inputs, TIERS).mode is Mode.HOLD
+    assert decide(at(Mode.HOLD, 0), inputs, TIERS).mode is Mode.BLIND
+    assert decide(at(Mode.HOLD, 9_999), inputs, TIERS).mode is Mode.HOLD
+
+
+@pytest.mark.parametrize("mode", [mode for mode in Mode if mode is not Mode.STOP])
+def test_every_mode_stops_and_stop_is_left_by_nothing(mode):
+    stopped = decide(at(mode), dataclasses.replace(GOOD, stop="drive of curl_1: fault"), TIERS)
+    assert (stopped.mode, stopped.reason) == (Mode.STOP, "drive of curl_1: fault")
+    assert decide(stopped, GOOD, TIERS) is stopped
+
+
+def test_since_moves_only_with_the_mode():
+    decision = decide(at(Mode.MANIPULATE, 123), GOOD, TIERS)
+    assert decision.since_us == 123
+    assert decide(decision, with_finger(in_contact=False), TIERS).since_us == 10_000
