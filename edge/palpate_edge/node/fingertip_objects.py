@@ -100,7 +100,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     if not doubt:
         flags = ContactFlag.VALID | (ContactFlag.CONTACT if contact.in_contact else ContactFlag(0))
     objects[FLAGS, 0] = flags
-    objects[QUALITY, 0] = 0 if doubt else clamp(round(UINT8_MAX * contact.quality), 0, UINT8_MAX)
+    objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
     objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & 0xFFFF_FFFF
     objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX
     objects[LATENCY, 0] = clamp(latency_us, 0, UINT16_MAX)
@@ -112,7 +112,7 @@ def encode_health(health: Health) -> dict[ObjectKey, int]:
     """The objects of TPDO 4 but 2021h, which goes with the contact."""
     temperature = TEMPERATURE_UNKNOWN
     if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
-        temperature = clamp(round(10 * health.temperature_degC), INT16_MIN, TEMPERATURE_UNKNOWN - 1)
+        temperature = clamp(10 * health.temperature_degC, INT16_MIN, TEMPERATURE_UNKNOWN - 1)
     return {
         (TEMPERATURE, 0): temperature,
         (FRAMES_DROPPED, 0): clamp(health.frames_dropped, 0, UINT16_MAX),
@@ -160,5 +160,6 @@ def encode_channel(value: float | None, increments_per_unit: int) -> tuple[int, 
     return round(increments), ChannelStatus(0)
 
 
-def clamp(value: int, low: int, high: int) -> int:
-    return max(low, min(high, value))
+def clamp(value: float, low: int, high: int) -> int:
+    """The whole number nearest to `value`, which may be infinite, within `low` and `high`."""
+    return round(max(low, min(high, value)))
