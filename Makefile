@@ -1,0 +1,58 @@
+# palpate: the two commands are `make demo` and `make test`. `make help` lists the others.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint unit bench lock format system-deps clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
+
+demo: $(VENV)/host.stamp  ## set up, then hub, three fingertips, nine drives and the host for 20 s
+	$(BIN)/palpate-host demo
+
+test: lint unit  ## set up, then every check and test (tests whose tool is missing say so and skip)
+
+lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet . || { echo 'error: unformatted files: run make format'; exit 1; }
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+unit: $(VENV)/dev.stamp  ## pytest; PYTEST_ARGS selects, as in make unit PYTEST_ARGS="-m 'not demo'"
+	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives
+	$(BIN)/python -m bench
+
+format: $(VENV)/dev.stamp  ## format the sources
+	$(BIN)/ruff check --fix-only --quiet .
+	$(BIN)/ruff format .
+
+lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64) and the bench's extras
+	sh requirements/lock.sh $(BIN)/uv
+
+system-deps:  ## what apt has and some tests use: tshark (needs root or sudo)
+	sh requirements/system-deps.sh
+
+clean:  ## remove the virtual environment, caches and the demo's output
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
+
+$(VENV)/pyvenv.cfg:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "error: $(PYTHON) is older than 3.11: give another one, as in make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -m venv $(VENV) \
+	  || { rm -rf $(VENV); echo "error: no venv module: apt install python3-venv, or give another PYTHON"; exit 1; }
+
+$(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock pyproject.toml
+	@echo "installing what the host and the fingertip need into $(VENV)"
+	@$(PIP) install --require-hashes -r requirements/host.lock
+	@$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/host.stamp requirements/dev.lock
+	@echo "installing the test tools into $(VENV)"
+	@$(PIP) install --require-hashes -r requirements/dev.lock
+	@touch $@

@@ -1,0 +1,16 @@
+#!/bin/sh
+# Renew the locks: one resolution for all, cut to what each machine installs. Universal: every file of every
+# version is hashed, so x86-64 and aarch64 install from the same lock.
+set -eu
+uv=$1
+common="--universal --python-version 3.11 --generate-hashes --no-header --no-annotate
+        --no-emit-index-url --no-emit-find-links --quiet"
+cd "$(dirname "$0")/.."
+lock() {
+    # shellcheck disable=SC2086
+    "$uv" pip compile pyproject.toml $common --no-emit-package palpate "$@"
+}
+lock --all-extras --upgrade -o requirements/full.lock
+lock -c requirements/full.lock --extra host --extra onnx --extra train --extra dev -o requirements/dev.lock
+lock -c requirements/full.lock --extra host --extra onnx requirements/build.in -o requirements/host.lock
+lock -c requirements/full.lock --extra onnx requirements/build.in -o requirements/edge.lock

@@ -1,0 +1,17 @@
+#!/bin/sh
+# Install what apt has and some tests use. Every one is optional: without it its tests skip and name it.
+set -eu
+packages="tshark"
+if [ "$(id -u)" -eq 0 ]; then sudo=""; else sudo="sudo"; fi
+missing=""
+for package in $packages; do
+    dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'install ok installed' || missing="$missing $package"
+done
+if [ -z "$missing" ]; then
+    echo "system-deps: all there: $packages"
+    exit 0
+fi
+echo "system-deps: installing$missing"
+$sudo apt-get update -qq
+# shellcheck disable=SC2086
+$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
