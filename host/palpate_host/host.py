@@ -22,6 +22,8 @@ from palpate_host.master import HostCore
 from palpate_host.status_stream import StatusStream
 
 BUS_NAME = "host"
+# Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.
+LINGER_S = 0.05
 
 
 def load_hand(path: Path) -> tuple[HandConfig, Hand]:
@@ -65,6 +67,7 @@ def _loop(core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: flo
         if stream is not None and output.frames_out and output.status is not None:
             stream.write(output.status)
         if output.finished:
+            time.sleep(LINGER_S)
             return output.failure
         wait_s = max(0, output.next_due_us - now_us()) * 1e-6
         frames = bus.receive(wait_s)

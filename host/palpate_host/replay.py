@@ -20,6 +20,7 @@ from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore
+from palpate_host.network import HEARTBEAT_ID
 from palpate_host.supervisor import Mode
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
@@ -78,12 +79,18 @@ def replay_to_log(log_path: Path, config: HandConfig, hand: Hand) -> Replay:
 
 
 def replay(records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> Replay:
-    """Run `records` (at least one) through a fresh HostCore from the first stamp to the last."""
+    """Run `records` (at least one) through a fresh HostCore from the host's first frame to the last frame.
+
+    What came before the host's first heartbeat it did not hear; a log without a host is heard from its
+    beginning.
+    """
     core = HostCore(config, hand)
     wanted = set(core.accept_ids)
-    inputs = [record for record in records if record.frame.can_id in wanted]
+    own_id = HEARTBEAT_ID + config.network.host_node
+    own = (record.stamp_us for record in records if record.frame.can_id == own_id)
+    now_us = next(own, records[0].stamp_us)
     end_us = records[-1].stamp_us
-    now_us = records[0].stamp_us
+    inputs = [r for r in records if r.frame.can_id in wanted and r.stamp_us >= now_us]
     answers: list[LogRecord] = []
     modes: list[Mode] = []
     taken = 0

@@ -1,0 +1,108 @@
+"""Renews the golden replay: the only way to do it.
+
+    python tests/replay/refresh.py                  make a new log in virtual time, then its golden answers
+    python tests/replay/refresh.py DEMO.log         take a recorded log (its first seconds), then its answers
+    python tests/replay/refresh.py --answers-only   keep the log, renew the answers after a meant change
+
+The log and the answers are candump logs, compressed. Look at the difference before you commit it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import sys
+import tempfile
+from pathlib import Path
+
+import click
+
+from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_host.host import load_hand
+from palpate_host.replay import contract_header, replay_to_log, write_output
+
+HERE = Path(__file__).parent
+LOG = HERE / "hand.log.gz"
+ANSWERS = HERE / "hand.answers.log.gz"
+VIRTUAL_SECONDS = 4.0
+LARGEST_BYTES = 300_000
+
+
+def pack(source: Path, target: Path) -> None:
+    """Compress without a time stamp or a name, so that equal content is an equal file."""
+    with target.open("wb") as raw, gzip.GzipFile("", "wb", compresslevel=9, fileobj=raw, mtime=0) as packed:
+        packed.write(source.read_bytes())
+
+
+def unpack(source: Path, target: Path) -> Path:
+    target.write_bytes(gzip.decompress(source.read_bytes()))
+    return target
+
+
+def load_bench():
+    spec = importlib.util.spec_from_file_location(
+        "palpate_virtual_bench", HERE.parent / "host" / "virtual_bench.py"
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def virtual_log(path: Path) -> None:
+    """Start-up, turning, one finger letting go for 0.4 s, and turning again."""
+    bench = load_bench()
+    config, hand = bench.load_table_4()
+
+    def feel(finger, time_us, _pose):
+        lost = finger == 2 and 1_800_000 <= time_us - bench.START_US < 2_200_000
+        return None if lost else (1.5 * finger, -4.0, 29.7)
+
+    rig = bench.VirtualBench(config, hand, feel=feel)
+    rig.run(VIRTUAL_SECONDS)
+    write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log])
+
+
+def cut(source: Path, target: Path, seconds: float) -> None:
+    log = read_log(source)
+    end_us = log.records[0].stamp_us + round(seconds * 1e6)
+    kept = [record for record in log.records if record.stamp_us <= end_us]
+    write_log(target, LogHeader(log.header.entries), kept)
+
+
+@click.command()
+@click.argument("recorded", required=False, type=click.Path(path_type=Path, exists=True))
+@click.option(
+    "--seconds", default=VIRTUAL_SECONDS, show_default=True, help="How much of a recorded log to keep."
+)
+@click.option(
+    "--config", "config_path", type=click.Path(path_type=Path), help="hand.toml; Table 4's by default."
+)
+@click.option("--answers-only", is_flag=True, help="Keep the log, renew the golden answers.")
+def refresh(recorded: Path | None, seconds: float, config_path: Path | None, answers_only: bool) -> None:
+    """Write hand.log.gz and hand.answers.log.gz anew."""
+    config, hand = load_hand(config_path or load_bench().TABLE_4)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "hand.log"
+        if not answers_only:
+            if recorded is None:
+                virtual_log(log)
+            else:
+                cut(recorded, log, seconds)
+            pack(log, LOG)
+        unpack(LOG, log)
+        result = replay_to_log(log, config, hand)
+        answers = Path(folder) / "answers.log"
+        write_output(answers, result)
+        pack(answers, ANSWERS)
+    for path in (LOG, ANSWERS):
+        if path.stat().st_size > LARGEST_BYTES:
+            raise click.ClickException(
+                f"{path.name} has more than {LARGEST_BYTES} bytes: use fewer --seconds"
+            )
+    modes = " ".join(mode.value for mode in result.modes)
+    click.echo(f"{result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
+
+
+if __name__ == "__main__":
+    refresh()

@@ -1,0 +1,109 @@
+"""A log through the host: bit for bit the committed answers, whenever and wherever it runs."""
+
+import gzip
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palpate_host
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_host.host import load_hand
+from palpate_host.replay import check_contract, contract_header, replay, replay_to_log
+from palpate_host.supervisor import Mode
+
+HERE = Path(__file__).parent
+TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
+REPLAY = "from palpate_host.run_cli import replay; replay()"
+
+
+@pytest.fixture(scope="session")
+def hand_and_config():
+    return load_hand(TABLE_4)
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "hand.log"
+    path.write_bytes(gzip.decompress((HERE / "hand.log.gz").read_bytes()))
+    return path
+
+
+def golden():
+    return gzip.decompress((HERE / "hand.answers.log.gz").read_bytes())
+
+
+@pytest.mark.parametrize("zone", ["UTC", "Asia/Kathmandu", "America/St_Johns"])
+def test_answers_are_the_golden_ones_in_every_time_zone(tmp_path, log, zone):
+    for number in (1, 2):
+        answers = tmp_path / f"answers-{number}.log"
+        done = subprocess.run(
+            [sys.executable, "-c", REPLAY, str(log), "--config", str(TABLE_4), "-o", str(answers)],
+            env={**os.environ, "TZ": zone, "PYTHONHASHSEED": str(number)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "modes: init ready hold manipulate" in done.stdout
+        assert answers.read_bytes() == golden(), (
+            "the host answers otherwise than before; if meant: python tests/replay/refresh.py --answers-only"
+        )
+
+
+def test_the_golden_log_shows_what_it_should(log, hand_and_config):
+    result = replay_to_log(log, *hand_and_config)
+    assert result.modes[:4] == (Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE)
+    assert Mode.BLIND in result.modes
+    assert result.failure == ""
+
+
+def test_the_answers_are_what_the_live_host_sent(log, hand_and_config):
+    """The recorded host ran in virtual time too, so the replay must give its very frames and times."""
+    records = read_log(log).records
+    nodes = hand_and_config[0].node_names
+    host_ids = {0x000, 0x080, 0x77F} | {base + node for node in nodes for base in (0x200, 0x600)}
+    sent = [(record.stamp_us, record.frame) for record in records if record.frame.can_id in host_ids]
+    answered = [(record.stamp_us, record.frame) for record in replay_to_log(log, *hand_and_config).records]
+    assert answered == sent
+
+
+def test_one_changed_byte_changes_the_answers(log, hand_and_config):
+    """The comparison would see it: a contact moved by 0.64 mm or more is another torque somewhere."""
+    records = list(read_log(log).records)
+    mark = [i for i, record in enumerate(records) if record.frame.can_id == 0x190][40]
+    data = bytearray(records[mark].frame.data)
+    data[3] ^= 0x04
+    changed = LogRecord(records[mark].stamp_us, type(records[mark].frame)(0x190, bytes(data)))
+    result = replay([*records[:mark], changed, *records[mark + 1 :]], *hand_and_config)
+    assert result.records != replay(records, *hand_and_config).records
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "way_out"),
+    [
+        ("eds.fingertip", "0123456789abcdef", "the palpate version that made it"),
+        ("eds.cia402", "0123456789abcdef", "the palpate version that made it"),
+        ("node.0x10", "drive of thumb", "the hand.toml it was recorded with"),
+        ("eds.fingertip", None, "its EDS and nodes are unknown"),
+    ],
+)
+def test_a_log_of_another_contract_is_refused(tmp_path, hand_and_config, key, value, way_out):
+    config, _ = hand_and_config
+    entries = dict(contract_header(config).entries)
+    if value is None:
+        del entries[key]
+    else:
+        entries[key] = value
+    with pytest.raises(ConfigError, match=key) as caught:
+        check_contract(tmp_path / "x.log", LogHeader(entries), config)
+    assert way_out in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_an_empty_log_is_refused(tmp_path, hand_and_config):
+    path = tmp_path / "empty.log"
+    write_log(path, contract_header(hand_and_config[0]), [])
+    with pytest.raises(ConfigError, match="holds no frame"):
+        replay_to_log(path, *hand_and_config)
