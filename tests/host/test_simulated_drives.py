@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import struct
+import subprocess
+import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import can
 import canopen
@@ -16,7 +20,7 @@ from canopen.profiles.p402 import BaseNode402
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError, ConfigError
 from palpate_host import hand_config
@@ -341,3 +345,43 @@ def test_two_runs_of_the_same_frames_are_the_same() -> None:
         return [drive.process(at_us, frames).frames_out for at_us, frames in traffic]
 
     assert run() == run()
+
+
+HUB = "from palpate_host.bus.cli import bus; bus()"
+DRIVES = "from palpate_host.twin.cli import drives; drives()"
+
+
+@contextmanager
+def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A process that has said its first line; killed if it still runs at the end."""
+    command = [sys.executable, "-c", program, *arguments]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            assert process.stderr.readline()
+            yield process
+        finally:
+            process.kill()
+
+
+def test_the_command_serves_every_drive_of_a_hand_and_stops_at_sigterm(tmp_path: Path) -> None:
+    socket = tmp_path / "hub.sock"
+    on_the_hub = f'interface = "palpate"\nchannel = "{socket}"'
+    hand = tmp_path / "hand.toml"
+    hand.write_text(TABLE_4_HAND.read_text().replace('interface = "palpate"', on_the_hub))
+    config = BusConfig(interface="palpate", channel=str(socket))
+    with (
+        running(HUB, "hub", "--socket", str(socket)),
+        open_bus(config, "test") as bus,
+        running(DRIVES, "--config", str(hand)) as process,
+    ):
+        booted: set[int] = set()
+        assert eventually(lambda: boot_ups(bus, booted) == {0x700 + node for node in range(1, 10)})
+        process.terminate()
+        _, said = process.communicate(timeout=WAIT_S)
+        assert (process.returncode, "9 switch on disabled" in said) == (0, True)
+
+
+def boot_ups(bus: Bus, seen: set[int]) -> set[int]:
+    seen |= {frame.can_id for _, frame in bus.receive(0) if frame.data == b"\x00"}
+    return seen
