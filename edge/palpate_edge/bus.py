@@ -184,6 +184,11 @@ def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = No
     accept_ids: the 11-bit identifiers to receive, filtered by kernel, controller or hub; None for all.
     Raises BusError with the reason and the way out.
     """
+    if config.interface not in can.VALID_INTERFACES:
+        raise BusError(
+            f"bus of {name}: python-can knows no interface {config.interface!r} "
+            f"(channel {config.channel!r}): set socketcan or palpate"
+        )
     if accept_ids is not None and not accept_ids:
         raise BusError(f"bus of {name}: accept_ids is empty: name an identifier, or give None to receive all")
     filters: list[can.typechecking.CanFilter] | None = None

@@ -10,9 +10,14 @@ from pathlib import Path
 
 import can
 import pytest
+from hypothesis import HealthCheck, settings
 
 from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_host.bus.client import HubBus
+
+# No test depends on how busy the machine is.
+settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any-machine")
 
 MAIN = "from palpate_host.bus.cli import bus; bus()"
 

@@ -290,6 +290,30 @@ def test_a_client_that_vanishes_is_dropped(hub, open_port):
     assert statistics(hub).ports == []
 
 
+def test_the_last_words_of_a_client_go_out(start_hub, open_port):
+    start_hub("--bitrate", "50000")
+    listener, leaver = open_port("listener"), open_port("leaver")
+    listener.send(message(0x7FF))  # leaves something unread with the leaver
+    for number in range(30):
+        leaver.send(message(number))
+    leaver.shutdown()
+    assert [listener.recv(PATIENCE_S).arbitration_id for _ in range(30)] == list(range(30))
+
+
+def test_a_client_that_only_sends_keeps_a_bounded_number_of_frames(start_hub, open_port, monkeypatch):
+    monkeypatch.setattr("palpate_host.bus.client.MAX_PENDING", 10)
+    start_hub("--bitrate", "0")
+    deaf, other = open_port("deaf"), open_port("other")
+    for number in range(30):
+        other.send(message(number))
+        for can_id in (0x700, 0x701):  # the second is sent when the hub has delivered before it
+            deaf.send(message(can_id))
+            assert other.recv(PATIENCE_S).arbitration_id == can_id
+    kept = [deaf.recv(PATIENCE_S) for _ in range(11)]
+    assert [one.arbitration_id for one in kept] == [*range(10), 0x04]
+    assert kept[-1].is_error_frame
+
+
 def test_another_bit_rate_is_refused(hub, open_port):
     with pytest.raises(can.CanInitializationError, match="bit rate is 1000000, slow asks for 125000"):
         open_port("slow", bitrate=125_000)

@@ -80,6 +80,7 @@ def hub(
     """
     server = Hub(socket_path, bitrate, txqueuelen)
     try:
+        signal.set_wakeup_fd(server.wake_descriptor)
         _on_stop_signal(server.stop)
         if log_path is not None:
             server.log = LogWriter(log_path, _header(header_entries))
@@ -87,6 +88,7 @@ def hub(
         server.run()
         click.echo(f"hub: {status_line(server.statistics())}", err=True)
     finally:
+        signal.set_wakeup_fd(-1)
         server.close()
 
 

@@ -31,6 +31,7 @@ from palpate_host.bus.default_socket import default_socket
 from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
 
 CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
+MAX_PENDING = 8192  # frames that `recv` has not taken yet
 WAIT_SLICE_S = 0.005
 _OWN = int(FrameFlag.OWN)
 
@@ -83,10 +84,10 @@ class HubBus(can.BusABC):
         hello = Hello(self._name, bitrate or 0, receive_own_messages, control_only=False)
         try:
             self._greet(hello)
+            super().__init__(channel=str(self._path), can_filters=can_filters)
         except can.CanError as error:
             self._close()
             raise can.CanInitializationError(str(error)) from error
-        super().__init__(channel=str(self._path), can_filters=can_filters)
 
     @property
     def state(self) -> can.BusState:
@@ -187,7 +188,7 @@ class HubBus(can.BusABC):
     def _handle(self, kind: Kind, payload: bytes) -> None:
         if kind is Kind.DELIVER:
             for won_at_us, flags, frame in protocol.parse_stamped(payload):
-                self._messages.append(_message(won_at_us, flags, frame, str(self._path)))
+                self._keep(_message(won_at_us, flags, frame, str(self._path)))
         elif kind is Kind.CREDIT:
             self._credits += protocol.parse_count(payload)
         elif kind is Kind.VERDICT:
@@ -203,6 +204,13 @@ class HubBus(can.BusABC):
             raise link.rejected(self._path, payload)
         else:
             raise protocol.GarbledStreamError(f"message {kind.name} has no place here")
+
+    def _keep(self, message: can.Message) -> None:
+        """Bounded: a client that sends and never receives takes frames from the socket all the same."""
+        if len(self._messages) < MAX_PENDING:
+            self._messages.append(message)
+        elif not self._messages[-1].is_error_frame:
+            self._messages.append(_error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
 
     def _change_mode(self, mode: Mode) -> None:
         if (mode ^ self._mode) & Mode.BUS_OFF:

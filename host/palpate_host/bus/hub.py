@@ -65,6 +65,7 @@ class Hub:
         # A signal handler (or another thread) that calls `stop` wakes the selector through this pair.
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
+        self._wake_out.setblocking(False)
         self._selector.register(self._wake_in, selectors.EVENT_READ)
 
     def run(self) -> None:
@@ -84,6 +85,11 @@ class Hub:
         self._stopping = True
         with contextlib.suppress(BlockingIOError):
             self._wake_out.send(b"x")
+
+    @property
+    def wake_descriptor(self) -> int:
+        """For signal.set_wakeup_fd: a signal that comes just before the wait then ends the wait."""
+        return self._wake_out.fileno()
 
     def statistics(self) -> Statistics:
         """All counters."""
@@ -112,6 +118,8 @@ class Hub:
     def _serve(self, end: object, events: int) -> None:
         if end is self._listener:
             self._accept()
+        elif end is self._wake_in:
+            self._wake_in.recv(RECEIVE_BYTES)
         elif isinstance(end, socket.socket) and end in self._clients and events & selectors.EVENT_READ:
             self._read(end)
 
@@ -154,9 +162,8 @@ class Hub:
             del client.output[:sent]
         except BlockingIOError:
             pass
-        except OSError:
-            self._hang_up(connection)
-            return
+        except OSError:  # it has gone; `_read` takes its last words and then hangs up
+            client.output.clear()
         self._watch_writable(connection, bool(client.output))
 
     def _watch_writable(self, connection: socket.socket, congested: bool) -> None:

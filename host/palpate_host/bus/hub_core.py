@@ -75,7 +75,7 @@ class HubCore:
         self._held_count = 0
 
     def disconnect(self, client: Client) -> None:
-        """Forgets a client and all that it had waiting."""
+        """Forgets a client; what it had queued still goes out, what a fault holds back does not."""
         if client.port is not None:
             self.wire.detach(client.port)
             del self._by_port[client.port]

@@ -56,6 +56,7 @@ class _Port:
     queue: deque[_Waiting] = field(default_factory=deque)
     counted: int = 0  # in the queue, copies left out
     bus_off: bool = False
+    leaving: bool = False
 
     def accepts(self, can_id: int) -> bool:
         if self.bus_off:
@@ -87,9 +88,17 @@ class Wire:
         return port
 
     def detach(self, port: int) -> None:
-        """Removes a port with all that waits in its queue; a frame already on the wire is still sent."""
-        del self._ports[port]
+        """Removes a port as soon as its queue is empty; it hears nothing from now on.
+
+        What a node has queued before it leaves still goes out, as it does from a controller's queue: its last
+        words may be the command to stop.
+        """
+        leaver = self._ports[port]
+        leaver.leaving = True
+        leaver.filters = ()
         self._routes.clear()
+        if not leaver.queue:
+            del self._ports[port]
 
     def set_filters(self, port: int, filters: Filters) -> None:
         """Acceptance filters of a port: a frame passes when one of them equals it under its mask."""
@@ -156,8 +165,11 @@ class Wire:
             ),
             key=self._priority,
         )
-        waiting = self._ports[winner].queue.popleft()
-        self._ports[winner].counted -= not waiting.copy
+        sender = self._ports[winner]
+        waiting = sender.queue.popleft()
+        sender.counted -= not waiting.copy
+        if sender.leaving and not sender.queue:
+            self.detach(winner)
         frame = waiting.frame
         bits = frame_bits(frame)
         receivers = self._receivers(winner, frame.can_id)
