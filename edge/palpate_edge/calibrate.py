@@ -86,13 +86,28 @@ def _measure_reference(
         contrast.append(refined.contrast)
         area.append(refined.area)
         progress(number)
-    reference = Reference(
-        np.median(position, axis=0), sight.diameter_px, np.median(contrast, axis=0), np.median(area, axis=0)
-    )
-    everything = np.ones(len(reference.position_px), dtype=np.bool_)
+    reference, measured = _reference(sight, np.array(position), np.array(contrast), np.array(area))
     skin = SkinMotion(reference)
-    motion = [skin.size_px(Beads(frame, everything, False)) for frame in position]
+    motion = [skin.size_px(Beads(frame, measured, False)) for frame in position]
     return reference, motion
+
+
+def _reference(
+    sight: FirstSight, position_px: Array, contrast: Array, area: Array
+) -> tuple[Reference, NDArray[np.bool_]]:
+    """Medians over the frames (f, n[, 2]), and which beads were really measured.
+
+    A bead that the first frame does not show stands where the layout has it and is given the others' looks,
+    so that it counts as lost until a bead appears there.
+    """
+    contrast, area = np.median(contrast, axis=0), np.median(area, axis=0)
+    measured = np.asarray(sight.seen & (contrast > 0) & (area > 0))
+    if not measured.any():
+        raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
+    place = np.where(measured[:, None], np.median(position_px, axis=0), sight.position_px)
+    contrast = np.where(measured, contrast, np.median(contrast[measured]))
+    area = np.where(measured, area, np.median(area[measured]))
+    return Reference(place, sight.diameter_px, contrast, area), measured
 
 
 def _fit(samples: list[tuple[Press, RawContact]]) -> PaperModel:

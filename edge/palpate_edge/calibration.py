@@ -78,11 +78,10 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def save_calibration(calibration: Calibration, path: Path) -> None:
     """Write the file whole or not at all: temporary file, fsync, rename."""
     sealed = msgspec.structs.replace(calibration, checksum=calibration.digest())
-    text = msgspec.json.format(msgspec.json.encode(sealed), indent=1)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.parent / f".{path.name}.{os.getpid()}.tmp"
     try:
         with temporary.open("wb") as file:
-            file.write(text + b"\n")
+            file.write(_text(sealed))
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -91,23 +90,29 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
         raise CalibrationError(f"{path} cannot be written: {error.strerror}") from None
 
 
+def _text(calibration: Calibration) -> bytes:
+    """The one way in which a calibration is written down."""
+    return msgspec.json.format(msgspec.json.encode(calibration), indent=1) + b"\n"
+
+
 def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file. Raises CalibrationError naming the file and the way out."""
     again = "make it again with palpate-edge calibrate"
     try:
-        calibration = msgspec.json.decode(path.read_bytes(), type=Calibration)
+        data = path.read_bytes()
+        calibration = msgspec.json.decode(data, type=Calibration)
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge calibrate") from None
     except OSError as error:
         raise CalibrationError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise CalibrationError(f"{path} is no whole calibration ({error}): {again}") from None
     if calibration.format != FORMAT or calibration.version != VERSION:
         raise CalibrationError(
             f"{path} is {calibration.format} version {calibration.version}, this program reads "
             f"{FORMAT} version {VERSION}: {again}"
         )
-    if calibration.checksum != calibration.digest():
+    if calibration.checksum != calibration.digest() or data != _text(calibration):
         raise CalibrationError(f"{path} was changed or damaged (its checksum does not match): {again}")
     return calibration
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,6 +30,13 @@ def cli() -> None:
       palpate-edge inspect frame.png -o beads.png
     """
     cv2.setNumThreads(1)
+    _quieten_libraries()
+
+
+def _quieten_libraries() -> None:
+    """What goes wrong is said by our own one line on stderr, not by OpenCV and FFmpeg as well."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 @cli.command()

@@ -56,7 +56,7 @@ def read_config(path: Path) -> FingertipConfig:
         raise ConfigError(f"{path} is missing: write it as in docs/configuration.md") from None
     except OSError as error:
         raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: {error}: correct it as in docs/configuration.md") from None
     folder = path.resolve().parent
     capture = msgspec.structs.replace(config.capture, path=str(folder / config.capture.path))

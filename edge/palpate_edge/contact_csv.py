@@ -28,7 +28,7 @@ COLUMNS = (
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
     """Write (frame name, contact, milliseconds) rows; the file appears whole, at the end, or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.parent / f".{path.name}.{os.getpid()}.tmp"
     try:
         with temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")

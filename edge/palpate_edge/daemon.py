@@ -27,7 +27,9 @@ from palpate_edge.estimator import Estimator
 from palpate_edge.node.events import Event, NodeIdConflict, ObjectWritten
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health, Method
+from palpate_edge.offline import check_recording
 from palpate_edge.pixel_thread import PixelThread
+from palpate_edge.sensor import read_sensor
 
 LONGEST_WAIT_S = 0.5
 
@@ -115,11 +117,12 @@ def _handle(config: FingertipConfig, events: tuple[Event, ...], pixels: PixelThr
 def _open_source(
     config: FingertipConfig, calibration: Calibration, clock: Callable[[], int]
 ) -> RealTimeSource:
-    recording = open_recording(Path(config.capture.path), grey=calibration.appearance.channel == "grey")
-    if recording.sensor is not None:
-        check_sensor(
-            calibration, Path(config.estimator.calibration), recording.sensor, Path(config.capture.path)
-        )
+    path, calibration_path = Path(config.capture.path), Path(config.estimator.calibration)
+    if config.estimator.sensor:
+        description = Path(config.estimator.sensor)
+        check_sensor(calibration, calibration_path, read_sensor(description), description)
+    recording = open_recording(path, grey=calibration.appearance.channel == "grey")
+    check_recording(calibration, calibration_path, recording.sensor, path)
     return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock)
 
 

@@ -13,6 +13,7 @@ from palpate_edge.images import list_images
 from palpate_edge.sensor import Sensor, read_sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
+SPLITS = frozenset({"train", "test"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +94,11 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
             raise DatasetError(f"{path} line {number}: {column} is {cell[column]!r}, not a number")
         return number_read
 
-    if Path(cell["frame"]).name != cell["frame"]:
+    if Path(cell["frame"]).name != cell["frame"] or cell["frame"] in {"", ".."} or "\0" in cell["frame"]:
         raise DatasetError(f"{path} line {number}: frame {cell['frame']!r} is not a file name")
-    touches = cell["x_mm"] != ""
+    if cell["split"] not in SPLITS:
+        raise DatasetError(f"{path} line {number}: split is {cell['split']!r}, not train or test")
+    touches = any(cell[column] for column in ("x_mm", "y_mm", "z_mm"))
     return Press(
         frame=cell["frame"],
         split=cell["split"],

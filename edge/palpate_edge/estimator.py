@@ -52,6 +52,7 @@ class Estimator:
         self._refused = 0
         self._tare_left = 0
         self._tare_sum = np.zeros_like(self._rest.position_px)
+        self._tare_count = np.zeros(len(self._rest.position_px))
 
     @property
     def health(self) -> EstimatorHealth:
@@ -59,8 +60,12 @@ class Estimator:
         return EstimatorHealth(counters.frames, self._refused, counters.beads_lost, counters.searches)
 
     def tare(self) -> None:
-        """Take the mean of the next `TARE_FRAMES` frames with every bead seen as the untouched sensor."""
+        """Take the mean of the next `TARE_FRAMES` frames as the untouched sensor.
+
+        A bead that none of them shows keeps the rest place it had.
+        """
         self._tare_sum = np.zeros_like(self._rest.position_px)
+        self._tare_count = np.zeros(len(self._rest.position_px))
         self._tare_left = TARE_FRAMES
 
     def estimate(self, frame: Frame) -> Contact:
@@ -114,12 +119,13 @@ class Estimator:
         self._mesh = VirtualPointMesh(rest.position_px, self._ring_of)
 
     def _take_tare(self, beads: Beads) -> None:
-        if not beads.found.all():
-            return
-        self._tare_sum += beads.position_px
+        self._tare_sum[beads.found] += beads.position_px[beads.found]
+        self._tare_count += beads.found
         self._tare_left -= 1
         if self._tare_left == 0:
-            self._rest_on(replace(self._rest, position_px=self._tare_sum / TARE_FRAMES))
+            mean = self._tare_sum / np.maximum(self._tare_count, 1)[:, None]
+            seen = self._tare_count[:, None] > 0
+            self._rest_on(replace(self._rest, position_px=np.where(seen, mean, self._rest.position_px)))
 
     def _unusable(self, image: Image) -> str:
         """Why an image cannot hold the beads at all; empty when it can."""

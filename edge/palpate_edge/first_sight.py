@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
 FIT_ROUNDS = 4
+MAX_RESIDUAL_DIAMETERS = 0.3  # a blob farther from its fitted place is no bead
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,10 @@ def _recognise(
             return 0.0, None
         pose = fit_pose(sensor.camera, layout_mm[seen], blobs.position_px[partner[seen]])
         start_px = View(sensor.camera, pose).project(layout_mm)
+    residual_px = np.linalg.norm(blobs.position_px[partner] - start_px, axis=1)
+    seen = seen & (residual_px < MAX_RESIDUAL_DIAMETERS * diameter_px)  # else skin between beads would do
+    if not seen.any():
+        return 0.0, None
     position_px = np.where(seen[:, None], blobs.position_px[partner], start_px)
     clearness = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
     fitted = View(sensor.camera, pose)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ from palpate_edge.errors import DatasetError
 from palpate_edge.markers import Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp"})
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 VIDEO_SUFFIXES = frozenset({".mp4", ".m4v", ".avi", ".mkv", ".webm", ".mov"})
 
 
@@ -32,21 +34,38 @@ def read_image(path: Path, *, grey: bool = False) -> Image:
         raise DatasetError(f"{path} is missing: the dataset names it") from None
     except OSError as error:
         raise DatasetError(f"{path} cannot be read: {error.strerror}") from None
-    if _is_cut_short(data):
-        raise DatasetError(f"{path} is cut short ({len(data)} bytes): record or copy it again")
     if not data:
         raise DatasetError(f"{path} is empty: record or copy it again")
+    if not _is_whole(data):
+        raise DatasetError(f"{path} is cut short or damaged ({len(data)} bytes): record or copy it again")
     flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:  # a header that promises more pixels than OpenCV allows
+        image = None
     if image is None:
         raise DatasetError(f"{path} is no image that can be decoded: record or copy it again")
     return np.asarray(image, dtype=np.uint8)
 
 
-def _is_cut_short(data: bytes) -> bool:
-    """A JPEG without its end marker or a PNG without its last chunk decodes to a half-grey picture."""
+def _is_whole(data: bytes) -> bool:
+    """A JPEG without its end marker decodes to a half-grey picture, a damaged PNG makes its library talk on
+    stderr; both are told from whole ones before decoding. A JPEG carries no checksum."""
     if data.startswith(b"\xff\xd8"):
-        return b"\xff\xd9" not in data[-64:]
-    if data.startswith(b"\x89PNG"):
-        return b"IEND" not in data[-64:]
+        return b"\xff\xd9" in data[-64:]
+    if data.startswith(PNG_SIGNATURE[:4]):
+        return _png_chunks_are_whole(data)
+    return True
+
+
+def _png_chunks_are_whole(data: bytes) -> bool:
+    """Every chunk up to IEND has the CRC that it carries (PNG specification, 5.3)."""
+    at = len(PNG_SIGNATURE)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]).to_bytes(4, "big") != data[end : end + 4]:
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
     return False

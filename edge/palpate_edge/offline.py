@@ -16,6 +16,7 @@ from palpate_edge.errors import CalibrationError, DatasetError
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
 from palpate_edge.markers import plane
+from palpate_edge.sensor import Sensor
 from palpate_edge.tracking import Tracker
 
 MAX_REFERENCE_SHIFT_PX = 1.5  # two sensors of one make differ by more, one sensor over its life by less
@@ -34,10 +35,7 @@ def estimate_recording(
     """
     recording = open_recording(path, grey=calibration.appearance.channel == "grey")
     try:
-        if recording.sensor is not None:
-            check_sensor(calibration, calibration_path, recording.sensor, path / "sensor.toml")
-        if is_dataset(path):
-            _check_reference(calibration, calibration_path, path)
+        check_recording(calibration, calibration_path, recording.sensor, path)
         estimator = Estimator(calibration)
         size_fits = False
         for frame in all_frames(recording):
@@ -55,6 +53,19 @@ def estimate_recording(
             progress(frame.sequence + 1, recording.count)
     finally:
         recording.close()
+
+
+def check_recording(
+    calibration: Calibration, calibration_path: Path, described: Sensor | None, path: Path
+) -> None:
+    """Refuse a recording of another sensor: by its description and its reference frames, where it has them.
+
+    Raises CalibrationError.
+    """
+    if described is not None:
+        check_sensor(calibration, calibration_path, described, path / "sensor.toml")
+    if is_dataset(path):
+        _check_reference(calibration, calibration_path, path)
 
 
 def _check_reference(calibration: Calibration, calibration_path: Path, folder: Path) -> None:

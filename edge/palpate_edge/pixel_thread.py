@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
+from contextlib import suppress
 from typing import Protocol
 
 from palpate_edge.capture.frame import Frame
@@ -56,17 +57,16 @@ class PixelThread(threading.Thread):
 
     def take(self) -> list[Contact]:
         """The contacts since the last call, oldest first. Raises what stopped the thread, if anything did."""
-        try:
+        with suppress(BlockingIOError):  # nothing new; a failure may still wait behind the last contacts
             os.eventfd_read(self._wake)
-        except BlockingIOError:
-            return []
+        failure = self._failure  # read first: contacts appended later belong to the next call
         contacts = []
         while self._contacts:
             contacts.append(self._contacts.popleft())
-        if self._failure is not None and not contacts:
-            if isinstance(self._failure, PalpateError):
-                raise self._failure
-            raise RuntimeError("the pixel thread died") from self._failure
+        if failure is not None and not contacts:
+            if isinstance(failure, PalpateError):
+                raise failure
+            raise RuntimeError("the pixel thread died") from failure
         return contacts
 
     @property

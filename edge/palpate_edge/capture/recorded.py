@@ -163,6 +163,8 @@ class RealTimeSource:
             self._start_us = now
         period_us = 1e6 / self._recording.fps
         current = int((now - self._start_us) / period_us)  # the frame being exposed now
+        if not self._loop:
+            current = min(current, self._recording.count)  # after the end nothing is dropped
         if current > self._next:
             self.dropped += current - self._next
             self._next = current

@@ -1,0 +1,211 @@
+"""Shared fixtures: a drawn sensor that needs no recorded data, and the recorded data beside the project."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import Calibration, save_calibration
+from palpate_edge.dataset import read_dataset
+
+Array = NDArray[np.float64]
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+STIFFNESS_N_MM = 0.8
+HEADER = "frame,split,t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost\n"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Callable[[str], Path]:
+    """A folder of the recorded data beside the project; the test is skipped where it is not there."""
+
+    def folder(name: str) -> Path:
+        path = SHARED_DATA / name
+        if not path.is_dir():
+            pytest.skip(f"../shared/data/{name} is missing")
+        return path
+
+    return folder
+
+
+@dataclass(frozen=True)
+class DrawnDome:
+    """A dome of beads drawn by plain trigonometry: its places are the truth that the tests compare with.
+
+    offset_mm, tilt_rad (about x, then about y) and focal_scale are what the camera is off from nominal.
+    bead_bgr, skin_bgr: colours. Pictures are grey when `colour` is False.
+    """
+
+    rings: tuple[tuple[float, int, float], ...] = (
+        (0, 1, 0),
+        (15, 6, 0),
+        (30, 12, 15),
+        (45, 18, 0),
+        (60, 24, 7.5),
+        (75, 24, 0),
+    )
+    width: int = 320
+    height: int = 240
+    focal_px: float = 190.0
+    offset_mm: tuple[float, float, float] = (0.4, -0.3, 0.3)
+    tilt_rad: tuple[float, float] = (0.01, -0.008)
+    focal_scale: float = 1.01
+    bead_bgr: tuple[float, float, float] = (30, 30, 30)
+    skin_bgr: tuple[float, float, float] = (150, 155, 165)
+    noise: float = 1.5
+
+    def beads_mm(self) -> Array:
+        """Bead centres (n, 3) in F."""
+        points = []
+        for theta_deg, count, phi0_deg in self.rings:
+            for number in range(count):
+                theta, phi = math.radians(theta_deg), math.radians(phi0_deg + 360 * number / count)
+                points.append(
+                    (
+                        26.5 * math.sin(theta) * math.cos(phi),
+                        26.5 * math.sin(theta) * math.sin(phi),
+                        26.5 * math.cos(theta),
+                    )
+                )
+        return np.array(points)
+
+    def project(self, points_mm: Array) -> Array:
+        """(n, 3) in F -> (n, 2) pixels by a pinhole camera turned about x, then about y."""
+        x, y, z = (points_mm - np.array([0.0, 0.0, -45.0]) - self.offset_mm).T
+        a, b = self.tilt_rad
+        x, z = math.cos(b) * x - math.sin(b) * z, math.sin(b) * x + math.cos(b) * z
+        y, z = math.cos(a) * y + math.sin(a) * z, -math.sin(a) * y + math.cos(a) * z
+        focal = self.focal_px * self.focal_scale
+        return np.stack([self.width / 2 + focal * x / z, self.height / 2 + focal * y / z], axis=1)
+
+    def pressed_mm(self, theta_rad: float, phi_rad: float, depth_mm: float) -> Array:
+        """Bead centres (n, 3) under a press: a smooth dent that pushes inwards and spreads sideways."""
+        beads = self.beads_mm()
+        normal = _unit(theta_rad, phi_rad)
+        along = beads @ normal / 26.5
+        angle = np.arccos(np.clip(along, -1, 1))
+        sideways = beads / 26.5 - along[:, None] * normal
+        bump = depth_mm * np.exp(-((angle / 0.45) ** 2))
+        return np.asarray(beads - bump[:, None] * normal + 0.9 * bump[:, None] * sideways / 0.45)
+
+    def picture(self, beads_mm: Array, seed: int, hidden: tuple[int, ...] = ()) -> NDArray[np.uint8]:
+        """The camera's image (height, width, 3) of beads at these places."""
+        return self.draw(self.project(beads_mm), self._sizes_px(beads_mm), seed, hidden)
+
+    def draw(
+        self, at_px: Array, diameter_px: Array, seed: int, hidden: tuple[int, ...] = ()
+    ) -> NDArray[np.uint8]:
+        """A shaded disk of skin with round beads (n, 2), (n,) at exactly these places, and noise."""
+        row, column = np.mgrid[0 : self.height, 0 : self.width].astype(np.float32)
+        centre = at_px.mean(axis=0)
+        reach = np.linalg.norm(at_px - centre, axis=1).max() + 1.3 * diameter_px.max()
+        radius = np.hypot(column - centre[0], row - centre[1])
+        shade = (1 - 0.35 * (radius / reach) ** 2) * np.clip(reach - radius, 0, 1)
+        image = 12 + shade[..., None] * np.asarray(self.skin_bgr, dtype=np.float32)
+        for number, ((x, y), size) in enumerate(zip(at_px, diameter_px, strict=True)):
+            if number in hidden:
+                continue
+            left, top, half = int(x - size), int(y - size), int(2 * size) + 2
+            window = np.s_[max(0, top) : top + half, max(0, left) : left + half]
+            distance = np.hypot(column[window] - x, row[window] - y)
+            cover = np.clip(size / 2 - distance + 0.5, 0, 1)[..., None]
+            image[window] += cover * (np.asarray(self.bead_bgr, dtype=np.float32) - image[window])
+        image = cv2.GaussianBlur(image, (0, 0), 0.6)
+        random = np.random.default_rng(seed)
+        noisy = image + self.noise * random.standard_normal(image.shape, dtype=np.float32)
+        return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
+
+    def sensor_toml(self) -> str:
+        """The nominal description."""
+        rings = ", ".join(f"{{theta_deg = {t}, count = {n}, phi0_deg = {p}}}" for t, n, p in self.rings)
+        return (
+            "[dome]\nouter_radius_mm = 30.0\nwall_mm = 5.0\n"
+            f"[markers]\nradius_mm = 26.5\ndiameter_mm = 3.0\nrings = [{rings}]\n"
+            f"[camera]\nwidth = {self.width}\nheight = {self.height}\n"
+            f"matrix = [{self.focal_px}, {self.focal_px}, {self.width / 2}, {self.height / 2}]\n"
+            "position_mm = [0.0, 0.0, -45.0]\nfps = 30\n"
+        )
+
+    def write(self, folder: Path, presses: int = 0, seed: int = 1) -> Path:
+        """A press dataset: 5 reference frames, then presses in turn train, train, train, test; every tenth
+        frame touches nothing."""
+        for name in ("reference", "frames"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        (folder / "sensor.toml").write_text(self.sensor_toml())
+        for number in range(5):
+            image = self.picture(self.beads_mm(), seed=1000 * seed + number)
+            _write(folder / "reference" / f"{number}.png", image)
+        random = np.random.default_rng(seed)
+        lines = [HEADER]
+        for number in range(presses):
+            theta, phi = random.uniform(0, math.radians(65)), random.uniform(-math.pi, math.pi)
+            depth = 0.0 if number % 10 == 9 else random.uniform(0.4, 2.5)
+            image = self.picture(self.pressed_mm(theta, phi, depth), seed=1000 * seed + 100 + number)
+            _write(folder / "frames" / f"{number:03}.png", image)
+            lines.append(_truth_row(number, theta, phi, depth))
+        (folder / "truth.csv").write_text("".join(lines))
+        return folder
+
+    def _sizes_px(self, beads_mm: Array) -> Array:
+        distance = np.linalg.norm(beads_mm - np.array([0.0, 0.0, -45.0]), axis=1)
+        return np.asarray(self.focal_px * 3.0 / distance)
+
+
+def _unit(theta_rad: float, phi_rad: float) -> Array:
+    sin = math.sin(theta_rad)
+    return np.array([sin * math.cos(phi_rad), sin * math.sin(phi_rad), math.cos(theta_rad)])
+
+
+def _write(path: Path, image: NDArray[np.uint8]) -> None:
+    assert cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+
+
+def _truth_row(number: int, theta_rad: float, phi_rad: float, depth_mm: float) -> str:
+    split = "test" if number % 4 == 3 else "train"
+    start = f"{number:03}.png,{split},{number / 30:.4f}"
+    if depth_mm == 0:
+        return f"{start},,,,0,0,0,0,none,0\n"
+    normal = _unit(theta_rad, phi_rad)
+    force_N = STIFFNESS_N_MM * depth_mm
+    place = ",".join(f"{30 * value:.4f}" for value in normal)
+    force = ",".join(f"{-force_N * value:.5f}" for value in normal)
+    return f"{start},{place},{force_N:.5f},{force},plate,0\n"
+
+
+@pytest.fixture(scope="session")
+def drawn_dome() -> DrawnDome:
+    """The drawn sensor of 85 dark beads, 320x240."""
+    return DrawnDome()
+
+
+@pytest.fixture(scope="session")
+def another_dome() -> Callable[..., DrawnDome]:
+    """A drawn sensor with other fields: ``another_dome(bead_bgr=(250, 250, 250))``."""
+    return lambda **fields: replace(DrawnDome(), **fields)
+
+
+@pytest.fixture(scope="session")
+def drawn_dataset(drawn_dome: DrawnDome, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A press dataset of the drawn sensor, 60 frames. Read only: copy it to change it."""
+    return drawn_dome.write(tmp_path_factory.mktemp("drawn") / "dome", presses=60)
+
+
+@pytest.fixture(scope="session")
+def drawn_calibration(drawn_dataset: Path) -> Calibration:
+    return calibrate(read_dataset(drawn_dataset))
+
+
+@pytest.fixture(scope="session")
+def drawn_calibration_file(drawn_calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The calibration of `drawn_dataset` as a file. Read only."""
+    path = tmp_path_factory.mktemp("calibration") / "drawn.cal"
+    save_calibration(drawn_calibration, path)
+    return path
