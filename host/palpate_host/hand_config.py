@@ -16,7 +16,8 @@ FINGER_COUNT = 3
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
-Name = Annotated[str, msgspec.Meta(min_length=1)]
+Text = Annotated[str, msgspec.Meta(min_length=1)]
+Name = Annotated[str, msgspec.Meta(pattern=r"^\S+$")]  # a word: it goes into log headers and option lists
 Milliseconds = Annotated[int, msgspec.Meta(ge=1, le=600_000)]
 
 
@@ -34,7 +35,7 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class ModelConfig(_Strict, frozen=True):
     """mjcf: path, relative to hand.toml. tip_sites: frame F of each dome, finger by finger."""
 
-    mjcf: Name
+    mjcf: Text
     tip_sites: Annotated[tuple[Name, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)]
 
 

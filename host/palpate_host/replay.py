@@ -41,8 +41,9 @@ class Replay:
 def contract_header(config: HandConfig) -> LogHeader:
     """The header of a log of this hand: a hash of each EDS and who each node is."""
     entries = {key: eds_hash(path) for key, path in EDS_FILES.items()}
-    entries |= {f"node.0x{node:02X}": name for node, name in sorted(config.node_names.items())}
-    return LogHeader(entries)
+    nodes = {joint.drive_node: f"drive:{joint.name}" for joint in config.joints}
+    nodes |= {finger.fingertip_node: f"fingertip:{finger.name}" for finger in config.fingers}
+    return LogHeader(entries | {f"node.0x{node:02X}": who for node, who in sorted(nodes.items())})
 
 
 def eds_hash(path: Path) -> str:
@@ -59,7 +60,7 @@ def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> Non
         if found is None:
             raise ConfigError(
                 f"{log_path}: its header has no {key}, so its EDS and nodes are unknown:"
-                " record it with palpate-host, or add the lines that `replay.contract_header` gives"
+                " record it with the --header lines that `palpate-host contract` prints"
             )
         way_out = (
             "replay it with the palpate version that made it, or record it anew"

@@ -1,4 +1,4 @@
-"""`palpate-host run` and `palpate-host replay`."""
+"""`palpate-host run`, `palpate-host replay` and `palpate-host contract`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from palpate_host import host
-from palpate_host.replay import replay_to_log, write_output
+from palpate_host.replay import contract_header, replay_to_log, write_output
 
 CONFIG = click.option(
     "--config",
@@ -61,3 +61,16 @@ def replay(log_path: Path, config_path: Path, output_path: Path | None) -> None:
     click.echo(f"{result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
     if result.failure:
         click.echo(f"the hand stopped: {result.failure}")
+
+
+@click.command()
+@CONFIG
+def contract(config_path: Path) -> None:
+    """Print the options that bind a recorded bus log to this hand's EDS files and nodes.
+
+    \b
+    palpate-host bus hub --log hand.log $(palpate-host contract --config hand.toml)
+    """
+    config, _ = host.load_hand(config_path)
+    for key, value in contract_header(config).entries.items():
+        click.echo(f"--header {key}={value}")

@@ -47,6 +47,7 @@ def test_table_4_is_the_papers(bench):
         (r"drive_node = 9", "drive_node = 128", r"<= 127.*drive_node"),
         (r'name = "finger-2"', 'name = "finger-1"', r"'finger-1' is used twice"),
         (r'"tip_2"', '"tip_1"', r"model.tip_sites 'tip_1' is used twice"),
+        (r'name = "finger-2"', 'name = "finger 2"', r"\^\\\\S\+\$.*fingers"),
         (r"direction = 1", "direction = 0", r"direction of abduction_1 is 0: set 1 or -1"),
         (r"max_rad = 0.5", "max_rad = -0.5", r"min_rad of abduction_1 is not below its max_rad"),
         (r"freeze_ms = 250", "freeze_ms = 1200", r"tiers must grow.*correct \[staleness\]"),
