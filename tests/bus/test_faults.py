@@ -10,7 +10,8 @@ from palpate_edge.errors import ConfigError
 from palpate_host.bus import protocol
 from palpate_host.bus.control import ClearFaults, Done, Inject, Refused, reply_decoder
 from palpate_host.bus.faults import MAX_RULES, FaultKind, FaultPlan, FaultRule
-from palpate_host.bus.hub_core import Client, HubCore
+from palpate_host.bus.hub_client import Client
+from palpate_host.bus.hub_core import HubCore
 from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
 
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
 from palpate_host.bus import protocol
-from palpate_host.bus.hub_core import Client, HubCore
+from palpate_host.bus.hub_client import Client
+from palpate_host.bus.hub_core import HubCore
 from palpate_host.bus.protocol import GarbledStreamError, Hello, Kind
 
 FRAMES = st.lists(

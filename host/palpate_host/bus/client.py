@@ -23,17 +23,17 @@ import can
 from can.typechecking import CanFilters
 
 from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
-from palpate_edge.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
 from palpate_host.bus import connection as link
 from palpate_host.bus import protocol
+from palpate_host.bus.can_message import classic_frame, error_frame, message
 from palpate_host.bus.default_socket import default_socket
 from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
 
 CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
 MAX_PENDING = 8192  # frames that `recv` has not taken yet
 WAIT_SLICE_S = 0.005
-_OWN = int(FrameFlag.OWN)
 
 
 class HubBus(can.BusABC):
@@ -106,7 +106,7 @@ class HubBus(can.BusABC):
         Raises can.CanOperationError: ENOBUFS queue full, ENETDOWN bus-off, EINVAL a frame classic CANopen
         has not (29-bit, FD, error frame, more than 8 bytes), EPIPE hub gone.
         """
-        frame = _classic_frame(msg)
+        frame = classic_frame(msg)
         with self._send_lock:
             self._take_arrived()
             if self._credits == 0 and timeout:
@@ -158,19 +158,19 @@ class HubBus(can.BusABC):
             self._write(protocol.filters_message(pairs))
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        message = self._next_message()
-        if message is None and (timeout is None or timeout > 0):
+        found = self._next_message()
+        if found is None and (timeout is None or timeout > 0):
             self._epoll.poll(timeout)
-            message = self._next_message()
-        return message, True
+            found = self._next_message()
+        return found, True
 
     def _next_message(self) -> can.Message | None:
         if not self._messages:
             self._take_arrived()
         with self._receive_lock:
-            message = self._messages.popleft() if self._messages else None
+            found = self._messages.popleft() if self._messages else None
             self._show_pending()
-        return message
+        return found
 
     def _take_arrived(self) -> None:
         """Takes what the hub has sent, without waiting."""
@@ -188,7 +188,7 @@ class HubBus(can.BusABC):
     def _handle(self, kind: Kind, payload: bytes) -> None:
         if kind is Kind.DELIVER:
             for won_at_us, flags, frame in protocol.parse_stamped(payload):
-                self._keep(_message(won_at_us, flags, frame, str(self._path)))
+                self._keep(message(won_at_us, flags, frame, str(self._path)))
         elif kind is Kind.CREDIT:
             self._credits += protocol.parse_count(payload)
         elif kind is Kind.VERDICT:
@@ -196,7 +196,7 @@ class HubBus(can.BusABC):
         elif kind is Kind.MODE:
             self._change_mode(Mode(protocol.parse_byte(payload)))
         elif kind is Kind.OVERRUN:
-            self._messages.append(_error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
+            self._messages.append(error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
         elif kind is Kind.WELCOME:
             self._credits, _ = protocol.parse_welcome(payload)
             self._welcomed = True
@@ -205,18 +205,18 @@ class HubBus(can.BusABC):
         else:
             raise protocol.GarbledStreamError(f"message {kind.name} has no place here")
 
-    def _keep(self, message: can.Message) -> None:
+    def _keep(self, arrived: can.Message) -> None:
         """Bounded: a client that sends and never receives takes frames from the socket all the same."""
         if len(self._messages) < MAX_PENDING:
-            self._messages.append(message)
+            self._messages.append(arrived)
         elif not self._messages[-1].is_error_frame:
-            self._messages.append(_error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
+            self._messages.append(error_frame(CAN_ERR_CRTL, CRTL_RX_OVERFLOW))
 
     def _change_mode(self, mode: Mode) -> None:
         if (mode ^ self._mode) & Mode.BUS_OFF:
             off = bool(mode & Mode.BUS_OFF)
             self._state = can.BusState.ERROR if off else can.BusState.ACTIVE
-            self._messages.append(_error_frame(CAN_ERR_BUSOFF if off else CAN_ERR_RESTARTED))
+            self._messages.append(error_frame(CAN_ERR_BUSOFF if off else CAN_ERR_RESTARTED))
         self._mode = mode
 
     def _show_pending(self) -> None:
@@ -261,44 +261,3 @@ class HubBus(can.BusABC):
             f"transmit queue of {self._name} is full, frame {frame.can_id:03X} not sent: send it again",
             errno.ENOBUFS,
         )
-
-
-def _classic_frame(msg: can.Message) -> CanFrame:
-    """The frame of a message; raises can.CanOperationError (EINVAL) for what classic CANopen has not."""
-    if msg.is_fd or msg.is_extended_id or msg.is_error_frame:
-        kind = "a CAN FD" if msg.is_fd else "an error" if msg.is_error_frame else "a 29-bit"
-        raise can.CanOperationError(
-            f"the CAN hub carries classic 11-bit frames only, not {kind} frame ({msg.arbitration_id:X})",
-            errno.EINVAL,
-        )
-    data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
-    if not 0 <= msg.arbitration_id <= MAX_STANDARD_ID or len(data) > MAX_DATA_BYTES:
-        raise can.CanOperationError(
-            f"no CAN frame: identifier {msg.arbitration_id:#x}, {len(data)} data bytes", errno.EINVAL
-        )
-    return CanFrame(msg.arbitration_id, data, msg.is_remote_frame)
-
-
-def _message(won_at_us: int, flags: int, frame: CanFrame, channel: str) -> can.Message:
-    return can.Message(
-        timestamp=won_at_us / 1e6,
-        arbitration_id=frame.can_id,
-        is_extended_id=False,
-        is_remote_frame=frame.remote,
-        dlc=len(frame.data),
-        data=frame.data,
-        channel=channel,
-        is_rx=not flags & _OWN,
-    )
-
-
-def _error_frame(error_class: int, controller: int = 0) -> can.Message:
-    """An error frame as the kernel gives it: class in the identifier, controller detail in data[1]."""
-    return can.Message(
-        timestamp=time.time(),
-        arbitration_id=error_class,
-        is_extended_id=False,
-        is_error_frame=True,
-        dlc=8,
-        data=bytes([0, controller, 0, 0, 0, 0, 0, 0]),
-    )

@@ -15,7 +15,8 @@ from palpate_edge.errors import BusError
 from palpate_host.bus import protocol
 from palpate_host.bus.candump import LogRecord, LogWriter
 from palpate_host.bus.control import Statistics
-from palpate_host.bus.hub_core import Client, HubCore
+from palpate_host.bus.hub_client import Client
+from palpate_host.bus.hub_core import HubCore
 from palpate_host.bus.protocol import GarbledStreamError, Kind
 
 RECEIVE_BYTES = 64 * 1024

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field
 
 import msgspec
 
@@ -17,7 +16,6 @@ from palpate_host.bus.control import (
     FaultStatistics,
     IdCount,
     Inject,
-    PortStatistics,
     Refused,
     Reply,
     Request,
@@ -25,37 +23,16 @@ from palpate_host.bus.control import (
     request_decoder,
 )
 from palpate_host.bus.faults import UNHARMED, FaultPlan
+from palpate_host.bus.hub_client import NO_MODE, Client
 from palpate_host.bus.protocol import FrameFlag, GarbledStreamError, Kind, Mode
 from palpate_host.bus.wire import Delivery, Submitted, Wire
 
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
 MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # with answers and credits, which are never left out
 
-NO_MODE = Mode(0)
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 _OWN = int(FrameFlag.OWN)
 _DELIVER_HEADER = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION, Kind.DELIVER, protocol.STAMPED.size)
-
-
-@dataclass(slots=True)
-class Client:
-    """One connection.
-
-    output: what the rim has to write to it. port: None before HELLO, and for a client that only controls.
-    """
-
-    splitter: protocol.Splitter = field(default_factory=protocol.Splitter)
-    output: bytearray = field(default_factory=bytearray)
-    name: str = ""
-    port: int | None = None
-    mode: Mode = NO_MODE
-    credits_owed: int = 0
-    overruns_untold: int = 0
-    sent: int = 0
-    delivered: int = 0
-    overruns: int = 0
-    refused: int = 0
-    lost_to_bus_off: int = 0
 
 
 class HubCore:
@@ -122,7 +99,7 @@ class HubCore:
             window_bits=self.load.window_bits(now_us),
             garbled_clients=self.garbled_clients,
             ids=[IdCount(can_id, *counts) for can_id, counts in sorted(self.load.by_id.items())],
-            ports=[_port_statistics(client) for client in self._by_port.values()],
+            ports=[client.statistics() for client in self._by_port.values()],
             faults=[FaultStatistics(rule, hits) for rule, hits in self.faults.rules()],
         )
 
@@ -264,15 +241,3 @@ def _parse_request(payload: bytes) -> Request:
         return request_decoder.decode(payload)
     except msgspec.MsgspecError as error:
         raise GarbledStreamError(f"REQUEST is not understood: {error}") from error
-
-
-def _port_statistics(client: Client) -> PortStatistics:
-    return PortStatistics(
-        name=client.name,
-        sent=client.sent,
-        delivered=client.delivered,
-        overruns=client.overruns,
-        refused=client.refused,
-        lost_to_bus_off=client.lost_to_bus_off,
-        bus_off=bool(client.mode & Mode.BUS_OFF),
-    )

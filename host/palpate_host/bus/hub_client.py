@@ -1,0 +1,44 @@
+"""What the hub knows of one connection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from palpate_host.bus import protocol
+from palpate_host.bus.control import PortStatistics
+from palpate_host.bus.protocol import Mode
+
+NO_MODE = Mode(0)
+
+
+@dataclass(slots=True)
+class Client:
+    """One connection.
+
+    output: what the rim has to write to it. port: None before HELLO, and for a client that only controls.
+    """
+
+    splitter: protocol.Splitter = field(default_factory=protocol.Splitter)
+    output: bytearray = field(default_factory=bytearray)
+    name: str = ""
+    port: int | None = None
+    mode: Mode = NO_MODE
+    credits_owed: int = 0
+    overruns_untold: int = 0
+    sent: int = 0
+    delivered: int = 0
+    overruns: int = 0
+    refused: int = 0
+    lost_to_bus_off: int = 0
+
+    def statistics(self) -> PortStatistics:
+        """Its counters."""
+        return PortStatistics(
+            name=self.name,
+            sent=self.sent,
+            delivered=self.delivered,
+            overruns=self.overruns,
+            refused=self.refused,
+            lost_to_bus_off=self.lost_to_bus_off,
+            bus_off=bool(self.mode & Mode.BUS_OFF),
+        )
