@@ -118,6 +118,8 @@ class Tracker:
         """Find every blob of the image and give each bead its own."""
         reference = self._reference
         blobs = find_blobs(dark, float(np.median(reference.diameter_px)))
+        if not len(blobs.strength):
+            return reference.position_px, np.zeros(len(reference.position_px), dtype=np.bool_)
         partner = assign(reference.position_px, blobs.position_px, self._spacing)
         start = np.where(partner[:, None] >= 0, blobs.position_px[partner], reference.position_px)
         position, found = self._windows(dark, start)

@@ -1,0 +1,147 @@
+"""Following beads: every bead keeps its number, a hidden one is told and comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from palpate_edge.markers import Appearance, plane
+from palpate_edge.tracking import NO_PARTNER, Reference, Tracker, assign, distances, spread
+
+SPACING_PX = 22.0
+
+
+def grid(side=7):
+    place = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2).astype(float)
+    return 60 + SPACING_PX * place
+
+
+@pytest.fixture(scope="module")
+def skin(another_dome):
+    """A flat skin of 49 beads of 9 px, 22 px apart: (reference, draw(places, hidden))."""
+    dome = another_dome(width=256, height=256, noise=1.5)
+
+    def draw(places, hidden=(), seed=1):
+        picture = dome.draw(places, np.full(len(places), 9.0), seed, hidden)
+        return plane(picture, Appearance())
+
+    count = len(grid())
+    reference = Reference(grid(), np.full(count, 9.0), np.full(count, 110.0), np.ones(count))
+    return reference, draw
+
+
+def sheared(places, amount_px):
+    """Shear along x: the last row moves by `amount_px`, the middle one not at all."""
+    height = np.ptp(places[:, 1]) / 2
+    return places + np.stack([amount_px * (places[:, 1] - places[:, 1].mean()) / height, 0 * places[:, 0]], 1)
+
+
+def bulged(places, amount_px):
+    """Beads pushed away from the middle, the most at one and a half spacings from it."""
+    away = places - places.mean(axis=0)
+    scaled = away / (1.5 * SPACING_PX)
+    return places + amount_px * scaled * np.exp(0.5 - 0.5 * (scaled**2).sum(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("move", [sheared, bulged])
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.45, -0.45])
+def test_labels_stay_in_one_jump(skin, move, share):
+    reference, draw = skin
+    places = move(grid(), share * SPACING_PX)
+    beads = Tracker(reference).follow(draw(places))
+    error = np.linalg.norm(beads.position_px - places, axis=1)
+    assert (error[beads.found] < 0.3).all()  # a bead that is said to be found is the right one
+    assert beads.found.mean() > 0.95
+
+
+@pytest.mark.parametrize("move", [sheared, bulged])
+def test_labels_stay_over_many_small_steps_beyond_a_spacing(skin, move):
+    reference, draw = skin
+    tracker = Tracker(reference)
+    for share in np.linspace(0, 1.2 if move is sheared else 0.6, 9):
+        places = move(grid(), share * SPACING_PX)
+        beads = tracker.follow(draw(places))
+        assert beads.found.all()
+        assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3
+    assert tracker.counters.searches == 0
+
+
+def test_hidden_beads_are_lost_and_come_back(skin):
+    reference, draw = skin
+    hidden = (0, 8, 24, 25)
+    tracker = Tracker(reference)
+    for shift, unseen in ((0.0, ()), (2.0, hidden), (4.0, hidden), (5.0, ())):
+        places = grid() + (shift, 0.0)
+        beads = tracker.follow(draw(places, unseen))
+        assert set(np.flatnonzero(~beads.found)) == set(unseen)
+        assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3 + 0.2 * bool(unseen)
+    assert tracker.counters.beads_lost == 2 * len(hidden)
+    assert tracker.counters.frames == 4
+
+
+def test_after_darkness_the_whole_image_is_searched_and_everything_found_again(skin):
+    reference, draw = skin
+    tracker = Tracker(reference)
+    dark = np.full((256, 256), 20, dtype=np.float32)
+    assert not tracker.follow(dark).found.any()
+    places = grid() + (6.0, -5.0)
+    beads = tracker.follow(draw(places))
+    assert beads.found.all()
+    assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3
+    assert tracker.counters.searches >= 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sets(st.integers(0, 48), max_size=20))
+def test_no_two_beads_sit_on_one_place(skin, seed, hidden):
+    reference, draw = skin
+    random = np.random.default_rng(seed)
+    places = grid() + random.normal(0, 3, (49, 2))
+    beads = Tracker(reference).follow(draw(places, tuple(hidden)))
+    apart = distances(beads.position_px[beads.found], beads.position_px[beads.found])
+    np.fill_diagonal(apart, np.inf)
+    assert apart.size == 0 or apart.min() > 4.5
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    amount=st.floats(-0.45, 0.45),
+    strangers=st.integers(0, 25),
+    move=st.sampled_from([sheared, bulged]),
+)
+def test_assignment_never_swaps_and_is_one_to_one(seed, amount, strangers, move):
+    random = np.random.default_rng(seed)
+    moved = move(grid(), amount * SPACING_PX)
+    order = random.permutation(len(moved))
+    noise = random.uniform(0, 256, (strangers, 2))
+    clear = distances(noise, moved).min(axis=1) > 0.6 * SPACING_PX if strangers else np.zeros(0, bool)
+    candidates = np.concatenate([moved[order], noise[clear]])
+    partner = assign(grid(), candidates, np.full(len(moved), SPACING_PX))
+    chosen = partner[partner != NO_PARTNER]
+    assert len(set(chosen)) == len(chosen)
+    truth = np.argsort(order)
+    given_away = partner != NO_PARTNER
+    assert (partner[given_away] == truth[given_away]).all()
+    assert given_away.mean() > 0.95
+
+
+def test_assignment_of_small_motion_is_the_best_one_of_all():
+    random = np.random.default_rng(3)
+    candidates = (grid() + random.normal(0, 2.5, (49, 2)))[random.permutation(49)]
+    best = linear_sum_assignment(distances(grid(), candidates) ** 2)[1]  # the Hungarian method
+    assert assign(grid(), candidates, np.full(49, SPACING_PX)).tolist() == best.tolist()
+
+
+def test_without_candidates_nobody_has_a_partner():
+    assert set(assign(grid(), np.zeros((0, 2)), np.full(49, SPACING_PX))) == {NO_PARTNER}
+
+
+def test_spread_of_a_constant_is_that_constant():
+    random = np.random.default_rng(2)
+    known, wanted = random.uniform(0, 200, (30, 2)), random.uniform(-500, 500, (9, 2))
+    value = np.tile([3.0, -4.0], (30, 1))
+    assert np.allclose(spread(known, value, wanted, np.full(9, 12.0)), [3.0, -4.0])
