@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -157,7 +157,9 @@ def test_torque_is_held_within_6072(enabled: SimulatedDrive) -> None:
     assert statusword(enabled) & 1 << 11
 
 
-def test_6072_refuses_more_than_the_rated_torque(drive: SimulatedDrive) -> None:
+def test_6072_takes_the_rated_torque_and_refuses_more(drive: SimulatedDrive) -> None:
+    output = drive.process(1, (CanFrame(0x605, struct.pack("<BHBHxx", 0x2B, 0x6072, 0, 1000)),))
+    assert output.frames_out[0].data == struct.pack("<BHB4x", 0x60, 0x6072, 0)
     output = drive.process(1, (CanFrame(0x605, struct.pack("<BHBHxx", 0x2B, 0x6072, 0, 1001)),))
     assert output.frames_out[0].data == struct.pack("<BHBI", 0x80, 0x6072, 0, 0x0609_0031)
 
@@ -187,6 +189,18 @@ def test_leaving_operational_takes_the_torque_away(enabled: SimulatedDrive, comm
     enabled.process(1, (rpdo(0x0F, 200), CanFrame(0x000, bytes([command, 5]))))
     assert enabled.state is DriveState.FAULT
     assert enabled.torque_per_mille == 0
+
+
+def test_a_fault_is_told_and_its_end_too(enabled: SimulatedDrive) -> None:
+    output = enabled.process(1, (CanFrame(0x000, b"\x80\x05"),))
+    assert emergencies(output.frames_out) == [struct.pack("<HB5x", 0x8100, 0x11)]
+    output = enabled.process(3, (START, rpdo(0x80)))
+    assert emergencies(output.frames_out) == [bytes(8)]
+    assert enabled.slave.read(0x1001) == 0
+
+
+def emergencies(frames: Sequence[CanFrame]) -> list[bytes]:
+    return [frame.data for frame in frames if frame.can_id == 0x085]
 
 
 def test_a_node_reset_switches_off_and_keeps_the_position(enabled: SimulatedDrive) -> None:
@@ -253,6 +267,19 @@ def test_the_drives_of_a_hand_take_direction_offset_and_limits_from_it() -> None
         assert drive.plant.parameters.max_rad - drive.plant.parameters.min_rad == pytest.approx(
             joint.max_rad - joint.min_rad
         )
+
+
+def test_a_mirrored_drive_starts_at_its_own_angle_and_limits(tmp_path: Path) -> None:
+    """q = -drive + 0.25: curl_1 at 1.221 rad within 0..1.8 is the drive at -0.971 within -1.55..0.25."""
+    old = "drive_node = 3, direction = 1, zero_offset_rad = 0.0"
+    hand = tmp_path / "hand.toml"
+    hand.write_text(
+        TABLE_4_HAND.read_text().replace(old, "drive_node = 3, direction = -1, zero_offset_rad = 0.25")
+    )
+    config, _ = hand_config.load(hand)
+    plant = drives_of(config, (0.0, 0.348, 1.221))[2].plant
+    assert plant.position_rad == pytest.approx(-0.971)
+    assert (plant.parameters.min_rad, plant.parameters.max_rad) == pytest.approx((-1.55, 0.25))
 
 
 def test_a_pose_of_the_wrong_length_is_refused() -> None:

@@ -111,6 +111,14 @@ def test_a_frame_with_an_identifier_of_ours_is_a_conflict(fingertip: FingertipNo
     assert can_id in fingertip.slave.accept_ids()
 
 
+def test_remote_frames_are_not_served(fingertip: FingertipNode) -> None:
+    """Node guarding asks with a remote frame of our identifier: no conflict, no answer."""
+    fingertip.process(0, ())
+    guarding, sdo = CanFrame(0x710, b"", True), CanFrame(0x610, bytes(8), True)
+    output = fingertip.process(1, (guarding, sdo))
+    assert (output.frames_out, output.events) == ((), ())
+
+
 @pytest.mark.parametrize("can_id", [0x711, 0x191, 0x591, 0x080, 0x091])
 def test_frames_of_other_nodes_are_no_conflict(fingertip: FingertipNode, can_id: int) -> None:
     output = fingertip.process(0, (CanFrame(can_id, b"\x00"),))

@@ -43,7 +43,7 @@ def test_no_pdo_outside_operational(slave: Slave) -> None:
     assert slave.process(1, (CanFrame(0x210, COMMAND),)).events == ()
     slave.process(2, (START, CanFrame(0x000, b"\x02\x10")))
     slave.trigger((2,))
-    assert sent(slave, 3, SYNC) == []
+    assert sent(slave, 3, SYNC, CanFrame(0x210, COMMAND)) == []
     assert slave.read(0x6071) == 0
 
 
@@ -160,6 +160,14 @@ def test_the_deadline_of_an_rpdo_counts_from_its_first_reception(slave: Slave) -
     assert output.events == (RpdoTimedOut(1),)
     assert output.frames_out == (CanFrame(EMCY, bytes.fromhex("50 82 11 00 00 00 00 00")),)
     assert slave.process(1_500_000, ()).events == ()
+
+
+def test_a_reset_forgets_the_errors(slave: Slave) -> None:
+    slave.process(0, (START, CanFrame(0x210, b"")))
+    assert slave.read(0x1001) == 0x11
+    slave.process(1, (CanFrame(0x000, b"\x82\x10"),))
+    assert slave.read(0x1001) == 0
+    assert EMCY not in sent(slave, 2, START)
 
 
 def test_an_emergency_in_stopped_waits(slave: Slave) -> None:
