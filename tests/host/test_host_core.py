@@ -52,6 +52,8 @@ def test_start_up_to_manipulation_and_an_orderly_stop(rig):
     assert (status.mode, status.reason) == (Mode.STOP, "stopped by the operator")
     assert rig.output.finished and rig.output.failure == ""
     assert drives_are_off(rig)
+    quick_stops = {f.can_id for _, f in rig.log if 0x200 < f.can_id < 0x20A and f.data[:2] == b"\x02\x00"}
+    assert quick_stops == set(range(0x201, 0x20A))
     # NMT stop to each of the twelve nodes is the last thing said.
     assert [f.data[:1] for _, f in rig.log[-12:] if f.can_id == 0] == [b"\x02"] * 12
 
@@ -101,6 +103,38 @@ def test_object_orientation_is_followed_through_delay(bench, table_4):
     # 2 s at 2 deg/s. INT16 positions of 0.01 mm on 30 mm leave 0.02 deg.
     np.testing.assert_allclose(angle, [0, 0, 4.0], atol=0.2)
     assert status.fit_residual_deg < 0.1
+
+
+def test_contacts_are_paired_with_the_pose_of_their_exposure(bench, table_4):
+    """The object turns with the moving virtual frame, so M must stay, though every frame is 40 ms late.
+
+    The fingers swing by 0.2 rad at 1 Hz: the pose of now, or of the nearest tick, would be wrong by degrees.
+    """
+    config, hand = table_4
+    config = changed(config, "control", contact_filter_s=0.0, K_r=0.0)
+
+    def feel(finger, _time_us, pose):
+        azimuth = 2 * np.pi * finger / 3
+        outwards = virtual_frame(pose.tip_centre_m) @ [np.cos(azimuth), np.sin(azimuth), 0.0]
+        return tuple(30.0 * (pose.tip_rotation[finger].T @ -outwards))
+
+    rig = bench.VirtualBench(config, hand, feel=feel)
+    rig.run(1.0)
+    resting = [drive.plant.parameters for drive in rig.drives]
+    begun = len(rig.statuses)
+    for step in range(150):
+        for joint in (0, 3, 6):
+            angle_rad = 0.2 * np.sin(2 * np.pi * step / 100)
+            rig.drives[joint].plant.parameters = dataclasses.replace(
+                resting[joint], grasp_rad=angle_rad, load_stiffness_Nm_rad=40.0
+            )
+        rig.run(0.01)
+    swing = [np.array(status.R_vir) for status in rig.statuses[begun:]]
+    widest = max(Rotation.from_matrix(R @ swing[0].T).magnitude() for R in swing)
+    M = [R.T @ np.array(status.R_c) for R, status in zip(swing, rig.statuses[begun:], strict=True)]
+    wobble = max(Rotation.from_matrix(m @ M[0].T).magnitude() for m in M)
+    assert np.degrees(widest) > 10.0
+    assert np.degrees(wobble) < 0.3
 
 
 def test_the_loop_turns_the_desired_frame_against_what_the_object_does(bench, table_4):

@@ -18,7 +18,7 @@ _POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
 
 
 class DriveGroup:
-    """The hand's drives as one."""
+    """The hand's drives as one; `receive` understands the identifiers `receive_ids`."""
 
     def __init__(self, joints: Sequence[JointConfig]) -> None:
         self._names = [joint.name for joint in joints]
@@ -28,11 +28,7 @@ class DriveGroup:
         self._identifications = {d.node_id: DriveIdentification(d.node_id, d.name) for d in self.drives}
         self._by_id = {can_id: drive for drive in self.drives for can_id in drive.receive_ids}
         self._by_reply = {i.reply_id: i for i in self._identifications.values()}
-
-    @property
-    def receive_ids(self) -> tuple[int, ...]:
-        """The identifiers that `receive` understands."""
-        return (*self._by_id, *self._by_reply)
+        self.receive_ids = frozenset((*self._by_id, *self._by_reply))
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
         """Take a TPDO or an SDO reply in; BusError when it cannot be what the EDS says."""
