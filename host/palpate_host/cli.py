@@ -7,6 +7,9 @@ import click
 from palpate_edge import __version__
 from palpate_edge.cli import run_cli
 from palpate_host.bus.cli import bus
+from palpate_host.demo.cli import demo
+from palpate_host.run_cli import contract, replay, run
+from palpate_host.twin.cli import drives
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -15,7 +18,8 @@ def cli() -> None:
     """Touch for robot hands, the part on the host."""
 
 
-cli.add_command(bus)
+for _command in (run, demo, replay, contract, drives, bus):
+    cli.add_command(_command)
 
 
 def main() -> None:

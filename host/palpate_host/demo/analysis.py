@@ -1,0 +1,117 @@
+"""All figures of a run, from its bus log, its configuration files and the truth of the recordings alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from palpate_edge.dataset import read_dataset
+from palpate_edge.errors import DatasetError
+from palpate_host.bus.candump import read_log
+from palpate_host.demo.hand_motion import (
+    HandFigures,
+    JointTorque,
+    Moment,
+    hand_figures,
+    joint_torques,
+    replay_modes,
+)
+from palpate_host.demo.run_folder import RunFolder
+from palpate_host.demo.traffic import Traffic, traffic
+from palpate_host.demo.truth import FingerFigures, Pair, finger_figures, read_pairs
+from palpate_host.hand_config import HandConfig
+from palpate_host.host import load_hand
+from palpate_host.replay import check_contract
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What summary.json holds. origin: the lines of the log's header."""
+
+    started_at: str
+    duration_s: float
+    bitrate: int
+    origin: Mapping[str, str]
+    fingers: tuple[FingerFigures, ...]
+    bus: Traffic
+    hand: HandFigures
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """The summary and the series behind it. begin_us: stamp of the log's first frame."""
+
+    summary: Summary
+    begin_us: int
+    config: HandConfig
+    recording: Path
+    pairs: tuple[list[Pair], ...]
+    moments: list[Moment]
+    torques: list[JointTorque]
+
+
+def analyse(folder: RunFolder) -> Analysis:
+    """Read a run folder.
+
+    Raises LogError, ConfigError or DatasetError for what is missing, damaged or of another contract.
+    """
+    config, hand = load_hand(folder.hand_toml)
+    log = read_log(folder.log)
+    check_contract(folder.log, log.header, config)
+    if len(log.records) < 2:
+        raise DatasetError(f"{folder.log}: holds no traffic: run the demo again")
+    fingers, all_pairs = [], []
+    recording = Path()
+    for fingertip in folder.fingertips():
+        recording = Path(fingertip.capture.path)
+        truth = read_dataset(recording).presses
+        if not truth:
+            raise DatasetError(f"{recording}: has no truth.csv: use a recording with its truth")
+        pairs, incomplete = read_pairs(log.records, fingertip.node.id, truth)
+        all_pairs.append(pairs)
+        fingers.append(finger_figures(fingertip.name, pairs, incomplete))
+    begin_us = log.records[0].stamp_us
+    moments = replay_modes(log.records, config, hand)
+    torques = joint_torques(log.records, config)
+    bus = traffic(log.records, config.bus.bitrate, config)
+    summary = Summary(
+        started_at=datetime.fromtimestamp(begin_us // 1_000_000, UTC).isoformat(),
+        duration_s=bus.duration_s,
+        bitrate=config.bus.bitrate,
+        origin=log.header.entries,
+        fingers=tuple(fingers),
+        bus=bus,
+        hand=hand_figures(moments, torques, begin_us),
+    )
+    return Analysis(summary, begin_us, config, recording.parent, tuple(all_pairs), moments, torques)
+
+
+def write_summary(path: Path, summary: Summary) -> None:
+    """Write summary.json."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n")
+
+
+def summary_lines(summary: Summary) -> list[str]:
+    """The short summary for the terminal."""
+    lines = []
+    for finger in summary.fingers:
+        error, latency = finger.position_error_mm, finger.latency_us
+        parts = [f"{finger.frames} frames, {finger.dropped} dropped, {finger.refused} refused"]
+        if finger.contact_right_percent is not None:
+            parts.append(f"contact flag right {finger.contact_right_percent:.1f} %")
+        if error is not None:
+            parts.append(f"position error mean {error.mean:.2f} mm, p95 {error.p95:.2f}")
+        if finger.force_rmse_N is not None and finger.force_rmse_percent is not None:
+            parts.append(f"force RMSE {finger.force_rmse_N:.3f} N ({finger.force_rmse_percent:.1f} %)")
+        if latency is not None:
+            parts.append(f"to bus {latency.median / 1000:.1f} ms median, {latency.p99 / 1000:.1f} p99")
+        lines.append(f"{finger.name}: " + "; ".join(parts))
+    modes = ", ".join(f"{mode} {seconds:.1f} s" for mode, seconds in summary.hand.mode_s.items())
+    over = sum(joint.over_limit for joint in summary.hand.joints)
+    lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")
+    lines.append(f"modes: {modes}; torque commands over the limit: {over}")
+    return lines

@@ -1,0 +1,28 @@
+"""How the values of a figure are spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """In the unit of the values; percentiles are interpolated linearly between ranks."""
+
+    count: int
+    mean: float
+    median: float
+    p95: float
+    p99: float
+    largest: float
+
+
+def distribution(values: Sequence[float]) -> Distribution | None:
+    """None when there is no value."""
+    if not values:
+        return None
+    median, p95, p99 = (float(value) for value in np.percentile(values, (50, 95, 99)))
+    return Distribution(len(values), float(np.mean(values)), median, p95, p99, float(max(values)))

@@ -1,0 +1,204 @@
+"""What the hand did, from its bus log: modes and orientation error, torques and their limits.
+
+Modes are not on the bus. The host's core is a function of its frames and ticks alone, so they are what it
+answers when the log is replayed through it, with ticks in the phase the host had. Torques are those of the
+log: target torque of each RPDO 1, scaled by what the drive said of itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from palpate_edge.errors import ConfigError
+from palpate_edge.node.object_dictionary import load_eds
+from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
+from palpate_host.bus.candump import LogRecord
+from palpate_host.demo.distribution import Distribution, distribution
+from palpate_host.drives.cia402 import CIA402_EDS, CONTROLWORD, TARGET_TORQUE, Controlword
+from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig
+from palpate_host.master import HostCore
+from palpate_host.network import HEARTBEAT_ID
+from palpate_host.rotation import Array
+from palpate_host.supervisor import Mode
+
+STEP_TOLERANCE_NM = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """One tick of the replayed host."""
+
+    time_us: int
+    mode: Mode
+    reason: str
+    orientation_error_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChange:
+    """A mode as entered, `time_s` after the log's first frame."""
+
+    time_s: float
+    mode: Mode
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class JointTorque:
+    """What was asked of one joint over the run: stamps_us (n,), torque_Nm (n,)."""
+
+    name: str
+    limit_Nm: float
+    stamps_us: Array
+    torque_Nm: Array
+
+
+@dataclass(frozen=True, slots=True)
+class JointFigures:
+    """largest_Nm: of all commands, without sign; over_limit: commands beyond the limit."""
+
+    name: str
+    limit_Nm: float
+    largest_Nm: float
+    commands: int
+    over_limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class HandFigures:
+    """orientation_error_deg: while the hand turns the object by contacts (mode MANIPULATE)."""
+
+    mode_s: dict[str, float]
+    changes: tuple[ModeChange, ...]
+    orientation_error_deg: Distribution | None
+    joints: tuple[JointFigures, ...]
+
+
+def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[JointTorque]:
+    """Every joint's commanded torque in the log.
+
+    Raises BusError for a frame that is not the EDS's, ConfigError when a drive was never identified.
+    """
+    group = DriveGroup(config.joints)
+    codecs = [
+        pdo_codec(load_eds(CIA402_EDS, joint.drive_node), PdoDirection.RECEIVE, 1) for joint in config.joints
+    ]
+    joint_of = {codec.cob_id: index for index, codec in enumerate(codecs)}
+    wanted = set(group.receive_ids)
+    commands: list[list[tuple[int, int]]] = [[] for _ in codecs]
+    for record in records:
+        can_id = record.frame.can_id
+        if can_id in wanted:
+            group.receive(record.stamp_us, record.frame)
+        elif can_id in joint_of:
+            index = joint_of[can_id]
+            per_mille = codecs[index].decode(record.frame.data)[TARGET_TORQUE]
+            commands[index].append((record.stamp_us, per_mille))
+    result = []
+    for joint, drive, told in zip(config.joints, group.drives, commands, strict=True):
+        if drive.scale is None:
+            raise ConfigError(f"the log has no rated torque of the {drive.name}: record a run from its start")
+        torque = [joint.direction * drive.scale.to_Nm(per_mille) for _, per_mille in told]
+        stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.float64)
+        result.append(JointTorque(joint.name, joint.torque_limit_Nm, stamps, np.array(torque)))
+    return result
+
+
+def replay_modes(records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> list[Moment]:
+    """The host's ticks over the log, from its first heartbeat to the end of the stop.
+
+    Raises ConfigError when the log has no heartbeat of the host.
+    """
+    core = HostCore(config, hand)
+    wanted = set(core.accept_ids)
+    inputs = [record for record in records if record.frame.can_id in wanted]
+    now_us = _first_tick_us(records, config)
+    stop_us = _operator_stop_us(records, config)
+    moments: list[Moment] = []
+    taken = 0
+    while True:
+        upto = taken
+        while upto < len(inputs) and inputs[upto].stamp_us <= now_us:
+            upto += 1
+        if now_us >= stop_us:
+            core.request_stop()
+        output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
+        taken = upto
+        status = output.status
+        if status is not None:
+            moments.append(Moment(now_us, status.mode, status.reason, status.orientation_error_deg))
+        if output.finished or output.next_due_us > records[-1].stamp_us:
+            return moments
+        now_us = output.next_due_us
+
+
+def _first_tick_us(records: Sequence[LogRecord], config: HandConfig) -> int:
+    """The host beats in its first tick; its frame is on the wire within a fraction of a millisecond."""
+    beat = HEARTBEAT_ID + config.network.host_node
+    for record in records:
+        if record.frame.can_id == beat:
+            return record.stamp_us
+    raise ConfigError("the log has no heartbeat of the host: record a run from its start")
+
+
+def _operator_stop_us(records: Sequence[LogRecord], config: HandConfig) -> float:
+    """When the host first commanded a quick stop; infinity when it never did.
+
+    It does so for the operator, whose wish is not on the bus, or for a fault, which the replay finds itself.
+    """
+    codec = pdo_codec(load_eds(CIA402_EDS, config.joints[0].drive_node), PdoDirection.RECEIVE, 1)
+    for record in records:
+        if record.frame.can_id == codec.cob_id:
+            word = codec.decode(record.frame.data)[CONTROLWORD]
+            if word == Controlword.QUICK_STOP:
+                return record.stamp_us
+    return math.inf
+
+
+def hand_figures(moments: Sequence[Moment], torques: Sequence[JointTorque], begin_us: int) -> HandFigures:
+    """The figures of the hand; `begin_us` is the log's first stamp."""
+    errors = [
+        moment.orientation_error_deg
+        for moment in moments
+        if moment.mode is Mode.MANIPULATE and moment.orientation_error_deg is not None
+    ]
+    return HandFigures(
+        mode_s=_seconds_in_modes(moments),
+        changes=_changes(moments, begin_us),
+        orientation_error_deg=distribution(errors),
+        joints=tuple(_joint_figures(torque) for torque in torques),
+    )
+
+
+def _seconds_in_modes(moments: Sequence[Moment]) -> dict[str, float]:
+    seconds: dict[str, float] = {}
+    for moment, following in pairwise(moments):
+        mode = moment.mode.value
+        seconds[mode] = seconds.get(mode, 0.0) + (following.time_us - moment.time_us) / 1e6
+    return seconds
+
+
+def _changes(moments: Sequence[Moment], begin_us: int) -> tuple[ModeChange, ...]:
+    changes: list[ModeChange] = []
+    for moment in moments:
+        if not changes or changes[-1].mode is not moment.mode:
+            changes.append(ModeChange((moment.time_us - begin_us) / 1e6, moment.mode, moment.reason))
+    return tuple(changes)
+
+
+def _joint_figures(torque: JointTorque) -> JointFigures:
+    sizes = np.abs(torque.torque_Nm)
+    return JointFigures(
+        name=torque.name,
+        limit_Nm=torque.limit_Nm,
+        largest_Nm=float(sizes.max(initial=0.0)),
+        commands=len(sizes),
+        over_limit=int((sizes > torque.limit_Nm + STEP_TOLERANCE_NM).sum()),
+    )

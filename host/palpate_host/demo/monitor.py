@@ -1,0 +1,128 @@
+"""What the demo sees while it runs: a listener on the bus, the host's status stream and the hub's counters.
+
+Everything is read when `poll` is called and nothing waits, so that watching costs little of the machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from types import TracebackType
+
+import msgspec
+
+from palpate_edge.bus import open_bus
+from palpate_edge.can_frame import CanFrame
+from palpate_host.bus.connection import ask
+from palpate_host.bus.control import AskStatistics, Statistics
+from palpate_host.fingertips import Fingertip
+from palpate_host.hand_config import HandConfig
+from palpate_host.network import HEARTBEAT_ID, NmtState
+from palpate_host.status import HostStatus
+
+LATENCY_WINDOW_US = 1_000_000
+STATISTICS_PERIOD_US = 500_000
+CHUNK_BYTES = 256 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """One look at the running hand.
+
+    status: the host's newest, None before the first. latency_us: median over the last second from exposure to
+    the contact's last frame winning the bus, a finger; None without frames. load: share of the bit rate used.
+    """
+
+    status: HostStatus | None
+    latency_us: tuple[float | None, ...]
+    load: float | None
+
+
+class Monitor:
+    """Listens on the hub of `hand.bus`; the host connects to `status_socket`."""
+
+    def __init__(self, hand: HandConfig, status_socket: Path) -> None:
+        """Raises BusError when there is no hub."""
+        self._hub = Path(hand.bus.channel)
+        self._fingertips = [Fingertip(finger.fingertip_node, finger.name) for finger in hand.fingers]
+        self._finger_of = {
+            can_id: index for index, tip in enumerate(self._fingertips) for can_id in tip.receive_ids
+        }
+        self._nodes = hand.node_names
+        self._latencies: list[deque[tuple[int, int]]] = [deque() for _ in self._fingertips]
+        self.not_booted = dict(self._nodes)
+        self._load: float | None = None
+        self._asked_us: int | None = None
+        self._decoder = msgspec.json.Decoder(HostStatus)
+        self._rest = b""
+        self._line = b""
+        self._stream: socket.socket | None = None
+        boot_ups = [HEARTBEAT_ID + node for node in self._nodes]
+        self._bus = open_bus(hand.bus, "demo", [*boot_ups, *self._finger_of])
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._status_socket = status_socket
+        self._listener.setblocking(False)
+        self._listener.bind(str(status_socket))
+        self._listener.listen(1)
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for part in (self._bus, self._listener, self._stream):
+            if part is not None:
+                part.close()
+        self._status_socket.unlink(missing_ok=True)
+
+    def poll(self, now_us: int) -> Sight:
+        """Take in all that came since the last call. Raises BusError when the bus is gone."""
+        while frames := self._bus.receive(0):
+            for stamp_us, frame in frames:
+                if frame.can_id in self._finger_of:
+                    self._note_contact(self._finger_of[frame.can_id], stamp_us, frame)
+                elif frame.data == bytes([NmtState.BOOT_UP]):
+                    self.not_booted.pop(frame.can_id - HEARTBEAT_ID, None)
+        if self._asked_us is None or now_us - self._asked_us >= STATISTICS_PERIOD_US:
+            self._asked_us = now_us
+            reply = ask(self._hub, AskStatistics())
+            self._load = reply.load if isinstance(reply, Statistics) else None
+        self._read_status()
+        return Sight(
+            status=self._decoder.decode(self._line) if self._line else None,
+            latency_us=tuple(_recent_median_us(latencies, now_us) for latencies in self._latencies),
+            load=self._load,
+        )
+
+    def _note_contact(self, finger: int, stamp_us: int, frame: CanFrame) -> None:
+        contact = self._fingertips[finger].receive(stamp_us, frame)
+        if contact is not None:
+            self._latencies[finger].append((stamp_us, contact.received_at_us - contact.exposed_at_us))
+
+    def _read_status(self) -> None:
+        """Keep the newest whole line of the status stream."""
+        if self._stream is None:
+            with contextlib.suppress(BlockingIOError):
+                self._stream, _ = self._listener.accept()
+                self._stream.setblocking(False)
+        while self._stream is not None:
+            try:
+                data = self._stream.recv(CHUNK_BYTES)
+            except BlockingIOError:
+                return
+            if not data:  # the host has left; whether it should have is for the watch on processes to say
+                return
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            if lines:
+                self._line = lines[-1]
+
+
+def _recent_median_us(latencies: deque[tuple[int, int]], now_us: int) -> float | None:
+    while latencies and now_us - latencies[0][0] > LATENCY_WINDOW_US:
+        latencies.popleft()
+    return median(latency_us for _, latency_us in latencies) if latencies else None

@@ -1,0 +1,202 @@
+"""One run of the demo: calibrate, bring everything up, watch for the duration, stop in order."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge import __version__
+from palpate_edge.errors import BusError
+from palpate_edge.sensor import read_sensor
+from palpate_host.bus.connection import ask
+from palpate_host.bus.control import AskStatistics
+from palpate_host.demo.live_view import Scale
+from palpate_host.demo.monitor import Monitor, Sight
+from palpate_host.demo.processes import Children, DemoError, Program
+from palpate_host.demo.run_folder import RunFolder
+from palpate_host.hand_config import HandConfig
+from palpate_host.replay import contract_header
+from palpate_host.supervisor import Mode
+
+START_TIMEOUT_S = 60.0
+LOOK_PERIOD_S = 0.125
+STARTING = (Mode.INIT, Mode.READY)
+
+Show = Callable[[Sight, float], None]
+
+
+class DemoInterruptedError(Exception):
+    """SIGINT or SIGTERM came; everything has been stopped by the time this leaves `run`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One process of the demo, by name, with what a person would type."""
+
+    name: str
+    program: Program
+    arguments: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        return shlex.join((self.program.command, *self.arguments))
+
+
+def commands(folder: RunFolder, hand: HandConfig, recording: Path) -> list[Command]:
+    """Everything the demo starts, in order; the first one ends by itself."""
+    header = {**contract_header(hand).entries, "origin": "palpate demo", "palpate": __version__, **_machine()}
+    entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
+    hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
+    config = ("--config", str(folder.hand_toml))
+    calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
+    return [
+        Command("calibrate", Program.EDGE, calibrate),
+        Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries)),
+        Command("drives", Program.HOST, ("drives", *config)),
+        *(
+            Command(finger.name, Program.EDGE, ("run", "--config", str(folder.finger_toml(finger.name))))
+            for finger in hand.fingers
+        ),
+        Command("host", Program.HOST, ("run", *config, "--status", str(folder.status_socket))),
+    ]
+
+
+def view_scale(hand: HandConfig, recording: Path, duration_s: float, force_N: float) -> Scale:
+    """What the live view is drawn against. Raises ConfigError for a sensor.toml that cannot be read."""
+    sensor = read_sensor(recording / hand.fingers[0].name / "sensor.toml")
+    return Scale(
+        duration_s=duration_s,
+        bitrate=hand.bus.bitrate,
+        dome_radius_mm=sensor.dome.outer_radius_mm,
+        force_N=force_N,
+        torque_limit_Nm=tuple(joint.torque_limit_Nm for joint in hand.joints),
+    )
+
+
+def run(
+    folder: RunFolder, recording: Path, duration_s: float, say: Callable[[str], None], show: Show
+) -> None:
+    """Run the whole demo; bus.log in `folder` tells the rest.
+
+    say: takes one line for each step of the start. show: takes each look and the seconds since the hand
+    operates.
+    Raises DemoError naming the process that failed, DemoInterruptedError after Ctrl-C; no process is left
+    either way.
+    """
+    hand = folder.hand()
+    calibrate, hub, *others, host = commands(folder, hand, recording)
+    with _stop_signals() as stopped, Children(folder.path) as children:
+        watch = _Watch(children, stopped)
+        say("calibrating the sensor")
+        watch.finish(calibrate)
+        say("starting the hub, nine drives, three fingertips and the host")
+        watch.start(hub)
+        watch.until(lambda: _answers(folder.hub_socket), "the hub to answer")
+        with Monitor(hand, folder.status_socket) as monitor:
+            for command in others:
+                watch.start(command)
+            watch.look_until(monitor, lambda _sight: not monitor.not_booted, "the boot-up of every node")
+            watch.start(host)
+            watch.look_until(monitor, _is_operating, "the hand to operate")
+            _watch_for(duration_s, watch, monitor, show)
+            children.stop(host.name)
+        children.stop(*(command.name for command in others))
+        children.stop(hub.name)
+
+
+def _watch_for(duration_s: float, watch: _Watch, monitor: Monitor, show: Show) -> None:
+    begin_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - begin_s) < duration_s:
+        show(watch.look(monitor), elapsed_s)
+        watch.pause(min(LOOK_PERIOD_S, max(0.0, duration_s - elapsed_s)))
+
+
+class _Watch:
+    """Waits that end with an error when a process dies and with DemoInterruptedError when the user stops."""
+
+    def __init__(self, children: Children, stopped: threading.Event) -> None:
+        self._children = children
+        self._stopped = stopped
+
+    def start(self, command: Command) -> None:
+        self._children.start(command.name, command.program, command.arguments)
+
+    def finish(self, command: Command) -> None:
+        """Run a process to its end."""
+        child = self._children.start(command.name, command.program, command.arguments)
+        self.until(lambda: child.process.poll() is not None, command.name, watch_children=False)
+        self._children.stop(command.name)
+
+    def pause(self, seconds: float) -> None:
+        if self._stopped.wait(seconds):
+            raise DemoInterruptedError
+
+    def look(self, monitor: Monitor) -> Sight:
+        """One look at the hand, all processes being alive."""
+        self._children.check()
+        try:
+            return monitor.poll(_now_us())
+        except BusError:
+            self._children.blame()
+            raise
+
+    def until(self, condition: Callable[[], bool], what: str, *, watch_children: bool = True) -> None:
+        end_s = time.monotonic() + START_TIMEOUT_S
+        while not condition():
+            if watch_children:
+                self._children.check()
+            if time.monotonic() > end_s:
+                raise DemoError(f"waited {START_TIMEOUT_S:.0f} s in vain for {what}: see the run folder")
+            self.pause(0.02)
+
+    def look_until(self, monitor: Monitor, condition: Callable[[Sight], bool], what: str) -> None:
+        self.until(lambda: condition(self.look(monitor)), what)
+
+
+def _answers(socket_path: Path) -> bool:
+    try:
+        ask(socket_path, AskStatistics())
+    except BusError:
+        return False
+    return True
+
+
+def _is_operating(sight: Sight) -> bool:
+    return sight.status is not None and sight.status.mode not in STARTING
+
+
+def _machine() -> dict[str, str]:
+    """What the figures were measured on."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    cpu = models[0] if models else platform.machine()
+    return {
+        "machine": f"{os.cpu_count()} cores, {cpu}, {platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+    }
+
+
+def _now_us() -> int:
+    return time.time_ns() // 1000
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards."""
+    stopped = threading.Event()
+    kinds = (signal.SIGTERM, signal.SIGINT)
+    former = {kind: signal.signal(kind, lambda _kind, _frame: stopped.set()) for kind in kinds}
+    try:
+        yield stopped
+    finally:
+        for kind, handler in former.items():
+            signal.signal(kind, handler)

@@ -1,0 +1,217 @@
+"""demo/report.html: one file with every picture in it; no network and no script is needed to read it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+from palpate_edge.errors import ConfigError
+from palpate_host.demo import plots
+from palpate_host.demo.analysis import Analysis, Summary
+from palpate_host.demo.distribution import Distribution
+from palpate_host.demo.live_view import mode_name
+from palpate_host.demo.orchestrator import commands
+from palpate_host.demo.run_folder import RunFolder
+
+MOST_MODE_CHANGES = 40
+ABSENT = "-"
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; max-width: 1060px;
+       margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.6em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #ccc; }
+table { border-collapse: collapse; margin: 0.8em 0; font-variant-numeric: tabular-nums; }
+th, td { padding: 0.2em 0.8em; text-align: right; border-bottom: 1px solid #e4e4e4; }
+th { font-weight: 600; } th:first-child, td:first-child, .text td, .text th { text-align: left; }
+img { width: 100%; } p.note { color: #555; } pre { background: #f5f5f5; padding: 0.8em; overflow-x: auto; }
+"""
+
+
+def write_report(path: Path, analysis: Analysis, folder: RunFolder) -> None:
+    """Write the report. Raises ConfigError when `path` cannot be written."""
+    summary = analysis.summary
+    parts = [
+        "<h1>palpate demo</h1>",
+        _header_table(summary, analysis),
+        "<h2>Contact and force</h2>",
+        _finger_table(summary),
+        *(
+            f"<h3>{escape(finger.name)}</h3>"
+            + _picture(plots.contact_plot(pairs, analysis.begin_us), finger.name)
+            for finger, pairs in zip(summary.fingers, analysis.pairs, strict=True)
+        ),
+        "<h2>From exposure to the bus</h2>",
+        _latency_table(summary),
+        _picture(plots.latency_plot(analysis), "latency"),
+        "<h2>The hand</h2>",
+        _picture(plots.hand_plot(analysis), "modes, orientation error and torques"),
+        _hand_tables(summary),
+        "<h2>Bus load</h2>",
+        _picture(plots.load_plot(analysis), "bus load"),
+        _traffic_table(summary),
+        "<h2>Making it again</h2>",
+        _commands(analysis, folder),
+    ]
+    page = (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>palpate demo</title>'
+        f"<style>{STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror}): give another --output") from error
+
+
+def _header_table(summary: Summary, analysis: Analysis) -> str:
+    rows = [
+        ("started", summary.started_at),
+        ("duration", f"{summary.duration_s:.1f} s of bus log, {summary.bus.frames} frames"),
+        ("bit rate", f"{summary.bitrate} bit/s"),
+        ("recording", str(analysis.recording)),
+        *((key, value) for key, value in summary.origin.items() if not key.startswith("node.")),
+    ]
+    return _table(("", ""), rows, text=True)
+
+
+def _finger_table(summary: Summary) -> str:
+    rows = []
+    for finger in summary.fingers:
+        error = finger.position_error_mm
+        rows.append(
+            (
+                finger.name,
+                *_spread(error, 1.0),
+                _number(finger.force_rmse_N, 3),
+                _number(finger.force_rmse_percent, 1),
+                _number(finger.contact_right_percent, 1),
+                finger.frames,
+                finger.dropped,
+                finger.refused,
+                finger.incomplete,
+            )
+        )
+    head = (
+        "finger",
+        "mean (mm)",
+        "median",
+        "p95",
+        "force RMSE (N)",
+        "% of largest",
+        "flag right (%)",
+        "frames",
+        "dropped",
+        "refused",
+        "incomplete",
+    )
+    note = (
+        "Position error: distance on the bus to the truth, where both say contact. Force: published normal "
+        "force, 0 without contact, over all valid frames. Dropped: gaps in the sequence numbers. "
+        "Frame n on the bus is row n modulo the recording's length of its truth.csv."
+    )
+    return _table(head, rows) + _note(note)
+
+
+def _latency_table(summary: Summary) -> str:
+    rows = []
+    for finger in summary.fingers:
+        value = finger.latency_us
+        if value is not None:
+            numbers = (value.median, value.mean, value.p95, value.p99, value.largest)
+            rows.append((finger.name, *(f"{number / 1000:.2f}" for number in numbers)))
+    note = (
+        "Exposure time on the bus clock, from TPDO 3, to the hub's stamp of that TPDO 3 winning the wire. "
+        "It holds the video's decoding, which a camera does not need."
+    )
+    return _table(("finger", "median (ms)", "mean", "p95", "p99", "largest"), rows) + _note(note)
+
+
+def _hand_tables(summary: Summary) -> str:
+    hand = summary.hand
+    modes = _table(("mode", "s"), [(mode, f"{seconds:.2f}") for mode, seconds in hand.mode_s.items()])
+    joints = _table(
+        ("joint", "limit (N m)", "largest (N m)", "commands", "over the limit"),
+        [(j.name, f"{j.limit_Nm:.3f}", f"{j.largest_Nm:.3f}", j.commands, j.over_limit) for j in hand.joints],
+    )
+    error = hand.orientation_error_deg
+    turn = "The contacts never turned the object."
+    if error is not None:
+        turn = (
+            f"Orientation error while contacts turn the object: median {error.median:.2f} deg, "
+            f"p95 {error.p95:.2f}, largest {error.largest:.2f}."
+        )
+    note = (
+        turn + " The contacts are of a recording and do not follow the hand, so this shows the controller at "
+        "work, not how well it manipulates. Modes and orientation error: the log replayed through the host's "
+        "core. Torques: RPDO 1 of each drive."
+    )
+    changes = [(f"{c.time_s:.2f}", mode_name(c.mode), c.reason) for c in hand.changes[:MOST_MODE_CHANGES]]
+    more = len(hand.changes) - len(changes)
+    return (
+        _note(note)
+        + modes
+        + joints
+        + _table(("time (s)", "mode", "reason"), changes, text=True)
+        + (_note(f"{more} more changes are in summary.json.") if more else "")
+    )
+
+
+def _traffic_table(summary: Summary) -> str:
+    rows = [
+        (f"{load.can_id:03X}", load.name, load.frames, f"{load.frames_per_s:.1f}", f"{load.load_percent:.3f}")
+        for load in sorted(summary.bus.ids, key=lambda load: -load.load_percent)
+    ]
+    bus = summary.bus
+    total = ("all", "", bus.frames, f"{bus.frames / bus.duration_s:.1f}", f"{bus.mean_percent:.3f}")
+    return _table(("identifier", "what", "frames", "frames/s", "load (%)"), [*rows, total])
+
+
+def _commands(analysis: Analysis, folder: RunFolder) -> str:
+    started = [command.text for command in commands(folder, analysis.config, analysis.recording)]
+    again = [f"palpate-host demo --report-only --output {folder.path.parent}"]
+    checks = [
+        f"palpate-host replay {folder.log} --config {folder.hand_toml}",
+        f"palpate-host bus pcap {folder.log} {folder.path / 'bus.pcap'}",
+        f"tshark -r {folder.path / 'bus.pcap'} -d can.subdissector,canopen",
+    ]
+    return (
+        _note("What ran, each line a process:")
+        + _code(started)
+        + _note("Every figure again from the bus log and the truth, into report.html and run/summary.json:")
+        + _code(again)
+        + _note("The log through the host's core, and for a foreign decoder:")
+        + _code(checks)
+    )
+
+
+def _spread(value: Distribution | None, scale: float) -> tuple[str, str, str]:
+    if value is None:
+        return ABSENT, ABSENT, ABSENT
+    mean, median, p95 = (f"{number * scale:.2f}" for number in (value.mean, value.median, value.p95))
+    return mean, median, p95
+
+
+def _number(value: float | None, digits: int) -> str:
+    return ABSENT if value is None else f"{value:.{digits}f}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]], *, text: bool = False) -> str:
+    titles = "".join(f"<th>{escape(title)}</th>" for title in head) if any(head) else ""
+    lines = ["".join(f"<td>{escape(str(cell))}</td>" for cell in row) for row in rows]
+    body = "".join(f"<tr>{line}</tr>\n" for line in ([titles] if titles else []) + lines)
+    style = ' class="text"' if text else ""
+    return f"<table{style}>\n{body}</table>\n"
+
+
+def _note(text: str) -> str:
+    return f'<p class="note">{escape(text)}</p>\n'
+
+
+def _code(lines: Iterable[str]) -> str:
+    return "<pre>" + escape("\n".join(lines)) + "</pre>\n"
+
+
+def _picture(png: bytes, alternative: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">\n'

@@ -1,0 +1,101 @@
+"""The load of a bus from its log: over time and for each identifier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate_host.bus.bit_count import frame_bits
+from palpate_host.bus.candump import LogRecord
+from palpate_host.hand_config import HandConfig
+
+BIN_US = 100_000
+
+# CiA 301, predefined connection set: function by the identifier less the node id.
+_BROADCASTS = {0x000: "NMT", 0x080: "SYNC"}
+_FUNCTIONS = {
+    0x080: "EMCY",
+    0x180: "TPDO 1",
+    0x200: "RPDO 1",
+    0x280: "TPDO 2",
+    0x300: "RPDO 2",
+    0x380: "TPDO 3",
+    0x400: "RPDO 3",
+    0x480: "TPDO 4",
+    0x500: "RPDO 4",
+    0x580: "SDO answer",
+    0x600: "SDO request",
+    0x700: "heartbeat",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class IdLoad:
+    """One identifier. load_percent: of the bit rate over the whole log."""
+
+    can_id: int
+    name: str
+    frames: int
+    frames_per_s: float
+    load_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """The whole log. bin_percent: load in each BIN_US from the first frame on, the last one cut short left
+    out; peak_percent: largest of them."""
+
+    frames: int
+    bits: int
+    duration_s: float
+    mean_percent: float
+    peak_percent: float
+    bin_percent: tuple[float, ...]
+    ids: tuple[IdLoad, ...]
+
+
+def traffic(records: Sequence[LogRecord], bitrate: int, hand: HandConfig) -> Traffic:
+    """The load of `records`, which are in the order of time and at least two."""
+    begin_us = records[0].stamp_us
+    duration_us = records[-1].stamp_us - begin_us
+    bins = [0] * max(1, duration_us // BIN_US)
+    frames: dict[int, int] = {}
+    bits: dict[int, int] = {}
+    for record in records:
+        count = frame_bits(record.frame)
+        can_id = record.frame.can_id
+        frames[can_id] = frames.get(can_id, 0) + 1
+        bits[can_id] = bits.get(can_id, 0) + count
+        number = (record.stamp_us - begin_us) // BIN_US
+        if number < len(bins):
+            bins[number] += count
+    seconds = duration_us / 1e6
+    bin_percent = tuple(100.0 * count * 1e6 / (BIN_US * bitrate) for count in bins)
+    return Traffic(
+        frames=len(records),
+        bits=sum(bits.values()),
+        duration_s=seconds,
+        mean_percent=100.0 * sum(bits.values()) / (bitrate * seconds),
+        peak_percent=max(bin_percent),
+        bin_percent=bin_percent,
+        ids=tuple(
+            IdLoad(
+                can_id=can_id,
+                name=id_name(can_id, hand),
+                frames=frames[can_id],
+                frames_per_s=frames[can_id] / seconds,
+                load_percent=100.0 * bits[can_id] / (bitrate * seconds),
+            )
+            for can_id in sorted(bits)
+        ),
+    )
+
+
+def id_name(can_id: int, hand: HandConfig) -> str:
+    """Function and node of an identifier."""
+    if can_id in _BROADCASTS:
+        return _BROADCASTS[can_id]
+    node = can_id & 0x7F
+    function = _FUNCTIONS.get(can_id - node, "unknown")
+    names = hand.node_names | {hand.network.host_node: "host"}
+    return f"{function}, {names.get(node, f'node 0x{node:02X}')}"
