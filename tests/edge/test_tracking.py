@@ -74,7 +74,7 @@ def test_hidden_beads_are_lost_and_come_back(skin):
     hidden = (0, 8, 24, 25)
     tracker = Tracker(reference)
     for shift, unseen in ((0.0, ()), (2.0, hidden), (4.0, hidden), (5.0, ())):
-        places = grid() + (shift, 0.0)
+        places = grid() + np.array([shift, 0.0])
         beads = tracker.follow(draw(places, unseen))
         assert set(np.flatnonzero(~beads.found)) == set(unseen)
         assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3 + 0.2 * bool(unseen)
@@ -87,7 +87,7 @@ def test_after_darkness_the_whole_image_is_searched_and_everything_found_again(s
     tracker = Tracker(reference)
     dark = np.full((256, 256), 20, dtype=np.float32)
     assert not tracker.follow(dark).found.any()
-    places = grid() + (6.0, -5.0)
+    places = grid() + np.array([6.0, -5.0])
     beads = tracker.follow(draw(places))
     assert beads.found.all()
     assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3
