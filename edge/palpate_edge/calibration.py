@@ -43,7 +43,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One sensor's calibration.
 
     contact_threshold_px: bead motion (root mean square) above which something touches; residual_px: root
-    mean square distance of the beads from the fitted layout; checksum: over everything else.
+    mean square distance of the beads from the fitted layout; model: the correction model's ONNX file, empty
+    without one; checksum: over everything else, the model included.
     """
 
     sensor: Sensor
@@ -54,6 +55,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper: PaperModel
     residual_px: float
     source: Source
+    model: bytes = b""
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""

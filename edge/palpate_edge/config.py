@@ -26,10 +26,12 @@ class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """calibration: file made by ``palpate-edge calibrate``; sensor: the sensor.toml it must belong to."""
+    """calibration: file made by ``palpate-edge calibrate``; sensor: the sensor.toml it must belong to;
+    method: ``paper``, ``corrected``, or ``best`` (corrected when the calibration holds a model)."""
 
     calibration: str
     sensor: str = ""
+    method: Literal["best", "paper", "corrected"] = "best"
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -23,6 +23,7 @@ COLUMNS = (
     "quality",
     "ms",
     "reason",
+    "radius95_mm",
 )
 
 
@@ -53,6 +54,7 @@ def _row(name: str, contact: Contact, milliseconds: float) -> list[str]:
         _number(contact.quality, 3),
         _number(milliseconds, 3),
         contact.reason,
+        _number(contact.radius95_mm, 3),
     ]
 
 

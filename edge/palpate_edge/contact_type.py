@@ -24,6 +24,7 @@ class Contact:
     quality: 0 (refused) to 1 (every bead seen, all of them plausible).
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
+    radius95_mm: with 95 % probability the contact is no farther from position_mm; None when unknown.
     """
 
     sequence: int
@@ -38,6 +39,7 @@ class Contact:
     reason: str
     beads_found: int
     beads_expected: int
+    radius95_mm: float | None = None
 
 
 def refused_contact(

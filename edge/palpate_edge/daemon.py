@@ -23,15 +23,17 @@ from palpate_edge.capture.recorded import RealTimeSource, open_recording
 from palpate_edge.config import FingertipConfig
 from palpate_edge.contact_type import Contact, refused_contact
 from palpate_edge.errors import BusError, CaptureError
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimator import Estimator, Method
 from palpate_edge.node.events import Event, NodeIdConflict, ObjectWritten
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health, Method
+from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
+from palpate_edge.node.fingertip_objects import Method as MethodCode
 from palpate_edge.offline import check_recording
 from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.sensor import read_sensor
 
 LONGEST_WAIT_S = 0.5
+METHOD_CODES = {Method.PAPER: MethodCode.PAPER, Method.CORRECTED: MethodCode.CORRECTED}
 
 
 def bus_clock() -> Callable[[], int]:
@@ -50,8 +52,10 @@ def run(config: FingertipConfig, report: Callable[[str], None] = lambda _line: N
     calibration = load_calibration(Path(config.estimator.calibration))
     clock = bus_clock()
     source = _open_source(config, calibration, clock)
-    pixels = PixelThread(source, Estimator(calibration))
-    node = FingertipNode(config.node.id, Method.PAPER, calibration.checksum)
+    chosen = config.estimator.method
+    estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
+    pixels = PixelThread(source, estimator)
+    node = FingertipNode(config.node.id, METHOD_CODES[estimator.method], calibration.checksum)
     with (
         open_bus(config.bus, config.name, node.slave.accept_ids()) as bus,
         closing(pixels),

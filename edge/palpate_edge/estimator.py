@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import cv2
 import numpy as np
@@ -12,6 +13,9 @@ from palpate_edge.calibration import Calibration
 from palpate_edge.capture.frame import Frame
 from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_contact
 from palpate_edge.contact_type import Contact, Vector3, refused_contact
+from palpate_edge.correction import CorrectionModel
+from palpate_edge.displacement import DisplacementReader
+from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion
 from palpate_edge.sensor import View
@@ -27,6 +31,19 @@ MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
 
 
 @dataclass(frozen=True, slots=True)
+class _Touch:
+    """Where and how hard, before it is put into a Contact."""
+
+    position_mm: Vector3 | None
+    normal_force_N: float | None
+    force_N: Vector3 | None
+    radius95_mm: float | None
+
+
+NO_TOUCH = _Touch(None, 0.0, (0.0, 0.0, 0.0), None)
+
+
+@dataclass(frozen=True, slots=True)
 class EstimatorHealth:
     """Counters since the start: frames seen and refused, beads lost (sum), whole-image searches."""
 
@@ -36,14 +53,30 @@ class EstimatorHealth:
     searches: int
 
 
+class Method(Enum):
+    """How a contact is computed from the beads."""
+
+    PAPER = "paper"
+    CORRECTED = "corrected"
+
+
+def best_method(calibration: Calibration) -> Method:
+    """Corrected when the calibration holds a model."""
+    return Method.CORRECTED if calibration.model else Method.PAPER
+
+
 class Estimator:
-    """The paper's method on one sensor: beads, virtual points, area change, contact position and force.
+    """One sensor's estimator: beads, then contact and force by the paper's method or by the correction model.
 
     It keeps the beads' last places and the tare from frame to frame, and nothing else.
     """
 
-    def __init__(self, calibration: Calibration) -> None:
+    def __init__(self, calibration: Calibration, method: Method | None = None) -> None:
+        """method: :func:`best_method` when not given. Raises CalibrationError when the calibration holds no
+        model for it, or one that cannot be used."""
+        self.method = method or best_method(calibration)
         self._calibration = calibration
+        self._correction = self._load_correction() if self.method is Method.CORRECTED else None
         self._sensor = calibration.sensor
         self._view = View(self._sensor.camera, calibration.pose)
         self._ring_of = calibration.ring_of()
@@ -85,24 +118,37 @@ class Estimator:
             self._take_tare(beads)
             return self._refuse(frame, "tare in progress", found)
         touched = self._motion.size_px(beads) > self._calibration.contact_threshold_px
-        position, normal_N, force_N = self._contact(beads) if touched else (None, 0.0, (0.0, 0.0, 0.0))
+        contact = self._contact(beads) if touched else NO_TOUCH
         return Contact(
             sequence=frame.sequence,
             exposed_at_us=frame.exposed_at_us,
             valid=True,
             in_contact=touched,
-            position_mm=position,
-            normal_force_N=normal_N,
-            force_N=force_N,
+            position_mm=contact.position_mm,
+            normal_force_N=contact.normal_force_N,
+            force_N=contact.force_N,
             torsion_Nmm=None,
             quality=found / len(beads.found),
             reason="",
             beads_found=found,
             beads_expected=len(beads.found),
+            radius95_mm=contact.radius95_mm,
         )
 
-    def _contact(self, beads: Beads) -> tuple[Vector3, float | None, Vector3 | None]:
-        """Position on the dome, normal force and force vector."""
+    def _contact(self, beads: Beads) -> _Touch:
+        if self._correction is None:
+            return self._by_paper(beads)
+        return self._by_model(beads, self._correction)
+
+    def _by_model(self, beads: Beads, correction: CorrectionModel) -> _Touch:
+        """The correction model; the normal force is the force's part along the inward normal."""
+        result = correction.correct(self._reader.read(beads))
+        position = self._sensor.dome.outer_radius_mm * result.direction
+        normal_N = max(0.0, -float(result.force_N @ result.direction))
+        return _Touch(_vector(position), normal_N, _vector(result.force_N), result.radius95_mm)
+
+    def _by_paper(self, beads: Beads) -> _Touch:
+        """Eqs. (1)-(3); all of the force along the inward normal."""
         model = self._calibration.paper
         points = self._mesh.points(beads.position_px, beads.found)
         raw = raw_contact(self._mesh, points, self._view, self._sensor.markers.radius_mm)
@@ -110,13 +156,24 @@ class Estimator:
         position = on_dome(theta, raw.phi_rad, self._sensor.dome.outer_radius_mm)
         normal_N = normal_force(model, theta, raw.spread_px)
         inward = -position / self._sensor.dome.outer_radius_mm
-        return _vector(position), normal_N, None if normal_N is None else _vector(normal_N * inward)
+        return _Touch(
+            _vector(position), normal_N, None if normal_N is None else _vector(normal_N * inward), None
+        )
+
+    def _load_correction(self) -> CorrectionModel:
+        if not self._calibration.model:
+            raise CalibrationError(
+                "the calibration holds no correction model: choose the method paper, or run palpate-edge "
+                "calibrate with presses"
+            )
+        return CorrectionModel(self._calibration.model, self._calibration.sensor.fingerprint())
 
     def _rest_on(self, rest: Reference) -> None:
         """Measure motion and areas from `rest` on."""
         self._rest = rest
         self._motion = SkinMotion(rest)
         self._mesh = VirtualPointMesh(rest.position_px, self._ring_of)
+        self._reader = DisplacementReader(rest.position_px, self._view, self._sensor.markers.radius_mm)
 
     def _take_tare(self, beads: Beads) -> None:
         self._tare_sum[beads.found] += beads.position_px[beads.found]

@@ -13,7 +13,7 @@ from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.contact_type import Contact
 from palpate_edge.dataset import is_dataset, read_dataset
 from palpate_edge.errors import CalibrationError, DatasetError
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimator import Estimator, Method
 from palpate_edge.images import read_image
 from palpate_edge.markers import plane
 from palpate_edge.sensor import Sensor
@@ -27,6 +27,7 @@ def estimate_recording(
     calibration: Calibration,
     calibration_path: Path,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    method: Method | None = None,
 ) -> Iterator[tuple[str, Contact, float]]:
     """Frame name, contact and milliseconds of estimation (without reading the file) of every frame.
 
@@ -36,7 +37,7 @@ def estimate_recording(
     recording = open_recording(path, grey=calibration.appearance.channel == "grey")
     try:
         check_recording(calibration, calibration_path, recording.sensor, path)
-        estimator = Estimator(calibration)
+        estimator = Estimator(calibration, method)
         size_fits = False
         for frame in all_frames(recording):
             size = (frame.image.shape[1], frame.image.shape[0])

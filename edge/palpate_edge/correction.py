@@ -1,0 +1,76 @@
+"""The correction model: canonical displacement field -> contact position, force and uncertainty, by ONNX.
+
+The network file is made by ``training/``; it is one graph: normalise, project, kernel expansion, denormalise.
+Inputs ``field`` (1, 2 g) mm and ``hidden`` (1, 1); outputs ``direction`` (1, 3) of the contact point and
+``force`` (1, 3) N, both in the canonical frame, and ``radius95`` (1, 1) mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.displacement import CanonicalField, about_z
+from palpate_edge.errors import CalibrationError
+
+Array = NDArray[np.float64]
+
+SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """direction (3,) of the contact point, unit vector in F; force_N (3,) on the dome in F; radius95_mm:
+    with 95 % probability the contact is no farther from the given point."""
+
+    direction: Array
+    force_N: Array
+    radius95_mm: float
+
+
+class CorrectionModel:
+    """An ONNX session on one thread that does not spin."""
+
+    def __init__(self, model: bytes, sensor_fingerprint: str) -> None:
+        """Raises CalibrationError when onnxruntime is missing, the file is damaged or of another sensor."""
+        try:
+            import onnxruntime  # noqa: PLC0415 - an extra: the paper's method runs without it
+        except ImportError:
+            raise CalibrationError(
+                "the calibration holds a correction model, which needs onnxruntime: "
+                "pip install 'palpate[onnx]', or choose the method paper"
+            ) from None
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        try:
+            self._session: Any = onnxruntime.InferenceSession(
+                model, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # noqa: BLE001 - onnxruntime raises a class a status code, none public
+            raise CalibrationError(
+                f"the correction model is damaged ({type(error).__name__}): run palpate-edge calibrate again"
+            ) from None
+        made_for = self._session.get_modelmeta().custom_metadata_map.get(SENSOR_KEY, "no sensor")
+        if made_for != sensor_fingerprint:
+            raise CalibrationError(
+                f"the correction model was made for sensor {made_for}, the calibration is for "
+                f"{sensor_fingerprint}: run palpate-edge calibrate again"
+            )
+
+    def correct(self, field: CanonicalField) -> Correction:
+        """Contact position, force and uncertainty of one frame."""
+        inputs = {
+            "field": field.values[None],
+            "hidden": np.array([[field.hidden]], dtype=np.float64),
+        }
+        direction, force, radius95 = self._session.run(["direction", "force", "radius95"], inputs)
+        turn = about_z(field.azimuth_rad)
+        unit = direction[0]
+        unit /= np.linalg.norm(unit)
+        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]))

@@ -1,0 +1,256 @@
+"""Figures of an estimator against a press dataset's truth, as docs/press-dataset.md lists them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.calibration import Calibration, check_sensor
+from palpate_edge.capture.frame import Frame
+from palpate_edge.contact_type import Contact
+from palpate_edge.dataset import Press, read_dataset
+from palpate_edge.errors import DatasetError
+from palpate_edge.estimator import Estimator, Method
+from palpate_edge.images import read_image
+from palpate_edge.stopwatch import Stopwatch
+
+Array = NDArray[np.float64]
+
+REGIONS_DEG = ((15, 30), (30, 45), (45, 60), (60, 75), (75, 90))  # above the base plane, Fig. 8b
+PAPER_ERRORS_MM = (1.906, 1.683, 1.369, 1.267, 1.152)  # Table 1
+DIRECTION_FORCE_SHARE = 0.25  # direction errors are taken at forces above a quarter of the largest
+
+
+class Band(msgspec.Struct, frozen=True):
+    """Errors of the touched frames of one region or force band; None where it holds none."""
+
+    name: str
+    count: int
+    mean_mm: float | None = None
+    median_mm: float | None = None
+    p95_mm: float | None = None
+    max_mm: float | None = None
+    force_rmse_N: float | None = None
+    force_rmse_percent: float | None = None
+    direction_deg: float | None = None
+    covered_percent: float | None = None
+
+
+class Confusion(msgspec.Struct, frozen=True):
+    """Frames by truth and answer; refused frames are in none."""
+
+    touch_as_touch: int
+    touch_as_none: int
+    none_as_none: int
+    none_as_touch: int
+    lightest_missed_N: float | None
+    heaviest_missed_N: float | None
+
+
+class StageTime(msgspec.Struct, frozen=True):
+    stage: str
+    median_ms: float
+    p99_ms: float
+
+
+class Figures(msgspec.Struct, frozen=True):
+    """All figures of one evaluation."""
+
+    dataset: str
+    split: str
+    method: str
+    frames: int
+    largest_force_N: float
+    overall: Band
+    regions: tuple[Band, ...]
+    forces: tuple[Band, ...]
+    confusion: Confusion
+    refused: dict[str, int]
+    times: tuple[StageTime, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    press: Press
+    contact: Contact
+
+
+def evaluate_dataset(
+    folder: Path,
+    split: str,
+    calibration: Calibration,
+    calibration_path: Path,
+    method: Method | None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Figures:
+    """Estimate every frame of a split and compare. Raises DatasetError when the split has no row."""
+    dataset = read_dataset(folder)
+    check_sensor(calibration, calibration_path, dataset.sensor, folder / "sensor.toml")
+    presses = dataset.split(split)
+    if not presses:
+        raise DatasetError(f"{folder / 'truth.csv'} has no row of the split {split!r}: nothing to measure on")
+    estimator = Estimator(calibration, method)
+    grey = calibration.appearance.channel == "grey"
+    watch = Stopwatch()
+    answers = []
+    for number, press in enumerate(presses):
+        with watch.stage("read image"):
+            image = read_image(dataset.path(press), grey=grey)
+        with watch.stage("estimate"):
+            contact = estimator.estimate(Frame(image, 0, number, press.frame))
+        answers.append(_Answer(press, contact))
+        progress(number + 1, len(presses))
+    return _figures(folder.resolve().name, split, estimator.method, answers, watch)
+
+
+def as_table(figures: Figures) -> str:
+    """The figures for people."""
+    head = (
+        f"{figures.dataset}, split {figures.split}, method {figures.method}: {figures.frames} frames, "
+        f"largest force {figures.largest_force_N:.2f} N"
+    )
+    columns = "band", "n", "mean", "median", "p95", "max mm", "force N", "%", "deg", "in 95% radius"
+    rows = [columns, *(_row(band) for band in (*figures.regions, *figures.forces, figures.overall))]
+    width = [max(len(row[column]) for row in rows) for column in range(len(columns))]
+    lines = [
+        "  ".join(
+            cell.ljust(w) if not place else cell.rjust(w)
+            for place, (cell, w) in enumerate(zip(row, width, strict=True))
+        )
+        for row in rows
+    ]
+    confusion = figures.confusion
+    wrong = confusion.touch_as_none + confusion.none_as_touch
+    judged = wrong + confusion.touch_as_touch + confusion.none_as_none
+    heaviest = (
+        "" if confusion.heaviest_missed_N is None else f", none above {confusion.heaviest_missed_N:.3f} N"
+    )
+    tail = [
+        f"contact flag wrong in {wrong} of {judged} frames ({100 * wrong / max(1, judged):.2f} %): "
+        f"{confusion.touch_as_none} touches missed{heaviest}, {confusion.none_as_touch} false",
+        f"refused: {sum(figures.refused.values())} of {figures.frames}"
+        + "".join(f"; {count} x {reason}" for reason, count in figures.refused.items()),
+        *(
+            f"{time.stage}: {time.median_ms:.2f} ms median, {time.p99_ms:.2f} ms p99"
+            for time in figures.times
+        ),
+    ]
+    return "\n".join([head, *lines, *tail])
+
+
+def write_json(figures: Figures, path: Path) -> None:
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n")
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], watch: Stopwatch) -> Figures:
+    largest_N = max(float(np.linalg.norm(answer.press.force_N)) for answer in answers)
+    valid = [answer for answer in answers if answer.contact.valid]
+    both = [a for a in valid if a.press.position_mm is not None and a.contact.position_mm is not None]
+    angle = np.array([_angle_above_base_deg(answer.press) for answer in both])
+    force = np.array([np.linalg.norm(answer.press.force_N) for answer in both])
+    regions = [
+        _band(
+            f"region {number} ({low}-{high} deg)", _select(both, (angle >= low) & (angle < high)), largest_N
+        )
+        for number, (low, high) in enumerate(REGIONS_DEG, start=1)
+    ]
+    thirds = [
+        _band(
+            f"force {third}/3 to {third + 1}/3",
+            _select(both, (force >= third / 3 * largest_N) & (force <= (third + 1) / 3 * largest_N)),
+            largest_N,
+        )
+        for third in range(3)
+    ]
+    return Figures(
+        dataset=name,
+        split=split,
+        method=method.value,
+        frames=len(answers),
+        largest_force_N=largest_N,
+        overall=_band("all", both, largest_N),
+        regions=tuple(regions),
+        forces=tuple(thirds),
+        confusion=_confusion(valid),
+        refused=dict(Counter(answer.contact.reason for answer in answers if not answer.contact.valid)),
+        times=tuple(StageTime(stage, *watch.median_and_p99_ms(stage)) for stage in watch.stages),
+    )
+
+
+def _band(name: str, answers: Sequence[_Answer], largest_N: float) -> Band:
+    if not answers:
+        return Band(name, 0)
+    error = np.array([_position_error_mm(answer) for answer in answers])
+    radius = [answer.contact.radius95_mm for answer in answers]
+    known = [r is not None for r in radius]
+    covered = [r is not None and e <= r for r, e in zip(radius, error, strict=True)]
+    forces = [answer for answer in answers if answer.contact.force_N is not None]
+    truth = np.array([answer.press.force_N for answer in forces]).reshape(-1, 3)
+    given = np.array([answer.contact.force_N for answer in forces], dtype=np.float64).reshape(-1, 3)
+    rmse = float(np.sqrt(((given - truth) ** 2).sum(axis=1).mean())) if forces else None
+    size = np.linalg.norm(truth, axis=1) * np.linalg.norm(given, axis=1)
+    firm = (np.linalg.norm(truth, axis=1) > DIRECTION_FORCE_SHARE * largest_N) & (size > 0)
+    cosine = (truth * given).sum(axis=1)[firm] / size[firm]
+    return Band(
+        name=name,
+        count=len(answers),
+        mean_mm=float(error.mean()),
+        median_mm=float(np.median(error)),
+        p95_mm=float(np.percentile(error, 95)),
+        max_mm=float(error.max()),
+        force_rmse_N=rmse,
+        force_rmse_percent=None if rmse is None else 100 * rmse / largest_N,
+        direction_deg=float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean()) if firm.any() else None,
+        covered_percent=float(100 * sum(covered) / sum(known)) if any(known) else None,
+    )
+
+
+def _confusion(answers: Sequence[_Answer]) -> Confusion:
+    counts = Counter((a.press.position_mm is not None, a.contact.in_contact) for a in answers)
+    missed = [
+        answer.press.normal_force_N
+        for answer in answers
+        if answer.press.position_mm is not None and not answer.contact.in_contact
+    ]
+    return Confusion(
+        touch_as_touch=counts[True, True],
+        touch_as_none=counts[True, False],
+        none_as_none=counts[False, False],
+        none_as_touch=counts[False, True],
+        lightest_missed_N=min(missed, default=None),
+        heaviest_missed_N=max(missed, default=None),
+    )
+
+
+def _select(answers: Sequence[_Answer], chosen: NDArray[np.bool_]) -> list[_Answer]:
+    return [answer for answer, take in zip(answers, chosen, strict=True) if take]
+
+
+def _position_error_mm(answer: _Answer) -> float:
+    """Straight line between the two points on the outer sphere."""
+    return float(np.linalg.norm(np.subtract(answer.contact.position_mm, answer.press.position_mm)))  # type: ignore[arg-type]
+
+
+def _angle_above_base_deg(press: Press) -> float:
+    x, y, z = press.position_mm or (0.0, 0.0, 1.0)
+    return float(np.degrees(np.arctan2(z, np.hypot(x, y))))
+
+
+def _row(band: Band) -> tuple[str, ...]:
+    values = (band.mean_mm, band.median_mm, band.p95_mm, band.max_mm, band.force_rmse_N)
+    percent = (band.force_rmse_percent, band.direction_deg, band.covered_percent)
+    return (
+        band.name,
+        str(band.count),
+        *("-" if value is None else f"{value:.3f}" for value in values),
+        *("-" if value is None else f"{value:.2f}" for value in percent),
+    )

@@ -1,0 +1,92 @@
+"""Training samples: presses in the canonical frame, each several times, turned and with beads hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.displacement import DisplacementReader, about_z, mirrored
+from palpate_edge.tracking import Beads
+
+Array = NDArray[np.float64]
+
+TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
+MAX_HIDDEN = 0.3
+MOST_SAMPLES = 3000
+MOST_COPIES = 8
+MIRROR = np.array([1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingPress:
+    """A press as tracked: its beads, where it touched (unit vector (3,) in F) and its force (3,) N in F."""
+
+    beads: Beads
+    direction: Array
+    force_N: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """s samples: fields (s, 2 g) mm, directions (s, 3), forces_N (s, 3) in the canonical frame, hidden (s,)
+    shares, press (s,) index of the press each comes from, plain (s,): neither turned nor hidden."""
+
+    fields: Array
+    directions: Array
+    forces_N: Array
+    hidden: Array
+    press: NDArray[np.intp]
+    plain: NDArray[np.bool_]
+
+    def of(self, chosen: NDArray[np.bool_]) -> Samples:
+        """The chosen (s,) samples."""
+        return Samples(
+            self.fields[chosen],
+            self.directions[chosen],
+            self.forces_N[chosen],
+            self.hidden[chosen],
+            self.press[chosen],
+            self.plain[chosen],
+        )
+
+
+def make_samples(reader: DisplacementReader, presses: Sequence[TrainingPress], seed: int = 0) -> Samples:
+    """Every press as it is and in turned, partly hidden copies, each with its mirror image."""
+    rng = np.random.default_rng(seed)
+    copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
+    fields, directions, forces, hidden, owner, plain = [], [], [], [], [], []
+    for index, press in enumerate(presses):
+        for copy in range(copies):
+            beads, turn = press.beads, 0.0
+            if copy:
+                beads, turn = _hide(press.beads, rng), float(TURN_SIGMA_RAD * rng.standard_normal())
+            field = reader.read(beads, turn)
+            to_canonical = about_z(field.azimuth_rad).T
+            direction, force = to_canonical @ press.direction, to_canonical @ press.force_N
+            for values, sign in ((field.values, np.ones(3)), (mirrored(field.values), MIRROR)):
+                fields.append(values)
+                directions.append(direction * sign)
+                forces.append(force * sign)
+                hidden.append(field.hidden)
+                owner.append(index)
+                plain.append(copy == 0)
+    return Samples(
+        np.array(fields),
+        np.array(directions),
+        np.array(forces),
+        np.array(hidden),
+        np.array(owner, dtype=np.intp),
+        np.array(plain, dtype=np.bool_),
+    )
+
+
+def _hide(beads: Beads, rng: np.random.Generator) -> Beads:
+    """The same beads with up to `MAX_HIDDEN` of them not found."""
+    count = len(beads.found)
+    lost = rng.permutation(count)[: int(rng.uniform(0.0, MAX_HIDDEN) * count)]
+    found = beads.found.copy()
+    found[lost] = False
+    return Beads(beads.position_px, found, beads.searched)
