@@ -1,0 +1,174 @@
+"""Calibration of drawn sensors: the camera, the beads and the presses against what was drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.capture.recorded import all_frames, open_recording
+from palpate_edge.dataset import read_dataset
+from palpate_edge.errors import CalibrationError
+from palpate_edge.estimator import Estimator
+from palpate_edge.sensor import View
+
+SIX_EVERYWHERE = ((0, 1, 0), *((4.5 + 5.4 * ring, 6, 30 * (ring % 2)) for ring in range(1, 15)))
+TWELVE_EVERYWHERE = ((0, 1, 0), *((15 + 10 * ring, 12, 15 * (ring % 2)) for ring in range(7)))
+
+
+def calibrate_paper(folder):
+    return calibrate(read_dataset(folder), with_model=False)
+
+
+def error_px(calibration, dome):
+    drawn = dome.project(dome.beads_mm())
+    return np.linalg.norm(calibration.reference().position_px - drawn, axis=1)
+
+
+def test_beads_and_camera_are_where_they_were_drawn(drawn_calibration, drawn_dome):
+    assert error_px(drawn_calibration, drawn_dome).max() < 0.1
+    assert drawn_calibration.residual_px < 0.3
+    view = View(drawn_calibration.sensor.camera, drawn_calibration.pose)
+    layout = drawn_dome.beads_mm()
+    assert np.linalg.norm(view.project(layout) - drawn_dome.project(layout), axis=1).max() < 0.4
+    assert drawn_calibration.ring_of().tolist() == [
+        ring for ring, (_, count, _) in enumerate(drawn_dome.rings) for _ in range(count)
+    ]
+
+
+def test_its_source_is_told(drawn_calibration):
+    source = drawn_calibration.source
+    assert (source.dataset, source.reference_frames) == ("dome", 5)
+    assert 30 < source.presses <= 45  # three quarters of sixty are train, some touch nothing
+
+
+def test_presses_that_were_not_trained_on_are_placed_and_weighed(drawn_calibration, drawn_dataset):
+    dataset = read_dataset(drawn_dataset)
+    estimator = Estimator(drawn_calibration)
+    truth = {press.frame: press for press in dataset.presses}
+    errors_mm, forces_N = [], []
+    for frame in all_frames(open_recording(drawn_dataset)):
+        press, contact = truth[frame.name], estimator.estimate(frame)
+        assert contact.valid, contact.reason
+        assert contact.in_contact == (press.position_mm is not None)
+        assert contact.beads_found == 85
+        if press.split == "test" and press.position_mm is not None:
+            errors_mm.append(math.dist(press.position_mm, contact.position_mm))
+            forces_N.append(contact.normal_force_N - press.normal_force_N)
+            assert math.hypot(*contact.position_mm) == pytest.approx(30)
+            assert math.hypot(*contact.force_N) == pytest.approx(contact.normal_force_N)
+            inward = -np.dot(contact.force_N, contact.position_mm) / 30
+            assert inward == pytest.approx(contact.normal_force_N)
+    assert len(errors_mm) >= 10
+    assert np.mean(errors_mm) < 3  # beads are 7 mm apart
+    assert np.sqrt(np.mean(np.square(forces_N))) < 1.2  # of up to 2 N: the drawn dent is not the paper's dome
+
+
+@dataclass(frozen=True)
+class Looks:
+    bead_bgr: tuple[float, float, float]
+    skin_bgr: tuple[float, float, float]
+    bright: bool
+
+
+@pytest.mark.parametrize(
+    "looks",
+    [
+        pytest.param(Looks((235, 240, 240), (110, 105, 115), True), id="bright on dark"),
+        pytest.param(Looks((60, 60, 220), (120, 125, 125), False), id="red on grey"),
+        pytest.param(Looks((90, 160, 90), (120, 120, 120), True), id="green, as light as the skin"),
+    ],
+)
+def test_how_beads_look_is_found_out(another_dome, tmp_path, looks):
+    dome = another_dome(bead_bgr=looks.bead_bgr, skin_bgr=looks.skin_bgr)
+    calibration = calibrate_paper(dome.write(tmp_path / "d"))
+    assert error_px(calibration, dome).max() < 0.35
+    if calibration.appearance.channel == "grey":
+        assert calibration.appearance.bright == looks.bright
+
+
+@pytest.mark.parametrize("rings", [SIX_EVERYWHERE, TWELVE_EVERYWHERE], ids=["1+6x14", "1+7x12"])
+def test_other_layouts_of_85_beads(another_dome, tmp_path, rings):
+    dome = another_dome(rings=rings, width=640, height=480, focal_px=380.0)
+    folder = dome.write(tmp_path / "d", presses=12)
+    calibration = calibrate_paper(folder)
+    assert len(calibration.beads) == 85
+    assert error_px(calibration, dome).max() < 0.2
+    estimator = Estimator(calibration)
+    for frame, press in zip(all_frames(open_recording(folder)), read_dataset(folder).presses, strict=True):
+        contact = estimator.estimate(frame)
+        assert contact.valid, contact.reason
+        assert contact.in_contact == (press.position_mm is not None)
+
+
+@pytest.mark.parametrize("hidden", [(40,), (3, 40, 41, 84), (10, 20, 30, 50, 60, 70, 80)])
+def test_beads_hidden_in_the_reference_are_lost_and_the_others_stay_right(another_dome, tmp_path, hidden):
+    class PartlyHidden(another_dome().__class__):
+        def picture(self, beads_mm, seed, also_hidden=()):
+            return super().picture(beads_mm, seed, (*hidden, *also_hidden))
+
+    dome = PartlyHidden()
+    folder = dome.write(tmp_path / "d", presses=12)
+    calibration = calibrate_paper(folder)
+    shown = np.setdiff1d(np.arange(85), hidden)
+    assert error_px(calibration, dome)[shown].max() < 0.1
+    assert not calibration.appearance.bright
+    estimator = Estimator(calibration)
+    for frame, press in zip(all_frames(open_recording(folder)), read_dataset(folder).presses, strict=True):
+        contact = estimator.estimate(frame)
+        assert contact.valid, contact.reason
+        assert contact.beads_found == 85 - len(hidden)
+        assert contact.in_contact == (press.position_mm is not None)
+
+
+def test_too_many_hidden_beads_are_refused(another_dome, tmp_path):
+    class MostlyHidden(another_dome().__class__):
+        def picture(self, beads_mm, seed, _hidden=()):
+            return super().picture(beads_mm, seed, tuple(range(0, 85, 4)))
+
+    with pytest.raises(CalibrationError, match=r"of 85 beads of sensor\.toml's layout were recognised"):
+        calibrate_paper(MostlyHidden().write(tmp_path / "d"))
+
+
+def test_a_layout_that_is_not_the_one_in_the_picture_is_refused(drawn_dome, another_dome, tmp_path):
+    folder = drawn_dome.write(tmp_path / "d")
+    (folder / "sensor.toml").write_text(another_dome(rings=TWELVE_EVERYWHERE).sensor_toml())
+    with pytest.raises(CalibrationError, match="were recognised in the reference"):
+        calibrate_paper(folder)
+
+
+def test_without_presses_positions_are_uncorrected_and_force_is_unknown(drawn_dome, drawn_dataset, tmp_path):
+    calibration = calibrate_paper(drawn_dome.write(tmp_path / "d"))
+    assert calibration.paper.theta == ()
+    frame = next(all_frames(open_recording(drawn_dataset)))
+    contact = Estimator(calibration).estimate(frame)
+    assert contact.in_contact
+    assert contact.position_mm is not None
+    assert contact.normal_force_N is None
+    assert contact.force_N is None
+
+
+@pytest.mark.parametrize("where", ["reference", "frames"])
+def test_a_picture_of_another_size_is_named(drawn_dome, another_dome, tmp_path, where):
+    folder = drawn_dome.write(tmp_path / "d", presses=2)
+    larger = another_dome(width=330).write(tmp_path / "larger", presses=2)
+    name = {"reference": "3.png", "frames": "001.png"}[where]
+    (folder / where / name).write_bytes((larger / where / name).read_bytes())
+    with pytest.raises(CalibrationError, match=rf"{where}/{name} is 330x240, sensor.toml says 320x240"):
+        calibrate_paper(folder)
+
+
+def test_progress_ends_at_its_total(drawn_dome, tmp_path):
+    steps = []
+    calibrate(
+        read_dataset(drawn_dome.write(tmp_path / "d", presses=4)),
+        lambda *step: steps.append(step),
+        with_model=False,
+    )
+    done, totals = zip(*steps, strict=True)
+    assert len(steps) >= 8  # 5 reference frames, 3 presses to train on
+    assert list(done) == sorted(set(done))
+    assert set(totals) == {done[-1]}
