@@ -94,7 +94,7 @@ def _header(sight: Sight, scale: Scale, elapsed_s: float) -> Text:
         text.append("waiting for the host")
     else:
         text.append(f" {mode_name(status.mode)} ", _MODE_STYLE[status.mode])
-        text.append(f" {status.warning or status.reason}")
+        text.append(f" {'; '.join(part for part in (status.reason, status.warning) if part)}")
     rate = f"{scale.bitrate / 1000:g} kbit/s"
     text.append(f"\n{elapsed_s:.1f} of {scale.duration_s:g} s   bus {_percent(sight.load)} of {rate}   ")
     text.append(_turn_text(status))
@@ -125,7 +125,14 @@ class FingerPanel:
         body = dome_map(width, map_height, self.scale.dome_radius_mm, self.finger.position_mm)
         text = Text("\n").join([body, *lines])
         text.no_wrap = True
-        yield Panel(text, title=f"{self.finger.name}: {self._state()}", padding=0, height=height + 2)
+        limits = ", ".join(f"{limit:g}" for limit in sorted(set(self.limits_Nm)))
+        yield Panel(
+            text,
+            title=f"{self.finger.name}: {self._state()}",
+            subtitle=f"limit {limits} N m",
+            padding=0,
+            height=height + 2,
+        )
 
     def _state(self) -> str:
         if self.finger.sequence is None:
@@ -158,18 +165,20 @@ def _torque(joint: JointStatus, limit_Nm: float, width: int) -> Text:
     name_width = 12 if width >= WIDE else 5
     share = max(-1.0, min(1.0, joint.command_Nm / limit_Nm))
     text = Text(f"{joint.name[: name_width - 1]:<{name_width}}{joint.command_Nm:+.2f} ")
-    half = (width - len(text) - 3) // 2
-    filled = round(abs(share) * half)
-    left, right = (filled, 0) if share < 0 else (0, filled)
-    style = "bright_red" if filled == half else "bright_green"
-    text.append("[").append(" " * (half - left)).append("━" * left, style).append("│")
-    text.append("━" * right, style).append(" " * (half - right)).append("]")
+    half = max(0, (width - len(text) - 3) // 2)
+    full, rest = divmod(round(abs(share) * half * 2), 2)
+    style = "bright_red" if full == half else "bright_green"
+    left = ("╺" * rest + "━" * full) if share < 0 else ""
+    right = "" if share < 0 else ("━" * full + "╸" * rest)
+    text.append("[").append(f"{left:>{half}}", style).append("│").append(f"{right:<{half}}", style).append(
+        "]"
+    )
     return text
 
 
 def _bar(share: float, width: int) -> str:
     """A bar from the left in eighths of a character (U+2588 to U+258F)."""
-    eighths = round(max(0.0, min(1.0, share)) * width * 8)
+    eighths = round(max(0.0, min(1.0, share)) * max(0, width) * 8)
     full, rest = divmod(eighths, 8)
     return "█" * full + (chr(0x2590 - rest) if rest else "")
 

@@ -1,0 +1,82 @@
+"""What the demo's tests share: hand-made TPDOs, the packaged hand, processes found by their arguments."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from palpate_edge.can_frame import CanFrame
+from palpate_host.bus.candump import LogRecord
+from palpate_host.demo.run_folder import MODEL
+from palpate_host.hand_config import HandConfig, load
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="session")
+def hand_config() -> HandConfig:
+    return load(MODEL)[0]
+
+
+@pytest.fixture(scope="session")
+def tpdos() -> Callable[..., list[LogRecord]]:
+    """TPDO 1 to 3 of one frame, packed by hand as the design of the bus says."""
+
+    def make(
+        node_id: int,
+        sent_us: int,
+        exposed_us: int,
+        sequence: int,
+        position_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        normal_N: float = 0.0,
+        flags: int = 4,
+    ) -> list[LogRecord]:
+        x, y, z = (round(100 * value) for value in position_mm)
+        payloads = (
+            struct.pack("<hhhh", x, y, z, round(1000 * normal_N)),
+            struct.pack("<hhhBB", 0, 0, 0, flags, 255),
+            struct.pack("<IHH", exposed_us % 2**32, sequence, 0),
+        )
+        return [
+            LogRecord(sent_us - 2 + number, CanFrame(0x180 + 0x100 * number + node_id, data))
+            for number, data in enumerate(payloads)
+        ]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def processes_of() -> Callable[[Path], dict[int, str]]:
+    """Running processes that name a file below a folder, by process id: their command lines."""
+
+    def find(folder: Path) -> dict[int, str]:
+        found = {}
+        for entry in Path("/proc").iterdir():
+            if not entry.name.isdigit():
+                continue
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if str(folder) in command:
+                found[int(entry.name)] = command
+        return found
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[[Callable[[], object]], None]:
+    """Waits until something holds; fails after a time that no healthy machine needs."""
+
+    def wait(condition: Callable[[], object]) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end_s, "waited in vain"
+            time.sleep(0.02)
+
+    return wait
