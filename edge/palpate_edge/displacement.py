@@ -72,7 +72,8 @@ class DisplacementReader:
 
     def read(self, beads: Beads, turn_rad: float = 0.0) -> CanonicalField:
         """The canonical field of one frame; `turn_rad` turns the canonical frame (training's variety)."""
-        moved = np.einsum("nij,nj->ni", self._mm_per_px, beads.position_px - self._reference_px)
+        pixels = beads.position_px - self._reference_px
+        moved = (self._mm_per_px * pixels[:, None, :]).sum(axis=2)
         seen = beads.found
         azimuth = self._azimuth(moved, seen) + turn_rad
         if seen.all():

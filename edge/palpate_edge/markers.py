@@ -16,9 +16,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Plane = NDArray[np.float32]
+Plane = NDArray[np.float32] | NDArray[np.uint8]
+Floats = NDArray[np.float32]
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
+DISK_RADIUS = 0.72  # of the pixels that weigh in the centroid, in bead diameters
+SKIN_RADIUS = 0.8  # of the circle that tells the skin's grey, in bead diameters
+SETTLED_STEP = 0.03  # of a bead diameter: a centroid that moved less is on its bead
+MOST_STEPS = 4
+NOISE_GREY = 8.0  # skin darker than its mean by more is no skin
 CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R
     "grey": (0.114, 0.587, 0.299),
     "blue": (1.0, 0.0, 0.0),
@@ -48,20 +54,20 @@ class Blobs:
 @dataclass(frozen=True, slots=True)
 class Refined:
     """Beads after refinement, in the order given: position_px (n, 2), contrast (n,) in grey levels,
-    area (n,) in bead disks (1 is a whole bead), shift_px (n,) of the last iteration."""
+    area (n,) in bead disks (1 is a whole bead), settled (n,): the last step was small."""
 
     position_px: Array
     contrast: Array
     area: Array
-    shift_px: Array
+    settled: NDArray[np.bool_]
 
 
 def plane(image: Image, appearance: Appearance) -> Plane:
-    """The image's channel as float32 (height, width), its sign such that beads are dark."""
-    sign = -1.0 if appearance.bright else 1.0
+    """The image's channel (height, width), signed so that beads are dark: uint8 for grey, else float32."""
     if image.ndim == 2 or appearance.channel == "grey":
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        return np.asarray(grey, dtype=np.float32) * np.float32(sign)
+        return np.asarray(cv2.bitwise_not(grey) if appearance.bright else grey, dtype=np.uint8)
+    sign = -1.0 if appearance.bright else 1.0
     weights = np.asarray([CHANNELS[appearance.channel]], dtype=np.float32) * np.float32(sign)
     return np.asarray(cv2.transform(image.astype(np.float32), weights), dtype=np.float32)
 
@@ -72,7 +78,7 @@ def find_blobs(dark: Plane, diameter_px: float) -> Blobs:
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
     """
     sigma = SCALE_OF_DIAMETER * diameter_px
-    smooth = cv2.GaussianBlur(dark, (0, 0), sigma)
+    smooth = cv2.GaussianBlur(dark.astype(np.float32), (0, 0), sigma)
     xx = cv2.Sobel(smooth, cv2.CV_32F, 2, 0, ksize=3)
     yy = cv2.Sobel(smooth, cv2.CV_32F, 0, 2, ksize=3)
     xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3)
@@ -91,70 +97,100 @@ def find_blobs(dark: Plane, diameter_px: float) -> Blobs:
 
 
 class Refiner:
-    """Weighted centroids of many beads at once; made once a layout, called every frame."""
+    """Weighted centroids of many beads at once; made once a layout, called every frame.
+
+    About each bead a few pixels on a circle tell the skin's grey and a few in the middle the bead's; each
+    pixel of a disk then weighs by how much nearer it is to the bead's grey, cut off below a quarter
+    and above three quarters, so that neither noise nor a highlight on the bead pulls the centroid. The disk
+    is larger than the bead: one step is exact unless the bead was far off, and only such beads take another.
+    """
 
     def __init__(self, diameter_px: Array) -> None:
-        self._diameter = np.asarray(diameter_px, dtype=np.float32)
-        half = int(np.ceil(0.95 * float(self._diameter.max()))) + 1
-        self._half = half
-        row, column = np.mgrid[-half : half + 1, -half : half + 1]
-        self._row = row.ravel().astype(np.intp)
-        self._column = column.ravel().astype(np.intp)
+        diameter = np.asarray(diameter_px, dtype=np.float64)
+        largest = float(diameter.max())
+        self._margin = int(np.ceil(SKIN_RADIUS * largest)) + 1
+        reach = int(np.ceil(DISK_RADIUS * largest))
+        row, column = (grid.ravel() for grid in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+        taken = np.hypot(row, column) <= DISK_RADIUS * largest
+        row, column = row[taken], column[taken]
+        ones = np.ones((len(diameter), 1), dtype=np.intp)
+        self._disk = _Pixels(ones * column, ones * row)
+        in_disk = np.hypot(row, column) <= DISK_RADIUS * diameter[:, None]
+        self._in_disk = in_disk.astype(np.float32)
+        self._moments = np.stack([np.ones(len(row)), column, row], axis=1).astype(np.float32)
+        self._skin = _circle(SKIN_RADIUS * diameter, 16)
+        self._core = _circle(0.15 * diameter, 8)
+        self._whole_mass = 0.5 * np.pi / 4 * diameter**2
+        self._longest_step = 0.5 * diameter[:, None]
+        self._settled = SETTLED_STEP * diameter
 
-    def refine(self, dark: Plane, start_px: Array, iterations: int = 3) -> Refined:
-        """Centroids near `start_px` (n, 2). A start too close to the border gets contrast 0."""
+    def refine(self, dark: Plane, start_px: Array, beads: NDArray[np.intp] | None = None) -> Refined:
+        """Centroids near `start_px` (m, 2) of the given `beads` (m,), or of all. A start too close to the
+        border gets contrast 0."""
+        if beads is None:
+            beads = np.arange(len(self._settled))
         height, width = dark.shape
-        half = self._half
-        position = start_px.astype(np.float32)
-        inside = (
-            (position[:, 0] >= half + 1)
-            & (position[:, 0] < width - half - 2)
-            & (position[:, 1] >= half + 1)
-            & (position[:, 1] < height - half - 2)
-        )
-        position[~inside] = (width / 2, height / 2)
-        contrast = np.zeros(len(position), dtype=np.float32)
-        area, step = contrast.copy(), np.zeros_like(position)
-        for _ in range(iterations):
-            step, contrast, area = self._step(dark, position)
-            position += step
-        position[~inside] = start_px[~inside]
+        low = self._margin + 1
+        high = np.array([width - self._margin - 2, height - self._margin - 2])
+        inside = ((start_px >= low) & (start_px <= high)).all(axis=1)
+        position = np.clip(start_px, low, high)
+        contrast, area, shift = (np.zeros(len(beads)) for _ in range(3))
+        flat = dark.ravel()
+        moving = np.arange(len(beads))
+        for _ in range(MOST_STEPS):
+            which = beads[moving]
+            centre = np.rint(np.clip(position[moving], low, high)).astype(np.intp)
+            offset, depth, mass = self._centroid(flat, centre[:, 1] * width + centre[:, 0], width, which)
+            longest = self._longest_step[which]
+            step = np.clip(centre + offset - position[moving], -longest, longest)
+            position[moving] += step
+            contrast[moving], area[moving] = depth, mass / self._whole_mass[which]
+            shift[moving] = np.sqrt((step**2).sum(axis=1))
+            moving = moving[shift[moving] > self._settled[which]]
+            if not len(moving):
+                break
         contrast[~inside] = 0.0
-        return Refined(
-            position.astype(np.float64),
-            contrast.astype(np.float64),
-            area.astype(np.float64),
-            np.hypot(step[:, 0], step[:, 1]).astype(np.float64),
-        )
+        position[~inside] = start_px[~inside]
+        return Refined(position, contrast, area, shift <= self._settled[beads])
 
-    def _step(self, dark: Plane, position: Plane) -> tuple[Plane, Plane, Plane]:
-        """One centroid step: (n, 2) move, (n,) contrast, (n,) area."""
-        height, width = dark.shape
-        half = self._half
-        centre = np.round(position)
-        centre[:, 0] = np.clip(centre[:, 0], half, width - half - 1)
-        centre[:, 1] = np.clip(centre[:, 1], half, height - half - 1)
-        base = centre[:, 1].astype(np.intp) * width + centre[:, 0].astype(np.intp)
-        window = dark.ravel()[base[:, None] + (self._row * width + self._column)]
-        dx = self._column.astype(np.float32) - (position[:, 0] - centre[:, 0])[:, None]
-        dy = self._row.astype(np.float32) - (position[:, 1] - centre[:, 1])[:, None]
-        radius = np.sqrt(dx * dx + dy * dy) / self._diameter[:, None]
-        skin = _mean(window, (radius > 0.68) & (radius < 0.9))
-        skin = _mean(window, (radius > 0.68) & (radius < 0.9) & (window >= skin[:, None] - 8))
-        core = _mean(window, radius < 0.22)
-        depth = skin - core
-        safe = np.maximum(depth, 1.0)
-        weight = np.clip((skin[:, None] - window) / safe[:, None] - 0.25, 0.0, 0.5)
-        weight *= np.clip((0.72 - radius) * 8, 0.0, 1.0)
-        total = weight.sum(axis=1)
-        norm = np.maximum(total, 1e-3)
-        move = np.stack([(weight * dx).sum(axis=1) / norm, (weight * dy).sum(axis=1) / norm], axis=1)
-        limit = 0.5 * self._diameter[:, None]
-        disk = 0.5 * np.pi / 4 * self._diameter**2
-        return np.clip(move, -limit, limit), depth, total / disk
+    def _centroid(
+        self, flat: Plane, base: NDArray[np.intp], width: int, beads: NDArray[np.intp]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Centroid (m, 2) relative to the pixels `base` (m,), contrast (m,), sum of weights (m,)."""
+        ring = self._skin.read(flat, base, width, beads)
+        bright = ring >= ring.mean(axis=1, keepdims=True) - NOISE_GREY  # not a neighbour's bead
+        skin = (ring * bright).sum(axis=1) / bright.sum(axis=1)
+        depth = skin - self._core.read(flat, base, width, beads).mean(axis=1)
+        slope = 1.0 / np.maximum(depth, 1.0)
+        weight = self._disk.read(flat, base, width, beads)
+        weight *= -slope[:, None]
+        weight += (skin * slope - 0.25)[:, None]
+        np.clip(weight, 0.0, 0.5, out=weight)
+        weight *= self._in_disk if len(beads) == len(self._in_disk) else self._in_disk[beads]
+        mass, x, y = (weight @ self._moments).T
+        return np.stack([x, y], axis=1) / np.maximum(mass, 1e-3)[:, None], depth, mass
 
 
-def _mean(window: Plane, mask: NDArray[np.bool_]) -> Plane:
-    """Mean of the masked pixels of each row."""
-    count = np.maximum(mask.sum(axis=1), 1).astype(np.float32)
-    return np.asarray((window * mask).sum(axis=1) / count, dtype=np.float32)
+class _Pixels:
+    """Pixels about each bead: columns and rows (n, k) from its middle one."""
+
+    def __init__(self, column: NDArray[np.intp], row: NDArray[np.intp]) -> None:
+        self._column, self._row = column, row
+        self._flat: dict[int, NDArray[np.intp]] = {}
+
+    def read(self, flat: Plane, base: NDArray[np.intp], width: int, beads: NDArray[np.intp]) -> Floats:
+        """Greys (m, k) of the given beads about the pixels `base` (m,) of an image `width` wide."""
+        if width not in self._flat:
+            self._flat = {width: self._row * width + self._column}
+        offsets = self._flat[width]
+        if len(beads) != len(offsets):
+            offsets = offsets[beads]
+        return flat.take(base[:, None] + offsets).astype(np.float32)
+
+
+def _circle(radius: Array, count: int) -> _Pixels:
+    """`count` pixels on a circle of each bead's `radius` (n,)."""
+    angle = 2 * np.pi * np.arange(count) / count
+    column = np.rint(radius[:, None] * np.cos(angle)).astype(np.intp)
+    row = np.rint(radius[:, None] * np.sin(angle)).astype(np.intp)
+    return _Pixels(column, row)

@@ -15,10 +15,10 @@ from palpate_edge.markers import Plane, Refiner, find_blobs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
-MAX_LAST_SHIFT_PX = 0.35  # a centroid that still moves is not on a bead
 MAX_RETRIES = 3
 SEARCH_AGAIN_BELOW = 0.9  # share of beads found in windows under which the whole image is searched
 NO_PARTNER = -1
@@ -70,6 +70,8 @@ class Tracker:
         self._spacing = reference.spacing_px
         self._refiner = Refiner(reference.diameter_px)
         self._last = reference.position_px.copy()
+        self._pairs = _neighbours(reference.position_px, self._spacing)
+        self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
         self.counters = TrackingCounters()
 
     def reset(self) -> None:
@@ -80,39 +82,54 @@ class Tracker:
         """The beads of the next frame."""
         position, found = self._windows(dark, self._last)
         for _ in range(MAX_RETRIES):  # the missing again, from where their neighbours went
-            if found.all():
+            missing = np.flatnonzero(~found)
+            if not len(missing) or not found.any():
                 break
-            start = np.where(found[:, None], position, self._filled(position, found))
-            position, found = self._windows(dark, start)
+            position[missing] = self._filled(position, found)[missing]
+            again, found_again = self._windows(dark, position[missing], missing)
+            position[missing], found[missing] = again, found_again
+            if not found_again.any():
+                break
+        found &= ~self._doubles(position, found)
         searched = bool(found.mean() < SEARCH_AGAIN_BELOW)
         if searched:
             self.counters.searches += 1
             position, found = self._search(dark)
+            found &= ~self._doubles(position, found)
         self.counters.frames += 1
         self.counters.beads_lost += int((~found).sum())
-        self._last = np.where(found[:, None], position, self._filled(position, found))
-        return Beads(self._last.copy(), found, searched)
+        if not found.all():
+            position = np.where(found[:, None], position, self._filled(position, found))
+        self._last = position
+        return Beads(position.copy(), found, searched)
 
-    def _windows(self, dark: Plane, start_px: Array) -> tuple[Array, Mask]:
-        """Beads refined from `start_px`, and which windows really hold their bead."""
-        refined = self._refiner.refine(dark, start_px)
-        reference = self._reference
-        relative_area = refined.area / reference.area
+    def _windows(self, dark: Plane, start_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
+        """The given beads (or all) refined from `start_px`, and which windows really hold their bead."""
+        refined = self._refiner.refine(dark, start_px, beads)
+        chosen = slice(None) if beads is None else beads
+        relative_area = refined.area / self._reference.area[chosen]
+        moved = refined.position_px - start_px
         found = (
-            (refined.contrast > MIN_CONTRAST_SHARE * reference.contrast)
+            (refined.contrast > MIN_CONTRAST_SHARE * self._reference.contrast[chosen])
             & (relative_area > AREA_RANGE[0])
             & (relative_area < AREA_RANGE[1])
-            & (refined.shift_px < MAX_LAST_SHIFT_PX)
-            & (np.hypot(*(refined.position_px - start_px).T) < 0.45 * self._spacing)
+            & refined.settled
+            & ((moved**2).sum(axis=1) < (0.45 * self._spacing[chosen]) ** 2)
         )
-        return refined.position_px, found & ~self._doubles(refined.position_px, refined.contrast)
+        return refined.position_px, found
 
-    def _doubles(self, position_px: Array, contrast: Array) -> Mask:
-        """Beads that sit on another one's place, all but the one of more contrast."""
-        near = distances(position_px, position_px) < 0.5 * self._reference.diameter_px[:, None]
-        np.fill_diagonal(near, False)
-        stronger = contrast[None, :] >= contrast[:, None]
-        return np.asarray((near & stronger).any(axis=1))
+    def _doubles(self, position_px: Array, found: Mask) -> Mask:
+        """Beads that sit on another one's place, all but the one that came from nearer by."""
+        first, second = self._pairs
+        apart = position_px[first] - position_px[second]
+        near = (apart**2).sum(axis=1) < self._pair_limit
+        near &= found[first] & found[second]
+        doubles = np.zeros(len(found), dtype=np.bool_)
+        if near.any():
+            moved = np.linalg.norm(position_px - self._last, axis=1)
+            first, second = first[near], second[near]
+            doubles[np.where(moved[first] > moved[second], first, second)] = True
+        return doubles
 
     def _search(self, dark: Plane) -> tuple[Array, Mask]:
         """Find every blob of the image and give each bead its own."""
@@ -132,6 +149,13 @@ class Tracker:
             return reference
         moved = position_px[found] - reference[found]
         return np.asarray(reference + spread(reference[found], moved, reference, self._spacing))
+
+
+def _neighbours(position_px: Array, spacing_px: Array) -> tuple[Indices, Indices]:
+    """Pairs (p,), (p,) of beads that could come to lie on each other: nearer than three spacings."""
+    near = distances(position_px, position_px) < 3 * spacing_px[:, None]
+    first, second = np.nonzero(np.triu(near, k=1))
+    return first, second
 
 
 def distances(a: Array, b: Array) -> Array:
