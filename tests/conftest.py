@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,10 @@ from palpate_edge.calibration import Calibration, save_calibration
 from palpate_edge.dataset import read_dataset
 
 Array = NDArray[np.float64]
+
+# FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
+# that ran earlier in this process may have opened one. test_run.py sees the command line's own doing.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 STIFFNESS_N_MM = 0.8

@@ -185,20 +185,23 @@ def test_a_stop_signal_is_no_error(edge, hub, fingertip):
 
 
 def test_the_real_command_line_says_one_line_and_leaves_nothing(
-    edge, drawn_dataset, drawn_calibration_file, tmp_path
+    edge, monkeypatch, drawn_dataset, drawn_calibration_file, tmp_path
 ):
-    """The same as in test_files.py, once through a process of its own."""
-    shutil.copytree(drawn_dataset, tmp_path / "d")
-    bad = tmp_path / "d" / "frames" / "050.png"
-    bad.write_bytes(bad.read_bytes()[:500])
-    process = edge(
-        *("estimate", tmp_path / "d", "--calibration", drawn_calibration_file, "--csv", tmp_path / "o.csv")
-    )
-    said = last_words(process)
-    assert process.returncode == 3
-    assert len(said) == 1
-    says(said[0], "error: ", bad, "is cut short", "record or copy it again")
-    assert [path.name for path in tmp_path.iterdir()] == ["d"]
+    """The same as in test_files.py, through processes of their own."""
+    monkeypatch.delenv("OPENCV_FFMPEG_LOGLEVEL")
+    image, video = tmp_path / "frame.png", tmp_path / "frames.mp4"
+    image.write_bytes((drawn_dataset / "frames" / "050.png").read_bytes()[:500])
+    video.write_bytes(b"no video" * 100)
+    processes = [
+        edge("estimate", path, "--calibration", drawn_calibration_file, "--csv", tmp_path / "out.csv")
+        for path in (image, video)
+    ]
+    for process, path, reason in zip(processes, (image, video), ("is cut short", "is no video"), strict=True):
+        said = last_words(process)
+        assert process.returncode == 3
+        assert len(said) == 1
+        says(said[0], "error: ", path, reason, "record or copy it again")
+    assert set(tmp_path.iterdir()) == {image, video}
 
 
 def test_an_unknown_option_is_not_a_traceback(edge):
