@@ -48,10 +48,11 @@ def test_replayed_modes_are_those_the_host_had(stopped_hand):
     entered = []
     for status in rig.statuses:
         if not entered or entered[-1][0] is not status.mode:
-            entered.append((status.mode, (status.time_us - begin_us) / 1e6))
-    assert [mode for mode, _ in entered][-3:] == [Mode.BLIND, Mode.MANIPULATE, Mode.STOP]
-    assert [change.mode for change in figures.changes] == [mode for mode, _ in entered]
-    for change, (_, time_s) in zip(figures.changes, entered, strict=True):
+            entered.append((status.mode, status.reason, (status.time_us - begin_us) / 1e6))
+    assert [mode for mode, *_ in entered][-3:] == [Mode.BLIND, Mode.MANIPULATE, Mode.STOP]
+    assert entered[-1][1] == "stopped by the operator"
+    assert [(change.mode, change.reason) for change in figures.changes] == [entry[:2] for entry in entered]
+    for change, (*_, time_s) in zip(figures.changes, entered, strict=True):
         assert change.time_s == pytest.approx(time_s, abs=1.5 * TICK_S)
     assert sum(figures.mode_s.values()) == pytest.approx(len(rig.statuses) * TICK_S, abs=3 * TICK_S)
 

@@ -20,12 +20,14 @@ from palpate_host.demo.hand_motion import (
     joint_torques,
     replay_modes,
 )
+from palpate_host.demo.live_view import mode_name
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.demo.traffic import Traffic, traffic
 from palpate_host.demo.truth import FingerFigures, Pair, finger_figures, read_pairs
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract
+from palpate_host.supervisor import Mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +112,7 @@ def summary_lines(summary: Summary) -> list[str]:
         if latency is not None:
             parts.append(f"to bus {latency.median / 1000:.1f} ms median, {latency.p99 / 1000:.1f} p99")
         lines.append(f"{finger.name}: " + "; ".join(parts))
-    modes = ", ".join(f"{mode} {seconds:.1f} s" for mode, seconds in summary.hand.mode_s.items())
+    modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
     lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")
     lines.append(f"modes: {modes}; torque commands over the limit: {over}")

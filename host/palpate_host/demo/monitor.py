@@ -52,22 +52,23 @@ class Monitor:
         self._finger_of = {
             can_id: index for index, tip in enumerate(self._fingertips) for can_id in tip.receive_ids
         }
-        self._nodes = hand.node_names
         self._latencies: list[deque[tuple[int, int]]] = [deque() for _ in self._fingertips]
-        self.not_booted = dict(self._nodes)
+        self.not_booted = dict(hand.node_names)
         self._load: float | None = None
         self._asked_us: int | None = None
         self._decoder = msgspec.json.Decoder(HostStatus)
         self._rest = b""
         self._line = b""
         self._stream: socket.socket | None = None
-        boot_ups = [HEARTBEAT_ID + node for node in self._nodes]
-        self._bus = open_bus(hand.bus, "demo", [*boot_ups, *self._finger_of])
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._status_socket = status_socket
-        self._listener.setblocking(False)
-        self._listener.bind(str(status_socket))
-        self._listener.listen(1)
+        boot_ups = [HEARTBEAT_ID + node for node in hand.node_names]
+        with contextlib.ExitStack() as undo:
+            self._bus = undo.enter_context(open_bus(hand.bus, "demo", [*boot_ups, *self._finger_of]))
+            self._listener = undo.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+            self._listener.setblocking(False)
+            self._listener.bind(str(status_socket))
+            undo.callback(status_socket.unlink)
+            self._listener.listen(1)
+            self._resources = undo.pop_all()
 
     def __enter__(self) -> Monitor:
         return self
@@ -75,10 +76,7 @@ class Monitor:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for part in (self._bus, self._listener, self._stream):
-            if part is not None:
-                part.close()
-        self._status_socket.unlink(missing_ok=True)
+        self._resources.close()
 
     def poll(self, now_us: int) -> Sight:
         """Take in all that came since the last call. Raises BusError when the bus is gone."""
@@ -109,6 +107,7 @@ class Monitor:
         if self._stream is None:
             with contextlib.suppress(BlockingIOError):
                 self._stream, _ = self._listener.accept()
+                self._resources.callback(self._stream.close)
                 self._stream.setblocking(False)
         while self._stream is not None:
             try:

@@ -54,7 +54,7 @@ def contact_plot(pairs: Sequence[Pair], begin_us: int) -> bytes:
     )
     rows[3].set_ylabel("force (N)")
     rows[3].set_xlabel("time (s)")
-    rows[0].legend(loc="upper right", ncols=2, fontsize="small", markerscale=3)
+    rows[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize="small", markerscale=3)
     return _png(figure)
 
 

@@ -14,6 +14,7 @@ from palpate_host.demo.distribution import Distribution
 from palpate_host.demo.live_view import mode_name
 from palpate_host.demo.orchestrator import commands
 from palpate_host.demo.run_folder import RunFolder
+from palpate_host.supervisor import Mode
 
 MOST_MODE_CHANGES = 40
 ABSENT = "-"
@@ -82,7 +83,7 @@ def _finger_table(summary: Summary) -> str:
         rows.append(
             (
                 finger.name,
-                *_spread(error, 1.0),
+                *_spread(error),
                 _number(finger.force_rmse_N, 3),
                 _number(finger.force_rmse_percent, 1),
                 _number(finger.contact_right_percent, 1),
@@ -129,7 +130,9 @@ def _latency_table(summary: Summary) -> str:
 
 def _hand_tables(summary: Summary) -> str:
     hand = summary.hand
-    modes = _table(("mode", "s"), [(mode, f"{seconds:.2f}") for mode, seconds in hand.mode_s.items()])
+    modes = _table(
+        ("mode", "s"), [(mode_name(Mode(mode)), f"{seconds:.2f}") for mode, seconds in hand.mode_s.items()]
+    )
     joints = _table(
         ("joint", "limit (N m)", "largest (N m)", "commands", "over the limit"),
         [(j.name, f"{j.limit_Nm:.3f}", f"{j.largest_Nm:.3f}", j.commands, j.over_limit) for j in hand.joints],
@@ -185,10 +188,10 @@ def _commands(analysis: Analysis, folder: RunFolder) -> str:
     )
 
 
-def _spread(value: Distribution | None, scale: float) -> tuple[str, str, str]:
+def _spread(value: Distribution | None) -> tuple[str, str, str]:
     if value is None:
         return ABSENT, ABSENT, ABSENT
-    mean, median, p95 = (f"{number * scale:.2f}" for number in (value.mean, value.median, value.p95))
+    mean, median, p95 = (f"{number:.2f}" for number in (value.mean, value.median, value.p95))
     return mean, median, p95
 
 
