@@ -46,7 +46,8 @@ class Reference:
 @dataclass(frozen=True, slots=True)
 class Beads:
     """The beads of one frame: position_px (n, 2) in the reference's order, found (n,), and whether the
-    whole image had to be searched. Where found is False the position is the last known one."""
+    whole image had to be searched. Where found is False the position is where the neighbours' motion puts it.
+    """
 
     position_px: Array
     found: Mask

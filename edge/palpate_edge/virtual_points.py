@@ -65,7 +65,10 @@ class VirtualPointMesh:
         self._reference_area = self._areas(self.reference_px)
 
     def points(self, beads_px: Array, found: Mask) -> VirtualPoints:
-        """Virtual points of one frame's beads (n, 2), of which `found` (n,) are real."""
+        """Virtual points of one frame's beads (n, 2), of which `found` (n,) are real.
+
+        The others, predicted from their neighbours, count only in a ring with too few real ones.
+        """
         position = self.reference_px.copy()
         trusted = np.zeros(len(position), dtype=np.bool_)
         ellipses = []
@@ -74,8 +77,8 @@ class VirtualPointMesh:
             if len(beads) < MIN_ELLIPSE_BEADS:
                 position[seen] = beads_px[seen]
                 trusted[seen] = True
-            elif len(seen) >= max(MIN_ELLIPSE_BEADS, MIN_RING_SHARE * len(beads)):
-                ellipse = fit_ellipse(beads_px[seen])
+            elif len(seen) >= MIN_RING_SHARE * len(beads):
+                ellipse = fit_ellipse(beads_px[seen if len(seen) >= MIN_ELLIPSE_BEADS else beads])
                 position[beads] = ellipse_points(ellipse, first_angle, len(beads))
                 trusted[beads] = True
                 ellipses.append(ellipse)

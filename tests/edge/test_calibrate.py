@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibrate import calibrate
+from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.dataset import read_dataset
 from palpate_edge.errors import CalibrationError
@@ -102,6 +103,21 @@ def test_other_layouts_of_85_beads(another_dome, tmp_path, rings):
         contact = estimator.estimate(frame)
         assert contact.valid, contact.reason
         assert contact.in_contact == (press.position_mm is not None)
+
+
+def test_rings_of_six_spare_beads_that_are_hidden_in_use(another_dome, tmp_path):
+    dome = another_dome(rings=SIX_EVERYWHERE, width=640, height=480, focal_px=380.0)
+    estimator = Estimator(calibrate_paper(dome.write(tmp_path / "d", presses=30)))
+    random, errors_mm = np.random.default_rng(0), []
+    for number in range(12):
+        theta, phi = random.uniform(0.1, 1.1), random.uniform(-3, 3)
+        hidden = tuple(random.choice(85, 10, replace=False))
+        image = dome.picture(dome.pressed_mm(theta, phi, 1.5), number, hidden)
+        contact = estimator.estimate(Frame(image, 0, number, ""))
+        sin = math.sin(theta)
+        true = (30 * sin * math.cos(phi), 30 * sin * math.sin(phi), 30 * math.cos(theta))
+        errors_mm.append(math.dist(contact.position_mm, true))
+    assert np.mean(errors_mm) < 4
 
 
 @pytest.mark.parametrize("hidden", [(40,), (3, 40, 41, 84), (10, 20, 30, 50, 60, 70, 80)])

@@ -159,16 +159,34 @@ def test_mean_area_about_a_point_by_the_shoelace_formula():
         assert change[point] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_ring_with_some_beads_missing_keeps_its_virtual_points(mesh):
-    made, places = mesh
-    found = everything(places)
-    found[-12::3] = False
+def test_beads_that_are_not_found_do_not_move_a_ring_of_many():
+    places, ring_of = rings_px(LAYOUTS["1+6+12+18+24+24"])
+    made, found = VirtualPointMesh(places, ring_of), everything(places)
+    found[-12::2] = False
     points = made.points(np.where(found[:, None], places, places + 40), found)
-    assert np.allclose(points.position_px[points.trusted], places[points.trusted], atol=0.05)
-    for ring in np.unique(made.ring_of):
-        beads = made.ring_of == ring
-        enough = found[beads].sum() >= min(6, beads.sum()) and found[beads].mean() >= 0.5
-        assert points.trusted[beads].all() == enough
+    assert points.trusted.all()
+    assert np.allclose(points.position_px, places, atol=0.05)
+
+
+def test_a_ring_of_six_that_lost_one_bead_takes_its_predicted_place():
+    places, ring_of = rings_px(LAYOUTS["1+6x14"])
+    made, found = VirtualPointMesh(places, ring_of), everything(places)
+    lost = np.flatnonzero(ring_of == 9)[2]
+    found[lost] = False
+    predicted = places + 12.0  # everything moved alike, so did the lost one
+    points = made.points(predicted, found)
+    assert points.trusted.all()
+    assert np.allclose(points.position_px, places + 12.0, atol=0.05)
+
+
+def test_a_ring_that_lost_most_of_its_beads_is_not_trusted_and_keeps_its_reference(mesh):
+    made, places = mesh
+    ring = made.ring_of == made.ring_of.max()
+    found = everything(places)
+    found[np.flatnonzero(ring)[: int(0.6 * ring.sum()) + 1]] = False
+    points = made.points(places + 5.0, found)
+    assert (points.trusted == ~ring).all()
+    assert np.allclose(points.position_px[ring], made.reference_px[ring])
 
 
 def test_neighbours_of_the_apex_are_the_first_ring_and_beside_it_are_two_opposite_ones():
