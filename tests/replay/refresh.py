@@ -1,10 +1,11 @@
-"""Renews the golden replay: the only way to do it.
+"""Renews the golden replays: the only way to do it.
 
-    python tests/replay/refresh.py                  make a new log in virtual time, then its golden answers
-    python tests/replay/refresh.py DEMO.log         take a recorded log (its first seconds), then its answers
-    python tests/replay/refresh.py --answers-only   keep the log, renew the answers after a meant change
+    python tests/replay/refresh.py demo/run/bus.log   take the first seconds of a demo's log, then its answers
+    python tests/replay/refresh.py --virtual          make a new log in virtual time, then its answers
+    python tests/replay/refresh.py                    keep the logs, renew both answers after a meant change
 
-The log and the answers are candump logs, compressed. Look at the difference before you commit it.
+``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time.
+Logs and answers are candump logs, compressed. Look at the difference before you commit it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ from palpate_host.host import load_hand
 from palpate_host.replay import contract_header, replay_to_log, write_output
 
 HERE = Path(__file__).parent
-LOG = HERE / "hand.log.gz"
-ANSWERS = HERE / "hand.answers.log.gz"
 VIRTUAL_SECONDS = 4.0
 LARGEST_BYTES = 300_000
 
@@ -70,38 +69,43 @@ def cut(source: Path, target: Path, seconds: float) -> None:
     write_log(target, LogHeader(log.header.entries), kept)
 
 
+def renew_answers(name: str, config_path: Path | None) -> None:
+    """NAME.answers.log.gz from NAME.log.gz."""
+    config, hand = load_hand(config_path or load_bench().TABLE_4)
+    with tempfile.TemporaryDirectory() as folder:
+        log = unpack(HERE / f"{name}.log.gz", Path(folder) / "log")
+        result = replay_to_log(log, config, hand)
+        answers = Path(folder) / "answers"
+        write_output(answers, result)
+        pack(answers, HERE / f"{name}.answers.log.gz")
+    modes = " ".join(mode.value for mode in result.modes)
+    click.echo(f"{name}: {result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
+
+
 @click.command()
 @click.argument("recorded", required=False, type=click.Path(path_type=Path, exists=True))
-@click.option(
-    "--seconds", default=VIRTUAL_SECONDS, show_default=True, help="How much of a recorded log to keep."
-)
+@click.option("--seconds", default=5.0, show_default=True, help="How much of a recorded log to keep.")
+@click.option("--virtual", is_flag=True, help="Make the log in virtual time anew.")
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path), help="hand.toml; Table 4's by default."
 )
-@click.option("--answers-only", is_flag=True, help="Keep the log, renew the golden answers.")
-def refresh(recorded: Path | None, seconds: float, config_path: Path | None, answers_only: bool) -> None:
-    """Write hand.log.gz and hand.answers.log.gz anew."""
-    config, hand = load_hand(config_path or load_bench().TABLE_4)
+def refresh(recorded: Path | None, seconds: float, virtual: bool, config_path: Path | None) -> None:
+    """Write demo.log.gz, virtual.log.gz and their answers anew."""
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "hand.log"
-        if not answers_only:
-            if recorded is None:
-                virtual_log(log)
-            else:
-                cut(recorded, log, seconds)
-            pack(log, LOG)
-        unpack(LOG, log)
-        result = replay_to_log(log, config, hand)
-        answers = Path(folder) / "answers.log"
-        write_output(answers, result)
-        pack(answers, ANSWERS)
-    for path in (LOG, ANSWERS):
+        log = Path(folder) / "log"
+        if recorded is not None:
+            cut(recorded, log, seconds)
+            pack(log, HERE / "demo.log.gz")
+        if virtual:
+            virtual_log(log)
+            pack(log, HERE / "virtual.log.gz")
+    for name in ("demo", "virtual"):
+        renew_answers(name, config_path)
+    for path in HERE.glob("*.log.gz"):
         if path.stat().st_size > LARGEST_BYTES:
             raise click.ClickException(
                 f"{path.name} has more than {LARGEST_BYTES} bytes: use fewer --seconds"
             )
-    modes = " ".join(mode.value for mode in result.modes)
-    click.echo(f"{result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
 
 
 if __name__ == "__main__":
