@@ -1,8 +1,9 @@
 """What the hand did, from its bus log: modes and orientation error, torques and their limits.
 
 Modes are not on the bus. The host's core is a function of its frames and ticks alone, so they are what it
-answers when the log is replayed through it, with ticks in the phase the host had. Torques are those of the
-log: target torque of each RPDO 1, scaled by what the drive said of itself.
+answers when the log is replayed through it, with ticks in the phase the host had; where the host's own tick
+was late, the replay is a tick or two off. Torques are those of the log: target torque of each RPDO 1, scaled
+by what the drive said of itself.
 """
 
 from __future__ import annotations
