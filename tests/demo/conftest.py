@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from palpate_edge.can_frame import CanFrame
 from palpate_host.bus.candump import LogRecord
@@ -15,6 +16,10 @@ from palpate_host.demo.run_folder import MODEL
 from palpate_host.hand_config import HandConfig, load
 
 PATIENCE_S = 60.0
+
+# No test depends on how busy the machine is.
+settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any-machine")
 
 
 @pytest.fixture(scope="session")

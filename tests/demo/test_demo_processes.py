@@ -29,6 +29,12 @@ def folder(tmp_path, processes_of):
     assert processes_of(tmp_path) == {}
 
 
+def is_listening(folder, name="hub"):
+    """The hub says so once its signal handlers are in place; its socket is there a moment earlier."""
+    path = folder / f"{name}.stderr"
+    return path.exists() and "listening" in path.read_text()
+
+
 def hub_arguments(folder, name="hub"):
     return ["bus", "hub", "--socket", str(folder / f"{name}.sock")]
 
@@ -36,7 +42,7 @@ def hub_arguments(folder, name="hub"):
 def test_a_killed_process_is_named_with_its_signal(folder, eventually):
     with Children(folder) as children:
         child = children.start("hub", Program.HOST, hub_arguments(folder))
-        eventually((folder / "hub.sock").exists)
+        eventually(lambda: is_listening(folder))
         children.check()
         os.kill(child.process.pid, signal.SIGKILL)
         child.process.wait()
@@ -72,7 +78,7 @@ def test_stopping_ends_the_named_and_keeps_the_others(folder, eventually):
         one, two = (
             children.start(name, Program.HOST, hub_arguments(folder, name)) for name in ("one", "two")
         )
-        eventually(lambda: (folder / "one.sock").exists() and (folder / "two.sock").exists())
+        eventually(lambda: is_listening(folder, "one") and is_listening(folder, "two"))
         children.stop("one")
         assert one.process.returncode == 0
         assert two.process.poll() is None
@@ -93,7 +99,7 @@ def test_a_killed_demo_leaves_no_process_and_no_socket(folder, processes_of, eve
     with subprocess.Popen([sys.executable, "-c", PARENT, str(folder)], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         parent.stdout.readline()
-        eventually((folder / "hub.sock").exists)
+        eventually(lambda: is_listening(folder))
         assert len(processes_of(folder)) == 2
         parent.kill()
     eventually(lambda: not processes_of(folder))
