@@ -1,0 +1,236 @@
+"""The library of displacement fields: how the beads move when the dome is pressed, without solving anything.
+
+`palpate-host simulate dome library` makes the file (:mod:`make_library` describes it); this needs numpy only.
+Between the solved presses it interpolates
+- along contact angle and depth by cubic polynomials of displacement / depth at a fixed share of the largest
+  depth; below the smallest solved depth the field is proportional to the depth;
+- along the slide by the solved slides towards the base, away from it, towards +y and (mirrored) towards -y:
+  odd and even parts weighted so that small slides superpose and far ones keep Coulomb's limit;
+- over the bead sphere by trigonometric polynomials on each ring and cubic ones across the rings.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome import field_grid as grid
+from palpate_host.twin.dome.probe import Probe
+
+Array = NDArray[np.float64]
+
+SHIPPED = Path(__file__).with_name("fields.npz")
+REFRESH = "refresh it with palpate-host simulate dome library"
+MIRROR = np.array([1.0, -1.0, 1.0])
+TOLERANCE = 1e-6  # of a share: the file keeps float32
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """displacement_mm (q, 3) of the points asked for; force_per_mu_mm2 (3,) on the dome, times the shear
+    modulus in N/mm^2 in N; both in F.
+    """
+
+    displacement_mm: Array
+    force_per_mu_mm2: Array
+
+
+@dataclass(frozen=True)
+class FieldLibrary:
+    """Solved presses (n of them) on d directions, as the file has them, in double precision.
+
+    probes: in the order of their rows; displacement_mm (n, d, 3); force_per_mu_mm2 (n, 3); depth_mm (n,).
+    """
+
+    probes: tuple[Probe, ...]
+    outer_radius_mm: float
+    wall_mm: float
+    depth_mm: Array
+    displacement_mm: Array
+    force_per_mu_mm2: Array
+
+    def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
+        """How deep :meth:`field` goes at a contact angle."""
+        return float(grid.largest_depth_mm(theta_rad, probe, self.outer_radius_mm))
+
+    def field(
+        self,
+        directions: Array,
+        theta_rad: float,
+        depth_mm: float,
+        shear_mm: tuple[float, float] = (0.0, 0.0),
+        azimuth_rad: float = 0.0,
+        probe: Probe = Probe.PLATE,
+    ) -> Field:
+        """The dome pressed at polar angle theta and azimuth, then slid by shear_mm (towards the base, along
+        growing azimuth).
+
+        directions: (q, 3) unit vectors in F of points on the bead sphere. Raises ConfigError outside of the
+        grid: theta above 75 deg, depth above :meth:`largest_depth_mm`, a slide above 0.4 of the depth.
+        """
+        rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
+        needed = (plain != 0) | (mirrored != 0)
+        rows, plain, mirrored = rows[needed], plain[needed], mirrored[needed]
+        solved = self.displacement_mm[rows]
+        there = ring_weights(_turned(directions, -azimuth_rad))
+        moved = there @ np.tensordot(plain, solved, 1)
+        force = plain @ self.force_per_mu_mm2[rows]
+        if mirrored.any():
+            image = ring_weights(_turned(directions, -azimuth_rad) * MIRROR)
+            moved = moved + (image @ np.tensordot(mirrored, solved, 1)) * MIRROR
+            force = force + (mirrored @ self.force_per_mu_mm2[rows]) * MIRROR
+        return Field(_turned(moved, azimuth_rad), _turned(force, azimuth_rad))
+
+    def _row_weights(
+        self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe
+    ) -> tuple[NDArray[np.intp], Array, Array]:
+        """Numbers of the rows that matter, their weights, and the weights of their mirror images."""
+        share, shear_share = self._shares(theta_rad, depth_mm, shear_mm, probe)
+        angles, angle_weights = lagrange(np.radians(grid.THETA_DEG), theta_rad, 4)
+        plain, mirrored = np.zeros(grid.CASES), np.zeros(grid.CASES)
+        depths, depth_weights = lagrange(grid.DEPTH_SHARES, max(share, grid.DEPTH_SHARES[0]), 4)
+        plain[depths] = depth_weights
+        if shear_share > 0:
+            _add_slide(plain, mirrored, share, shear_share, np.arctan2(shear_mm[1], shear_mm[0]))
+        first = self.probes.index(probe) * len(grid.THETA_DEG) * grid.CASES
+        rows = first + angles[:, None] * grid.CASES + np.arange(grid.CASES)
+        scale = angle_weights[:, None] * depth_mm / self.depth_mm[rows]
+        return rows.ravel(), (scale * plain).ravel(), (scale * mirrored).ravel()
+
+    def _shares(
+        self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe
+    ) -> tuple[float, float]:
+        """(depth / largest depth, slide / depth). Raises ConfigError outside the library."""
+        if probe not in self.probes:
+            known = ", ".join(known.label for known in self.probes)
+            raise ConfigError(f"probe {probe.label}: the library of fields has {known}; {REFRESH}")
+        if not 0 <= theta_rad <= np.radians(grid.THETA_DEG[-1]) + TOLERANCE:
+            raise ConfigError(
+                f"theta {np.degrees(theta_rad):.1f} deg: the library has 0 to {grid.THETA_DEG[-1]:g} deg"
+            )
+        deepest_mm = self.largest_depth_mm(theta_rad, probe)
+        if not 0 <= depth_mm <= deepest_mm * (1 + TOLERANCE):
+            raise ConfigError(
+                f"depth {depth_mm:g} mm: the library goes from 0 to {deepest_mm:.2f} mm at this contact angle"
+            )
+        size_mm = float(np.hypot(*shear_mm))
+        if size_mm > grid.SHEAR_SHARES[-1] * depth_mm * (1 + TOLERANCE):
+            raise ConfigError(
+                f"slide of {size_mm:g} mm at depth {depth_mm:g} mm: the library of fields goes up to "
+                f"{grid.SHEAR_SHARES[-1]:g} of the depth"
+            )
+        return min(depth_mm / deepest_mm, 1.0), size_mm / depth_mm if size_mm else 0.0
+
+
+def _add_slide(plain: Array, mirrored: Array, share: float, shear_share: float, way_rad: float) -> None:
+    """Add the weights of the solved slides, and take those of the presses they started from, in place."""
+    along, across = np.cos(way_rad), np.sin(way_rad)
+    # f(+) and f(-) combined to odd * c + even * c^2, c the slide's share of this way.
+    ways = [(along + along**2) / 2, (along**2 - along) / 2, (across + across**2) / 2]
+    towards_minus_y = (across**2 - across) / 2
+    starts = grid.DEPTH_SHARES[list(grid.SHEARED)]
+    levels, level_weights = lagrange(starts, max(share, starts[0]), len(starts))
+    sizes, size_weights = lagrange(np.concatenate([[0.0], grid.SHEAR_SHARES]), shear_share, 3)
+    for level, level_weight in zip(levels, level_weights, strict=True):
+        for size, size_weight in zip(sizes, size_weights, strict=True):
+            if size == 0:
+                continue
+            weight = level_weight * size_weight
+            for way, way_weight in enumerate(ways):
+                plain[_slide_case(level, way, size - 1)] += weight * way_weight
+            plain[grid.SHEARED[level]] -= weight * sum(ways)
+            mirrored[_slide_case(level, len(ways) - 1, size - 1)] += weight * towards_minus_y
+            mirrored[grid.SHEARED[level]] -= weight * towards_minus_y
+
+
+def _slide_case(level: int, way: int, size: int) -> int:
+    """A slide's place in :func:`field_grid.cases`."""
+    return len(grid.DEPTH_SHARES) + (level * len(grid.SHEAR_WAYS) + way) * len(grid.SHEAR_SHARES) + size
+
+
+def lagrange(nodes: Array, at: float, count: int) -> tuple[NDArray[np.intp], Array]:
+    """The `count` nodes around `at`, and the weights of the polynomial through them at `at`."""
+    first = int(np.clip(np.searchsorted(nodes, at) - count // 2, 0, len(nodes) - count))
+    near = nodes[first : first + count]
+    others = ~np.eye(count, dtype=bool)
+    ratio = (at - near)[None, :] / np.where(others, near[:, None] - near[None, :], 1.0)
+    return np.arange(first, first + count), np.prod(ratio, axis=1, where=others)
+
+
+def ring_weights(directions: Array) -> Array:
+    """(q, d): weights of the library's directions at the directions (q, 3); above the base plane only.
+
+    Raises ConfigError for a direction below it.
+    """
+    theta_deg = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
+    if theta_deg.size and theta_deg.max() > 90 + TOLERANCE:
+        raise ConfigError(f"a point {theta_deg.max():.1f} deg from the pole is below the base: give 0 to 90")
+    phi = np.arctan2(directions[:, 1], directions[:, 0])
+    ring_of = np.repeat(np.arange(grid.RINGS), [1, *grid.POINTS_A_RING * np.arange(1, grid.RINGS)])
+    count = np.maximum(grid.POINTS_A_RING * np.arange(grid.RINGS), 1)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    phi_of = 2 * np.pi * (np.arange(len(ring_of)) - start[ring_of]) / count[ring_of]
+
+    # Rings -1 (ring 1 seen through the pole) to 10 (the rim: zero, so it has no column).
+    first = np.clip(np.floor(theta_deg / grid.RING_STEP_DEG).astype(int) - 1, -1, grid.RINGS - 3)
+    by_ring = np.zeros((len(directions), grid.RINGS + 2))
+    inner = theta_deg / grid.RING_STEP_DEG - first
+    for node in range(4):
+        others = [other for other in range(4) if other != node]
+        weight = np.prod([(inner - other) / (node - other) for other in others], axis=0)
+        by_ring[np.arange(len(directions)), first + node + 1] = weight
+    turn = phi[:, None] - phi_of
+    weights = by_ring[:, 1 + ring_of] * _periodic(turn, count[ring_of])
+    through = by_ring[:, :1] * _periodic(turn + np.pi, count[ring_of])
+    return np.asarray(weights + np.where(ring_of == 1, through, 0.0))
+
+
+def _periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
+    """Trigonometric interpolation on `count` even points: the weight of a point turn_rad away."""
+    half = turn_rad / 2
+    sine = np.sin(half)
+    on_point = np.abs(sine) < 1e-9
+    weight = np.sin(count * half) * np.cos(half) / (count * np.where(on_point, 1.0, sine))
+    return np.where(on_point | (count == 1), 1.0, weight)
+
+
+def _turned(vectors: Array, angle_rad: float) -> Array:
+    """(..., 3) turned about z."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.asarray(vectors @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def load_library(path: Path = SHIPPED) -> FieldLibrary:
+    """Read a library of fields. Raises ConfigError for a file that is missing, damaged or on another grid."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise ConfigError(f"{path} is missing: make it with palpate-host simulate dome library") from None
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ConfigError(f"{path} is not a library of fields ({error}): {REFRESH}") from None
+    names = ("directions", "theta_rad", "depth_mm", "probe", "displacement_mm", "force_per_mu_mm2", "dome")
+    for name in names:
+        if name not in arrays:
+            raise ConfigError(f"{path}: {name} is missing: {REFRESH}")
+    probes = tuple(Probe(int(number)) for number in dict.fromkeys(arrays["probe"].tolist()))
+    library = FieldLibrary(
+        probes=probes,
+        outer_radius_mm=float(arrays["dome"][0]),
+        wall_mm=float(arrays["dome"][1]),
+        depth_mm=arrays["depth_mm"].astype(np.float64),
+        displacement_mm=arrays["displacement_mm"].astype(np.float64),
+        force_per_mu_mm2=arrays["force_per_mu_mm2"].astype(np.float64),
+    )
+    theta_rad = np.tile(np.repeat(np.radians(grid.THETA_DEG), grid.CASES), len(probes))
+    same_angles = arrays["theta_rad"].shape == theta_rad.shape and np.allclose(
+        arrays["theta_rad"], theta_rad, atol=1e-5
+    )
+    if not same_angles or not np.allclose(arrays["directions"], grid.ring_directions(), atol=1e-5):
+        raise ConfigError(f"{path} was made on another grid of angles or directions: {REFRESH}")
+    return library

@@ -1,0 +1,138 @@
+"""Solves every press of the library of fields and writes it.
+
+The file (.npz):
+  directions (d, 3)          unit vectors in F
+  theta_rad (n,)             contact's polar angle; its azimuth is 0
+  depth_mm (n,)              of the probe along the inward normal
+  shear_mm (n, 2)            of the probe towards the base and towards +y, after the press
+  probe (n,)                 as :class:`Probe`
+  displacement_mm (n, d, 3)  float16: of the points BEAD_RADIUS_MM * directions, in F
+  force_per_mu_mm2 (n, 3)    on the dome, in F; times the shear modulus in N/mm^2 gives N
+  dome (2,)                  outer radius and wall, mm
+  resolution (3,)            elements along the cap, down the side, through the wall
+  poisson_ratio, friction
+Rows follow :mod:`field_grid`: probe by probe, contact angle by contact angle, then `cases`. Slides towards -y
+are the mirror image of those towards +y and are not stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from palpate_host.twin.dome import field_grid
+from palpate_host.twin.dome.equilibrium import Dome, State
+from palpate_host.twin.dome.mesh import Resolution, dome_mesh
+from palpate_host.twin.dome.press import Press, press_path
+from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.dome.sampling import Sampler
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One press as the library keeps it: displacement_mm (d, 3), force_per_mu_mm2 (3,)."""
+
+    theta_rad: float
+    depth_mm: float
+    shear_mm: tuple[float, float]
+    probe: Probe
+    displacement_mm: Array
+    force_per_mu_mm2: Array
+
+
+class Domes:
+    """A half dome, and the whole one for slides without mirror symmetry, with samplers on the bead sphere."""
+
+    def __init__(
+        self, outer_radius_mm: float, wall_mm: float, resolution: Resolution, points_mm: Array
+    ) -> None:
+        self.half = Dome(dome_mesh(outer_radius_mm, wall_mm, resolution, half=True))
+        self.whole = Dome(dome_mesh(outer_radius_mm, wall_mm, resolution))
+        self.sample_half = Sampler(self.half.mesh, points_mm)
+        self.sample_whole = Sampler(self.whole.mesh, points_mm)
+        self._nodes = _mirror_image(self.half.mesh.points_mm, self.whole.mesh.points_mm)
+        self._points = _mirror_image(self.half.surface.points_mm, self.whole.surface.points_mm)
+
+    def unfold(self, pressed: Press) -> Press:
+        """A press of the half dome on the whole one."""
+        state = pressed.state
+        node, node_sign = self._nodes
+        point, point_sign = self._points
+        moved = state.displacement_mm[node] * node_sign
+        whole = State(moved, state.anchor_mm[point] * point_sign)
+        return Press(
+            pressed.theta_rad,
+            pressed.depth_mm,
+            pressed.shear_mm,
+            pressed.probe,
+            moved,
+            pressed.force_per_mu_mm2,
+            pressed.base_per_mu_mm2,
+            pressed.touch_mm,
+            pressed.pressure_centre_mm,
+            pressed.largest_pressure,
+            pressed.iterations,
+            whole,
+        )
+
+
+def _mirror_image(half_mm: Array, whole_mm: Array) -> tuple[NDArray[np.intp], Array]:
+    """For each point of the whole: its number in the half, and the sign (1, +-1, 1) that mirrors it."""
+    mirrored = whole_mm * np.where(whole_mm[:, 1:2] < 0, [1.0, -1.0, 1.0], 1.0)
+    _, number = cKDTree(half_mm).query(mirrored)
+    return number, np.where(whole_mm[:, 1:2] < -1e-9, [1.0, -1.0, 1.0], 1.0)
+
+
+def solve_angle(domes: Domes, theta_rad: float, probe: Probe, after_press: Callable[[], None]) -> list[Row]:
+    """All rows of one contact angle, in the order of :func:`field_grid.cases`."""
+    deepest_mm = float(field_grid.largest_depth_mm(theta_rad, probe, domes.half.mesh.outer_radius_mm))
+    rows = field_grid.cases(deepest_mm)
+    pressed: list[Press] = []
+    fields: list[Array] = []
+    depths = len(field_grid.DEPTH_SHARES)
+    for found in press_path(domes.half, theta_rad, rows[:depths], probe):
+        pressed.append(found)
+        fields.append(domes.sample_half(found.displacement_mm))
+        after_press()
+    sizes = len(field_grid.SHEAR_SHARES)
+    for first in range(depths, len(rows), sizes):
+        stops = rows[first : first + sizes]
+        before = pressed[[row[0] for row in rows[:depths]].index(stops[0][0])]
+        sideways = stops[0][1][1] != 0
+        dome, sample = (domes.whole, domes.sample_whole) if sideways else (domes.half, domes.sample_half)
+        start = domes.unfold(before) if sideways else before
+        for found in press_path(dome, theta_rad, stops, probe, start):
+            pressed.append(found)
+            fields.append(sample(found.displacement_mm))
+            after_press()
+    return [
+        Row(theta_rad, depth, shear, probe, field, found.force_per_mu_mm2)
+        for (depth, shear), field, found in zip(rows, fields, pressed, strict=True)
+    ]
+
+
+def write_library(path: Path, rows: list[Row], domes: Domes, resolution: Resolution) -> None:
+    """Write the rows, which must be complete and in order (see the module)."""
+    mesh = domes.half.mesh
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            directions=field_grid.ring_directions().astype(np.float32),
+            theta_rad=np.array([row.theta_rad for row in rows], dtype=np.float32),
+            depth_mm=np.array([row.depth_mm for row in rows], dtype=np.float32),
+            shear_mm=np.array([row.shear_mm for row in rows], dtype=np.float32),
+            probe=np.array([row.probe for row in rows], dtype=np.uint8),
+            displacement_mm=np.array([row.displacement_mm for row in rows], dtype=np.float16),
+            force_per_mu_mm2=np.array([row.force_per_mu_mm2 for row in rows], dtype=np.float32),
+            dome=np.array([mesh.outer_radius_mm, mesh.wall_mm], dtype=np.float32),
+            resolution=np.array([resolution.cap, resolution.side, resolution.wall], dtype=np.uint8),
+            poisson_ratio=np.float32(domes.half.poisson_ratio),
+            friction=np.float32(domes.half.friction),
+        )

@@ -1,0 +1,174 @@
+"""One press: a probe pushed along the dome's inward normal, then along the tangent plane.
+
+Contact lies at azimuth 0, in the x-z plane of frame F; other azimuths are the same turned about z.
+Forces are per shear modulus: mm^2, times mu in N/mm^2 gives N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome.equilibrium import Dome, Equilibrium, State
+from palpate_host.twin.dome.probe import Probe
+
+Array = NDArray[np.float64]
+Shear = tuple[float, float]
+
+LONGEST_STEP_MM = 0.25  # of the probe at once; a step that fails is halved
+SHORTEST_STEP_MM = 0.01
+RIM_SHARE = 0.95  # a plate is kept this far from the base: part of 30 (1 - sin theta)
+NO_SHEAR: Shear = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """The dome pressed at one place.
+
+    displacement_mm: (n, 3) of the mesh's nodes, in F; force_per_mu_mm2: (3,) on the whole dome, in F;
+    base_per_mu_mm2: (3,) of the base on the dome, its negative in balance; touch_mm: (3,) where the probe
+    first touched; pressure_centre_mm: (3,) centroid of the pressure on the deformed surface; largest_pressure
+    in units of mu; state: to go on from.
+    """
+
+    theta_rad: float
+    depth_mm: float
+    shear_mm: Shear
+    probe: Probe
+    displacement_mm: Array
+    force_per_mu_mm2: Array
+    base_per_mu_mm2: Array
+    touch_mm: Array
+    pressure_centre_mm: Array
+    largest_pressure: float
+    iterations: int
+    state: State
+
+
+def directions(theta_rad: float) -> tuple[Array, Array, Array]:
+    """Outward normal, meridional (towards the base) and azimuthal (+y) tangent at azimuth 0."""
+    sin, cos = np.sin(theta_rad), np.cos(theta_rad)
+    return np.array([sin, 0, cos]), np.array([cos, 0, -sin]), np.array([0.0, 1.0, 0.0])
+
+
+def largest_depth_mm(theta_rad: float, probe: Probe, outer_radius_mm: float = 30.0) -> float:
+    """How deep the probe may go: an endless plate meets the base's rim at R (1 - sin theta)."""
+    if probe is Probe.PLATE:
+        return float(RIM_SHARE * outer_radius_mm * (1 - np.sin(theta_rad)))
+    return outer_radius_mm
+
+
+def press(
+    dome: Dome, theta_rad: float, depth_mm: float, probe: Probe = Probe.PLATE, shear_mm: Shear = NO_SHEAR
+) -> Press:
+    """Press to depth_mm at polar angle theta_rad, then slide by shear_mm (towards the base, towards +y).
+
+    Raises ConfigError where the press cannot be made or does not converge.
+    """
+    *_, last = press_path(dome, theta_rad, [(depth_mm, shear_mm)], probe)
+    return last
+
+
+def press_path(
+    dome: Dome,
+    theta_rad: float,
+    stops: Sequence[tuple[float, Shear]],
+    probe: Probe = Probe.PLATE,
+    start: Press | None = None,
+) -> Iterator[Press]:
+    """Go through `stops` of (depth_mm, shear_mm) in turn, from rest or from `start`; one press for each."""
+    _check(dome, theta_rad, stops, probe)
+    outward, meridional, azimuthal = directions(theta_rad)
+    frame = np.stack([-outward, meridional, azimuthal])
+    touch_mm = dome.mesh.outer_radius_mm * outward
+    state = start.state if start else dome.at_rest()
+    pose = np.array([start.depth_mm, *start.shear_mm]) if start else np.zeros(3)
+    for depth_mm, shear_mm in stops:
+        goal = np.array([depth_mm, *shear_mm])
+        found, iterations = _go(dome, state, probe, outward, touch_mm, frame, pose, goal)
+        state, pose = found.state, goal
+        yield _press(dome, theta_rad, goal, probe, touch_mm, found, iterations)
+
+
+def _go(
+    dome: Dome,
+    state: State,
+    probe: Probe,
+    outward: Array,
+    touch_mm: Array,
+    frame: Array,
+    pose: Array,
+    goal: Array,
+) -> tuple[Equilibrium, int]:
+    """Move the probe from pose to goal (depth, meridional, azimuthal) in steps short enough to converge."""
+    length = float(np.linalg.norm(goal - pose))
+    step = min(1.0, LONGEST_STEP_MM / max(length, 1e-12))
+    done, iterations = 0.0, 0
+    while True:
+        share = min(done + step, 1.0)
+        at_mm = touch_mm + (pose + share * (goal - pose)) @ frame
+        found = dome.balance(state, probe, outward, at_mm)
+        if found is not None:
+            state, done, iterations = found.state, share, iterations + found.iterations
+            if done >= 1:
+                return found, iterations
+        elif step * length > SHORTEST_STEP_MM:
+            step /= 2
+        else:
+            raise ConfigError(
+                f"{probe.label} at depth {goal[0]:g} mm, shear {goal[1]:g}, {goal[2]:g} mm: no equilibrium "
+                "found: press less deep or give a finer mesh"
+            )
+
+
+def _press(
+    dome: Dome,
+    theta_rad: float,
+    goal: Array,
+    probe: Probe,
+    touch_mm: Array,
+    found: Equilibrium,
+    iterations: int,
+) -> Press:
+    surface, moved = dome.surface, found.state.displacement_mm
+    points = surface.points_mm + (surface.to_points @ moved.ravel()).reshape(-1, 3)
+    weight = surface.area_mm2 * found.contact.pressure
+    centre = weight @ points / weight.sum() if weight.any() else touch_mm
+    # The other half of the dome carries the mirror image: its y components cancel.
+    whole = np.array([2.0, 0.0, 2.0]) if dome.mesh.half else np.ones(3)
+    if dome.mesh.half:
+        centre = centre * np.array([1.0, 0.0, 1.0])
+    return Press(
+        theta_rad=theta_rad,
+        depth_mm=float(goal[0]),
+        shear_mm=(float(goal[1]), float(goal[2])),
+        probe=probe,
+        displacement_mm=moved,
+        force_per_mu_mm2=whole * found.contact_force,
+        base_per_mu_mm2=whole * found.base_force,
+        touch_mm=touch_mm,
+        pressure_centre_mm=centre,
+        largest_pressure=float(found.contact.pressure.max()),
+        iterations=iterations,
+        state=found.state,
+    )
+
+
+def _check(dome: Dome, theta_rad: float, stops: Sequence[tuple[float, Shear]], probe: Probe) -> None:
+    if not 0 <= theta_rad < np.pi / 2:
+        raise ConfigError(
+            f"theta_rad = {theta_rad:g}: a press is at 0 (the pole) up to below pi/2 (the base)"
+        )
+    limit_mm = largest_depth_mm(theta_rad, probe, dome.mesh.outer_radius_mm)
+    for depth_mm, (_, azimuthal_mm) in stops:
+        if not 0 <= depth_mm <= limit_mm:
+            raise ConfigError(
+                f"depth_mm {depth_mm:g} at theta {np.degrees(theta_rad):.0f} deg: give 0 to {limit_mm:.2f}, "
+                "where the probe meets the base"
+            )
+        if azimuthal_mm and dome.mesh.half:
+            raise ConfigError("shear_mm: an azimuthal slide has no mirror symmetry: mesh the whole dome")

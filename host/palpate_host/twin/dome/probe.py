@@ -1,0 +1,46 @@
+"""The rigid bodies that press the dome: an endless plate and spheres."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Probe(IntEnum):
+    """A press dataset's probe; the number stands in the library of fields."""
+
+    PLATE = 0
+    SPHERE5 = 1
+    SPHERE10 = 2
+
+    @property
+    def radius_mm(self) -> float | None:
+        """None for the plate."""
+        return {Probe.PLATE: None, Probe.SPHERE5: 5.0, Probe.SPHERE10: 10.0}[self]
+
+    @property
+    def label(self) -> str:
+        """As in truth.csv's column `probe`."""
+        return self.name.lower()
+
+
+def penetration(probe: Probe, from_touch_mm: Array, outward: Array) -> tuple[Array, Array, Array]:
+    """Where points stand against the probe's surface.
+
+    from_touch_mm: (q, 3) points, as seen from the probe's point that touches first; outward: (3,) the dome's
+    outward normal there. Returns depth_mm (q,), positive inside the probe; normal (q, 3), out of the probe,
+    a unit vector; and the normal's derivative (q, 3, 3) by the point, 1/mm.
+    """
+    count = len(from_touch_mm)
+    radius_mm = probe.radius_mm
+    if radius_mm is None:
+        return from_touch_mm @ outward, np.tile(-outward, (count, 1)), np.zeros((count, 3, 3))
+    from_centre = from_touch_mm - radius_mm * outward
+    distance = np.linalg.norm(from_centre, axis=1)
+    normal = from_centre / distance[:, None]
+    across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    return radius_mm - distance, normal, across / distance[:, None, None]

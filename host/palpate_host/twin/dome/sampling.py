@@ -1,0 +1,70 @@
+"""Displacement at points inside the wall: the elements' shape functions at the points' places."""
+
+from __future__ import annotations
+
+import felupe
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome.mesh import DomeMesh
+
+Array = NDArray[np.float64]
+
+NEAREST_CELLS = 12
+INVERSE_STEPS = 12
+OUTSIDE = 1.02  # in natural coordinates: the elements' faces follow the sphere only to a few micrometres
+
+
+class Sampler:
+    """Points fixed in the undeformed dome; on a half dome, those of y < 0 get the mirror image's field."""
+
+    def __init__(self, mesh: DomeMesh, points_mm: Array) -> None:
+        """points_mm (q, 3) in the wall. Raises ConfigError for a point outside."""
+        flip = mesh.half & (points_mm[:, 1] < 0)
+        self._sign = np.where(flip[:, None], [1.0, -1.0, 1.0], 1.0)
+        self._weights = _shape_weights(mesh, points_mm * self._sign)
+
+    def __call__(self, displacement_mm: Array) -> Array:
+        """Nodal displacement (n, 3) -> (q, 3), both mm in F."""
+        return np.asarray((self._weights @ displacement_mm) * self._sign)
+
+
+def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
+    """(q, n): each point's shape functions in the element that holds it, found by inverting its map."""
+    element = felupe.QuadraticHexahedron()
+    corners = mesh.points_mm[mesh.cells]
+    tree = cKDTree(corners.mean(axis=1))
+    _, nearest = tree.query(points_mm, k=min(NEAREST_CELLS, len(corners)))
+    nearest = nearest.reshape(len(points_mm), -1)
+    best = np.full(len(points_mm), np.inf)
+    cell = np.zeros(len(points_mm), dtype=np.intp)
+    natural = np.zeros_like(points_mm)
+    for candidate in nearest.T:
+        found = _natural_coordinates(element, corners[candidate], points_mm)
+        outside = np.abs(found).max(axis=1)
+        better = outside < best - 1e-9
+        best, cell = np.where(better, outside, best), np.where(better, candidate, cell)
+        natural[better] = found[better]
+    if best.max() > OUTSIDE:
+        x, y, z = points_mm[best.argmax()]
+        raise ConfigError(
+            f"point {x:.2f}, {y:.2f}, {z:.2f} mm is not in the wall: give points inside the dome"
+        )
+    shape = element.function(natural.T).T
+    rows = np.repeat(np.arange(len(points_mm)), shape.shape[1])
+    size = (len(points_mm), len(mesh.points_mm))
+    return sparse.csr_matrix((shape.ravel(), (rows, mesh.cells[cell].ravel())), shape=size)
+
+
+def _natural_coordinates(element: felupe.QuadraticHexahedron, corners: Array, points_mm: Array) -> Array:
+    """(q, 3) natural coordinates of each point in its element (q, 20, 3), by Newton's method."""
+    natural = np.zeros_like(points_mm)
+    for _ in range(INVERSE_STEPS):
+        shape, slope = element.function(natural.T), element.gradient(natural.T)
+        miss = points_mm - np.einsum("aq,qai->qi", shape, corners)
+        jacobian = np.einsum("ajq,qai->qij", slope, corners)
+        natural = np.clip(natural + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0], -2, 2)
+    return natural
