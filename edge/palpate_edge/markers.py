@@ -109,12 +109,9 @@ class Refiner:
         diameter = np.asarray(diameter_px, dtype=np.float64)
         largest = float(diameter.max())
         self._margin = int(np.ceil(SKIN_RADIUS * largest)) + 1
-        reach = int(np.ceil(DISK_RADIUS * largest))
-        row, column = (grid.ravel() for grid in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-        taken = np.hypot(row, column) <= DISK_RADIUS * largest
-        row, column = row[taken], column[taken]
-        ones = np.ones((len(diameter), 1), dtype=np.intp)
-        self._disk = _Pixels(ones * column, ones * row)
+        self._reach = int(np.ceil(DISK_RADIUS * largest))
+        span = np.arange(-self._reach, self._reach + 1)
+        row, column = (grid.ravel() for grid in np.meshgrid(span, span, indexing="ij"))
         in_disk = np.hypot(row, column) <= DISK_RADIUS * diameter[:, None]
         self._in_disk = in_disk.astype(np.float32)
         self._moments = np.stack([np.ones(len(row)), column, row], axis=1).astype(np.float32)
@@ -135,12 +132,12 @@ class Refiner:
         inside = ((start_px >= low) & (start_px <= high)).all(axis=1)
         position = np.clip(start_px, low, high)
         contrast, area, shift = (np.zeros(len(beads)) for _ in range(3))
-        flat = dark.ravel()
+        pixels = _Image(dark, self._reach)
         moving = np.arange(len(beads))
         for _ in range(MOST_STEPS):
             which = beads[moving]
             centre = np.rint(np.clip(position[moving], low, high)).astype(np.intp)
-            offset, depth, mass = self._centroid(flat, centre[:, 1] * width + centre[:, 0], width, which)
+            offset, depth, mass = self._centroid(pixels, centre, which)
             longest = self._longest_step[which]
             step = np.clip(centre + offset - position[moving], -longest, longest)
             position[moving] += step
@@ -154,15 +151,15 @@ class Refiner:
         return Refined(position, contrast, area, shift <= self._settled[beads])
 
     def _centroid(
-        self, flat: Plane, base: NDArray[np.intp], width: int, beads: NDArray[np.intp]
+        self, pixels: _Image, centre: NDArray[np.intp], beads: NDArray[np.intp]
     ) -> tuple[Floats, Floats, Floats]:
-        """Centroid (m, 2) relative to the pixels `base` (m,), contrast (m,), sum of weights (m,)."""
-        ring = self._skin.read(flat, base, width, beads)
+        """Centroid (m, 2) relative to the pixels `centre` (m, 2), contrast (m,), sum of weights (m,)."""
+        ring = pixels.at(centre, self._skin[beads])
         bright = ring >= ring.mean(axis=1, keepdims=True) - NOISE_GREY  # not a neighbour's bead
-        skin = (ring * bright).sum(axis=1) / bright.sum(axis=1)
-        depth = skin - self._core.read(flat, base, width, beads).mean(axis=1)
+        skin = (ring * bright).sum(axis=1) / bright.sum(axis=1, dtype=np.float32)
+        depth = skin - pixels.at(centre, self._core[beads]).mean(axis=1)
         slope = 1.0 / np.maximum(depth, 1.0)
-        weight = self._disk.read(flat, base, width, beads)
+        weight = pixels.squares(centre)
         weight *= -slope[:, None]
         weight += (skin * slope - 0.25)[:, None]
         np.clip(weight, 0.0, 0.5, out=weight)
@@ -171,26 +168,31 @@ class Refiner:
         return np.stack([x, y], axis=1) / np.maximum(mass, 1e-3)[:, None], depth, mass
 
 
-class _Pixels:
-    """Pixels about each bead: columns and rows (n, k) from its middle one."""
+class _Image:
+    """A plane's pixels about many centres at once; `reach` is half the side of its squares."""
 
-    def __init__(self, column: NDArray[np.intp], row: NDArray[np.intp]) -> None:
-        self._column, self._row = column, row
-        self._flat: dict[int, NDArray[np.intp]] = {}
+    def __init__(self, dark: Plane, reach: int) -> None:
+        dark = dark if dark.flags.c_contiguous else dark.copy()
+        self._flat, self._width, self._reach = dark.ravel(), dark.shape[1], reach
+        side = 2 * reach + 1
+        shape = (dark.shape[0] - side + 1, dark.shape[1] - side + 1, side, side)
+        self._squares = np.lib.stride_tricks.as_strided(dark, shape, dark.strides * 2, writeable=False)
 
-    def read(self, flat: Plane, base: NDArray[np.intp], width: int, beads: NDArray[np.intp]) -> Floats:
-        """Greys (m, k) of the given beads about the pixels `base` (m,) of an image `width` wide."""
-        if width not in self._flat:
-            self._flat = {width: self._row * width + self._column}
-        offsets = self._flat[width]
-        if len(beads) != len(offsets):
-            offsets = offsets[beads]
-        return flat.take(base[:, None] + offsets).astype(np.float32)
+    def at(self, centre: NDArray[np.intp], offsets: NDArray[np.intp]) -> Floats:
+        """Greys (m, k) at `offsets` (m, k, 2) from the pixels `centre` (m, 2); columns come first."""
+        place = centre[:, None, :] + offsets
+        greys: Plane = self._flat.take(place[..., 1] * self._width + place[..., 0])
+        return np.asarray(greys, dtype=np.float32)
+
+    def squares(self, centre: NDArray[np.intp]) -> Floats:
+        """Greys (m, side * side) of the squares about the pixels `centre` (m, 2)."""
+        corner = centre - self._reach
+        squares = self._squares[corner[:, 1], corner[:, 0]]
+        return np.asarray(squares.reshape(len(centre), -1), dtype=np.float32)
 
 
-def _circle(radius: Array, count: int) -> _Pixels:
-    """`count` pixels on a circle of each bead's `radius` (n,)."""
+def _circle(radius: Array, count: int) -> NDArray[np.intp]:
+    """Offsets (n, count, 2) of `count` pixels on a circle of each bead's `radius` (n,)."""
     angle = 2 * np.pi * np.arange(count) / count
-    column = np.rint(radius[:, None] * np.cos(angle)).astype(np.intp)
-    row = np.rint(radius[:, None] * np.sin(angle)).astype(np.intp)
-    return _Pixels(column, row)
+    offsets = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(np.rint(offsets), dtype=np.intp)

@@ -79,13 +79,16 @@ def replay_to_log(log_path: Path, config: HandConfig, hand: Hand) -> Replay:
     return replay(log.records, config, hand)
 
 
-def replay(records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> Replay:
-    """Run `records` (at least one) through a fresh HostCore from the host's first frame to the last frame.
+def replay(
+    records: Sequence[LogRecord], config: HandConfig, hand: Hand, core: HostCore | None = None
+) -> Replay:
+    """Run `records` (at least one) through a fresh HostCore, or `core`, from the host's first frame to the
+    last frame.
 
     What came before the host's first heartbeat it did not hear; a log without a host is heard from its
     beginning.
     """
-    core = HostCore(config, hand)
+    core = core or HostCore(config, hand)
     wanted = set(core.accept_ids)
     own_id = HEARTBEAT_ID + config.network.host_node
     own = (record.stamp_us for record in records if record.frame.can_id == own_id)

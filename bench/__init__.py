@@ -1,0 +1,1 @@
+"""Timings with ratios against the alternatives: ``make bench``."""

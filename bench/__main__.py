@@ -1,0 +1,21 @@
+"""Print the tables of every benchmark, all on one core."""
+
+from __future__ import annotations
+
+import cv2
+
+from bench import bus, estimator, frames, host
+from bench.timing import table
+
+
+def main() -> None:
+    cv2.setNumThreads(1)
+    print(table("Estimator, 640x480, 85 beads, one core", estimator.rows(frames.load())))
+    print()
+    print(table("Fingertip node and hub", bus.rows()))
+    print()
+    print(table("Host, 3 fingers x 3 joints", host.rows()))
+
+
+if __name__ == "__main__":
+    main()

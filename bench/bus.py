@@ -1,0 +1,75 @@
+"""A contact's way onto the bus, and a frame's way through the hub beside python-can's in-process bus."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from pathlib import Path
+
+import can
+import numpy as np
+
+from bench.timing import Row, time_each
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.contact_type import Contact
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.nmt import NMT_ID
+from palpate_host.bus.hub import Hub
+
+ROUND_TRIPS = 1000
+CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), None, 1.0, "", 85, 85)
+
+
+def rows() -> list[Row]:
+    """The first row is the yardstick."""
+    return [*_round_trips(), _node()]
+
+
+def _node() -> Row:
+    node = FingertipNode(0x10, Method.CORRECTED, "0" * 16)
+    node.process(0, [])
+    node.process(0, [CanFrame(NMT_ID, bytes([1, 0x10]))])
+
+    def publish(now_us: int) -> None:
+        node.publish(CONTACT, 5000)
+        node.process(now_us, [])
+
+    return Row("fingertip node: contact to TPDO 1-3", time_each(publish, range(ROUND_TRIPS)))
+
+
+def _round_trips() -> list[Row]:
+    virtual = [can.Bus(interface="virtual", channel="bench") for _ in range(2)]
+    try:
+        plain = Row("frame and answer, python-can virtual (one process)", _ping(*virtual))
+    finally:
+        for bus in virtual:
+            bus.shutdown()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "hub.sock"
+        hub = Hub(path, bitrate=0, txqueuelen=128)
+        thread = threading.Thread(target=hub.run)
+        thread.start()
+        buses = [can.Bus(interface="palpate", channel=str(path), name=name) for name in ("a", "b")]
+        try:
+            through = Row("frame and answer through the hub", _ping(*buses))
+        finally:
+            for bus in buses:
+                bus.shutdown()
+            hub.stop()
+            thread.join()
+            hub.close()
+    return [plain, through]
+
+
+def _ping(a: can.BusABC, b: can.BusABC) -> np.ndarray:
+    message = can.Message(arbitration_id=0x123, data=b"palpate", is_extended_id=False)
+
+    def trip(_number: int) -> None:
+        a.send(message)
+        received = b.recv(1.0)
+        assert received is not None
+        b.send(received)
+        assert a.recv(1.0) is not None
+
+    return time_each(trip, range(ROUND_TRIPS))

@@ -1,0 +1,49 @@
+"""One tick of the host on a recorded demo: everything between frames in and torques out."""
+
+from __future__ import annotations
+
+import gzip
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import palpate_host
+from bench.timing import Row, time_each
+from palpate_host.bus.candump import read_log
+from palpate_host.host import load_hand
+from palpate_host.master import HostCore
+from palpate_host.replay import replay
+
+ROOT = Path(__file__).resolve().parents[1]
+LOG = ROOT / "tests" / "replay" / "demo.log.gz"
+TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
+
+
+class TimedCore(HostCore):
+    """HostCore with the seconds of each call that ended a tick."""
+
+    seconds: list[float] = []  # noqa: RUF012 - collected over the whole replay
+
+    def process(self, now_us, frames_in):
+        begin = time.perf_counter()
+        output = super().process(now_us, frames_in)
+        if output.status is not None:
+            self.seconds.append(time.perf_counter() - begin)
+        return output
+
+
+def rows() -> list[Row]:
+    """The first row is the yardstick: MuJoCo's kinematics, Jacobians and gravity alone."""
+    config, hand = load_hand(TABLE_4)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "demo.log"
+        path.write_bytes(gzip.decompress(LOG.read_bytes()))
+        records = read_log(path).records
+    replay(records, config, hand, core=TimedCore(config, hand))
+    angles = np.random.default_rng(0).uniform(-0.3, 0.3, (500, hand.joint_count))
+    return [
+        Row("hand: tip places, Jacobians, gravity (MuJoCo)", time_each(hand.pose, list(angles))),
+        Row("whole tick with supervisor, frames and status", np.array(TimedCore.seconds)),
+    ]
