@@ -21,8 +21,9 @@ lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(VENV)/dev.stamp  ## pytest; PYTEST_ARGS selects, as in make unit PYTEST_ARGS="-m 'not demo'"
-	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+unit: $(VENV)/dev.stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
+	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
+	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
 bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives
 	$(BIN)/python -m bench
@@ -31,7 +32,7 @@ format: $(VENV)/dev.stamp  ## format the sources
 	$(BIN)/ruff check --fix-only --quiet .
 	$(BIN)/ruff format .
 
-lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64) and the bench's extras
+lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
 system-deps:  ## what apt has and some tests use: tshark (needs root or sudo)

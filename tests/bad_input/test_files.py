@@ -205,6 +205,19 @@ def test_a_description_without_rings(calibrate, dataset):
     says(calibrate(dataset), "markers.rings")
 
 
+@pytest.mark.parametrize(
+    ("spoil", "parts"),
+    [
+        (shutil.rmtree, ["dome is missing"]),
+        (lambda d: (d / "truth.csv").unlink(), ["truth.csv", "no row"]),
+        (lambda d: cut(d / "frames" / "003.png"), ["003.png is cut short"]),
+    ],
+)
+def test_a_dataset_that_cannot_be_evaluated(refused, dataset, drawn_calibration_file, spoil, parts):
+    spoil(dataset)
+    says(refused("evaluate", dataset, "--calibration", drawn_calibration_file), *parts)
+
+
 # Places to write to
 
 

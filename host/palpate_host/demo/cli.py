@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from io import StringIO
 from pathlib import Path
 
 import click
@@ -12,15 +14,17 @@ from rich.live import Live
 from palpate_edge.dataset import read_dataset
 from palpate_host.demo import orchestrator
 from palpate_host.demo.analysis import analyse, summary_lines, write_summary
-from palpate_host.demo.live_view import plain_line, render
+from palpate_host.demo.live_view import Scale, plain_line, render
 from palpate_host.demo.monitor import Sight
 from palpate_host.demo.orchestrator import DemoInterruptedError
 from palpate_host.demo.run_folder import RunFolder, make_run_folder
+from palpate_host.supervisor import Mode
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 FOLDER = click.Path(path_type=Path, file_okay=False)
 INTERRUPTED_EXIT_STATUS = 130  # as a shell says for SIGINT
 PLAIN_PERIOD_S = 1.0
+WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to need no network
 
 
 @click.command()
@@ -78,17 +82,46 @@ def _run(folder: RunFolder, recording: Path, duration_s: float, *, plain: bool) 
     presses = [press for finger in hand.fingers for press in read_dataset(recording / finger.name).presses]
     largest_N = max((press.normal_force_N for press in presses), default=0.0)
     scale = orchestrator.view_scale(hand, recording, duration_s, largest_N or 1.0)
+    picture = _Picture(scale)
     if plain:
-        orchestrator.run(folder, recording, duration_s, click.echo, _PlainView())
-        return
-    with Live(console=Console(), screen=True, auto_refresh=False) as live:
-        orchestrator.run(
-            folder,
-            recording,
-            duration_s,
-            say=lambda line: live.update(line, refresh=True),
-            show=lambda sight, elapsed_s: live.update(render(sight, scale, elapsed_s), refresh=True),
-        )
+        lines = _PlainView()
+
+        def show_line(sight: Sight, elapsed_s: float) -> None:
+            picture.see(sight, elapsed_s)
+            lines(sight, elapsed_s)
+
+        orchestrator.run(folder, recording, duration_s, click.echo, show_line)
+    else:
+        with Live(console=Console(), screen=True, auto_refresh=False) as live:
+
+            def show(sight: Sight, elapsed_s: float) -> None:
+                picture.see(sight, elapsed_s)
+                live.update(render(sight, scale, elapsed_s), refresh=True)
+
+            orchestrator.run(
+                folder, recording, duration_s, lambda line: live.update(line, refresh=True), show
+            )
+    picture.save(folder.picture)
+
+
+class _Picture:
+    """The live view as it was when the hand last manipulated, as an SVG."""
+
+    def __init__(self, scale: Scale) -> None:
+        self._scale = scale
+        self._last: tuple[Sight, float] | None = None
+
+    def see(self, sight: Sight, elapsed_s: float) -> None:
+        if sight.status is not None and sight.status.mode is Mode.MANIPULATE:
+            self._last = (sight, elapsed_s)
+
+    def save(self, path: Path) -> None:
+        if self._last is None:
+            return
+        console = Console(record=True, width=112, height=34, file=StringIO(), force_terminal=True)
+        console.print(render(self._last[0], self._scale, self._last[1]))
+        svg = console.export_svg(title="palpate-host demo")
+        path.write_text(WEB_FONT.sub("", svg), encoding="utf-8")
 
 
 class _PlainView:

@@ -49,6 +49,10 @@ class RunFolder:
     def summary(self) -> Path:
         return self.path / "summary.json"
 
+    @property
+    def picture(self) -> Path:
+        return self.path / "view.svg"
+
     def finger_toml(self, name: str) -> Path:
         return self.path / f"{name}.toml"
 
