@@ -10,7 +10,7 @@ lock() {
     # shellcheck disable=SC2086
     "$uv" pip compile pyproject.toml $common --no-emit-package palpate "$@"
 }
-lock --all-extras --upgrade -o requirements/full.lock
-lock -c requirements/full.lock --extra host --extra onnx --extra train --extra dev -o requirements/dev.lock
-lock -c requirements/full.lock --extra host --extra onnx requirements/build.in -o requirements/host.lock
+lock --all-extras --upgrade requirements/build.in -o requirements/full.lock
+lock -c requirements/full.lock --extra host --extra train --extra dev -o requirements/dev.lock
+lock -c requirements/full.lock --extra host --extra train requirements/build.in -o requirements/host.lock
 lock -c requirements/full.lock --extra onnx requirements/build.in -o requirements/edge.lock
