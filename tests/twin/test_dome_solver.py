@@ -12,6 +12,7 @@ felupe = pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
 from palpate_edge.errors import ConfigError  # noqa: E402
 from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu  # noqa: E402
 from palpate_host.twin.dome.equilibrium import Dome  # noqa: E402
+from palpate_host.twin.dome.friction_contact import contact
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh  # noqa: E402
 from palpate_host.twin.dome.press import directions, press, press_path  # noqa: E402
 from palpate_host.twin.dome.probe import Probe  # noqa: E402
@@ -54,6 +55,37 @@ def test_mesh_that_cannot_be_is_refused(
 ) -> None:
     with pytest.raises(ConfigError):
         dome_mesh(radius_mm, wall_mm, resolution, half)
+
+
+@pytest.mark.parametrize(("poisson_ratio", "ratio"), [(0.0, 2 / 3), (0.25, 5 / 3), (0.49, 149 / 3)])
+def test_bulk_modulus_is_that_of_linear_elasticity(poisson_ratio: float, ratio: float) -> None:
+    """K = E / (3 (1 - 2 nu)) with E = 2 (1 + nu) mu, worked out by hand."""
+    assert bulk_per_mu(poisson_ratio) == pytest.approx(ratio)
+
+
+@pytest.mark.parametrize("probe", list(Probe))
+def test_traction_derivative_is_that_of_the_traction(probe: Probe) -> None:
+    """Over points that stick, slip and hang free; differences straddle no corner of the law."""
+    rng = np.random.default_rng(5)
+    outward, _, _ = directions(0.4)
+    points = 0.3 * rng.normal(size=(300, 3))
+    anchors = points + 0.02 * rng.normal(size=points.shape)
+    derivative = contact(probe, outward, points, anchors, 0.6).derivative
+    step = 1e-7
+    for axis in range(3):
+        move = step * np.eye(3)[axis]
+        ahead, behind = (contact(probe, outward, points + way * move, anchors, 0.6) for way in (1, -1))
+        by_difference = (ahead.traction - behind.traction) / (2 * step)
+        assert derivative[:, :, axis] == pytest.approx(by_difference, abs=1e-4)
+
+
+def test_distant_probe_pushes_nothing_and_its_points_hold_on_to_nothing() -> None:
+    touch = contact(
+        Probe.PLATE, np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -0.1]]), np.zeros((1, 3)), 0.6
+    )
+    assert not touch.traction.any()
+    assert not touch.derivative.any()
+    assert np.isnan(touch.anchor_mm).all()
 
 
 def distorted_block(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

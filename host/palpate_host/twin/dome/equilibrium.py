@@ -17,7 +17,7 @@ from palpate_host.twin.dome.surface import Surface, outer_surface
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-9  # largest out-of-balance nodal force, in parts of the contact force (plus 1 mm^2 mu)
+TOLERANCE = 1e-8  # largest out-of-balance nodal force, in parts of the contact force (plus 1 mm^2 mu)
 MOST_ITERATIONS = 20
 SHORTENINGS = 4  # a Newton step that does not lower the residual is halved so often
 STICK = 1e6  # a coefficient of friction that nothing overcomes

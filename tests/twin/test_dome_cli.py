@@ -1,0 +1,112 @@
+"""`palpate-host simulate dome`: the commands, on meshes that solve in seconds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
+
+from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome import field_grid as grid
+from palpate_host.twin.dome.cli import simulate
+from palpate_host.twin.dome.convergence import converge
+from palpate_host.twin.dome.equilibrium import Dome
+from palpate_host.twin.dome.library import load_library
+from palpate_host.twin.dome.make_library import Domes, solve_angle
+from palpate_host.twin.dome.mesh import Resolution, dome_mesh
+from palpate_host.twin.dome.press import press_path
+from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.dome.side_points import side_points
+
+TINY = ["--mesh", "4", "3", "1"]
+
+
+def test_press_prints_balanced_forces_and_draws(tmp_path: Path) -> None:
+    picture = tmp_path / "press.png"
+    options = [
+        "--theta-deg",
+        "20",
+        "--depth-mm",
+        "0.5",
+        "--shear-mm",
+        "0.1",
+        "0.05",
+        "--picture",
+        str(picture),
+    ]
+    result = CliRunner().invoke(simulate, ["dome", "press", *TINY, *options], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    rows = [line.split()[-3:] for line in result.output.splitlines()[:2]]
+    dome, base = np.array(rows, dtype=float)
+    assert np.linalg.norm(dome) > 1
+    assert dome == pytest.approx(-base, abs=2e-4)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_press_too_deep_is_refused() -> None:
+    result = CliRunner().invoke(simulate, ["dome", "press", *TINY, "--theta-deg", "80", "--depth-mm", "3"])
+    assert isinstance(result.exception, ConfigError)
+
+
+def test_side_points_spread_alike_at_all_contact_angles() -> None:
+    """What Table 2 shows: the ratio hardly depends on the contact angle."""
+    ratios = [pair.ratio for pair in side_points(Dome(dome_mesh(resolution=Resolution(4, 3, 1), half=True)))]
+    assert len(ratios) == 5
+    assert min(ratios) > 1
+    assert max(ratios) / min(ratios) < 1.02
+
+
+def test_finer_meshes_come_closer() -> None:
+    meshes = (Resolution(2, 2, 1), Resolution(4, 3, 1), Resolution(6, 5, 1))
+    finest, middle, coarse = converge(0.5, 0.5, Probe.PLATE, meshes)
+    assert finest.field_rms_mm == 0
+    assert middle.field_rms_mm < coarse.field_rms_mm
+    assert max(result.imbalance for result in (finest, middle, coarse)) < 1e-6
+
+
+def test_library_rows_follow_the_grid() -> None:
+    domes = Domes(30.0, 5.0, Resolution(2, 2, 1), grid.BEAD_RADIUS_MM * grid.ring_directions())
+    theta_rad = np.radians(70.0)
+    solved: list[None] = []
+    rows = solve_angle(domes, theta_rad, Probe.PLATE, lambda: solved.append(None))
+    assert len(rows) == len(solved) == grid.CASES
+    deepest_mm = float(grid.largest_depth_mm(theta_rad, Probe.PLATE))
+    assert [(row.depth_mm, row.shear_mm) for row in rows] == grid.cases(deepest_mm)
+    for row in rows:
+        away = row.shear_mm[0] == row.shear_mm[1] == 0
+        assert (abs(row.force_per_mu_mm2[1]) < 1e-6) == (row.shear_mm[1] == 0)
+        assert away or row.displacement_mm.any()
+
+
+@pytest.mark.fem
+@pytest.mark.parametrize("probe", load_library().probes, ids=lambda probe: probe.label)
+def test_interpolation_against_fresh_solutions(probe: Probe) -> None:
+    """Stated error: 1.5 % of the depth (rms over scattered points) and 6 % of the force, off the grid."""
+    library = load_library()
+    rng = np.random.default_rng(11)
+    theta, phi = np.arccos(rng.uniform(0.2, 1, 80)), rng.uniform(0, 2 * np.pi, 80)
+    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    with np.load(Path(grid.__file__).with_name("fields.npz")) as file:
+        resolution = Resolution(*(int(count) for count in file["resolution"]))
+    domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * directions)
+    for theta_deg, share, slide in (
+        (12.0, 0.45, (0.1, 0.15)),
+        (33.0, 0.85, (-0.2, 0.2)),
+        (57.0, 0.6, (0.25, 0.0)),
+    ):
+        contact_rad = float(np.radians(theta_deg))
+        depth_mm = share * library.largest_depth_mm(contact_rad, probe)
+        shear_mm = (slide[0] * depth_mm, slide[1] * depth_mm)
+        *_, pressed = press_path(domes.half, contact_rad, [(depth_mm, (0.0, 0.0))], probe)
+        start = domes.unfold(pressed)
+        *_, slid = press_path(domes.whole, contact_rad, [(depth_mm, shear_mm)], probe, start)
+        solved = domes.sample_whole(slid.displacement_mm)
+        found = library.field(directions, contact_rad, depth_mm, shear_mm, probe=probe)
+        error_mm = np.sqrt(np.mean(np.sum((found.displacement_mm - solved) ** 2, axis=1)))
+        assert error_mm < 0.015 * depth_mm
+        force_error = np.linalg.norm(found.force_per_mu_mm2 - slid.force_per_mu_mm2)
+        assert force_error < 0.06 * np.linalg.norm(slid.force_per_mu_mm2)
