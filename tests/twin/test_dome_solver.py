@@ -7,17 +7,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-felupe = pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
+pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
 
-from palpate_edge.errors import ConfigError  # noqa: E402
-from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu  # noqa: E402
-from palpate_host.twin.dome.equilibrium import Dome  # noqa: E402
+import felupe
+
+from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu
+from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.friction_contact import contact
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh  # noqa: E402
-from palpate_host.twin.dome.press import directions, press, press_path  # noqa: E402
-from palpate_host.twin.dome.probe import Probe  # noqa: E402
-from palpate_host.twin.dome.sampling import Sampler  # noqa: E402
-from palpate_host.twin.dome.surface import outer_surface  # noqa: E402
+from palpate_host.twin.dome.mesh import Resolution, dome_mesh
+from palpate_host.twin.dome.press import directions, press, press_path
+from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.dome.sampling import Sampler
+from palpate_host.twin.dome.surface import outer_surface
 
 TINY = Resolution(cap=4, side=3, wall=1)
 THETA_RAD = np.radians(35.0)
@@ -80,9 +82,8 @@ def test_traction_derivative_is_that_of_the_traction(probe: Probe) -> None:
 
 
 def test_distant_probe_pushes_nothing_and_its_points_hold_on_to_nothing() -> None:
-    touch = contact(
-        Probe.PLATE, np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -0.1]]), np.zeros((1, 3)), 0.6
-    )
+    up, below = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -0.1]])
+    touch = contact(Probe.PLATE, up, below, np.zeros((1, 3)), 0.6)
     assert not touch.traction.any()
     assert not touch.derivative.any()
     assert np.isnan(touch.anchor_mm).all()

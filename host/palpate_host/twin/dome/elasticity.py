@@ -40,7 +40,8 @@ class Solid:
     def forces(self, displacement_mm: Array) -> Array:
         """(n, 3) mm -> nodal forces (3 n,) that hold it, per mu, mm^2."""
         self._field[0].values[:] = displacement_mm
-        return np.asarray(self._body.assemble.vector(self._field).toarray()).ravel()
+        with np.errstate(invalid="ignore"):  # an element turned inside out gives nan, which the caller sees
+            return np.asarray(self._body.assemble.vector(self._field).toarray()).ravel()
 
     def stiffness(self, displacement_mm: Array) -> sparse.csr_matrix:
         """(n, 3) mm -> derivative of :meth:`forces`, (3 n, 3 n), per mu, mm."""

@@ -12,14 +12,14 @@ from scipy.sparse.linalg import splu
 from palpate_host.twin.dome.elasticity import POISSON_RATIO, Solid
 from palpate_host.twin.dome.friction_contact import FRICTION, Contact, contact, no_anchor
 from palpate_host.twin.dome.mesh import DomeMesh
-from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.dome.probe import ProbePose
 from palpate_host.twin.dome.surface import Surface, outer_surface
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8  # largest out-of-balance nodal force, in parts of the contact force (plus 1 mm^2 mu)
 MOST_ITERATIONS = 20
-SHORTENINGS = 4  # a Newton step that does not lower the residual is halved so often
+SHORTENINGS = 5  # tries of a Newton step, each half as long, until it lowers the residual
 STICK = 1e6  # a coefficient of friction that nothing overcomes
 LARGEST_UPDATE_MM = 1.0  # a longer Newton step is cut: it would turn elements inside out
 
@@ -78,46 +78,35 @@ class Dome:
         """Nothing touches."""
         return State(np.zeros_like(self.mesh.points_mm), no_anchor(len(self.surface.area_mm2)))
 
-    def balance(self, state: State, probe: Probe, outward: Array, probe_at_mm: Array) -> Equilibrium | None:
-        """The equilibrium with the probe's point of first touch at probe_at_mm, from `state`; None where
-        Newton's method does not get there (the step was too long).
-
-        outward: (3,) the dome's outward normal at the first touch.
+    def balance(self, state: State, pose: ProbePose) -> Equilibrium | None:
+        """The equilibrium with the probe at a pose, from a state near it; None where Newton's method does not
+        get there: the way from the last pose was too long.
         """
         # A sliding point has no stiffness along the plate, so the first step takes all to stick.
-        at = self._forces(state.displacement_mm, state.anchor_mm, probe, outward, probe_at_mm, STICK)
-        moved = state.displacement_mm + self._newton_step(state.displacement_mm, at)
-        at = self._forces(moved, state.anchor_mm, probe, outward, probe_at_mm, self.friction)
+        moved = state.displacement_mm
+        moved = moved + self._newton_step(moved, self._forces(moved, state, pose, STICK))
+        at = self._forces(moved, state, pose, self.friction)
         for iteration in range(1, MOST_ITERATIONS):
+            if not np.isfinite(at.residual).all():
+                return None
             force = at.pushed.reshape(-1, 3).sum(axis=0)
             if np.abs(at.residual).max() <= TOLERANCE * (1 + np.linalg.norm(force)):
                 reached = State(moved, at.contact.anchor_mm)
                 return Equilibrium(reached, at.contact, force, self._reaction(at), iteration)
-            update = self._newton_step(moved, at)
-            size = np.linalg.norm(at.residual)
-            for _ in range(SHORTENINGS):
-                at = self._forces(moved + update, state.anchor_mm, probe, outward, probe_at_mm, self.friction)
+            update, size = self._newton_step(moved, at), np.linalg.norm(at.residual)
+            for shortening in range(SHORTENINGS):
+                ahead = moved + update / 2**shortening
+                at = self._forces(ahead, state, pose, self.friction)
                 if np.linalg.norm(at.residual) < size:
                     break
-                update = update / 2
-            else:
-                at = self._forces(moved + update, state.anchor_mm, probe, outward, probe_at_mm, self.friction)
-            moved = moved + update
+            moved = ahead
         return None
 
-    def _forces(
-        self,
-        displacement: Array,
-        anchor_mm: Array,
-        probe: Probe,
-        outward: Array,
-        probe_at_mm: Array,
-        friction: float,
-    ) -> _Forces:
-        """Internal and contact forces on the nodes at a displacement."""
+    def _forces(self, displacement: Array, state: State, pose: ProbePose, friction: float) -> _Forces:
+        """Internal and contact forces on the nodes at a displacement, with the anchors of the last state."""
         surface = self.surface
         points = surface.points_mm + (surface.to_points @ displacement.ravel()).reshape(-1, 3)
-        touch = contact(probe, outward, points - probe_at_mm, anchor_mm, friction)
+        touch = contact(pose.probe, pose.outward, points - pose.at_mm, state.anchor_mm, friction)
         pushed = surface.to_points.T @ (surface.area_mm2[:, None] * touch.traction).ravel()
         internal = self._solid.forces(displacement)
         return _Forces(touch, pushed, internal, (internal - pushed)[self._free])

@@ -55,29 +55,40 @@ def contact(probe: Probe, outward: Array, on_probe_mm: Array, anchor_mm: Array, 
 
     held = touching & np.isfinite(anchor_mm[:, 0])
     stretch = np.where(held[:, None], on_probe_mm - anchor_mm, 0.0)
-    tangent = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    trial = -TANGENT_PENALTY * np.einsum("qij,qj->qi", tangent, stretch)
-    # The tangent plane turns with a sphere's normal: d(n (n.s)) = n_by_point (n.s) + n (s.n_by_point).
-    along = np.einsum("qi,qi->q", normal, stretch)
-    trial_by_point = -TANGENT_PENALTY * (
-        tangent
-        - along[:, None, None] * normal_by_point
-        - normal[:, :, None] * np.einsum("qi,qij->qj", stretch, normal_by_point)[:, None, :]
-    )
+    trial, trial_by_point = _stick(stretch, normal, normal_by_point)
     size = np.linalg.norm(trial, axis=1)
     slips = held & (size > friction * pressure)
-    way = trial / np.where(size > 0, size, 1.0)[:, None]
-    slip_by_point = friction * (
-        way[:, :, None] * pressure_by_point[:, None, :]
-        + (pressure / np.where(size > 0, size, 1.0))[:, None, None]
-        * np.einsum("qij,qjk->qik", np.eye(3) - way[:, :, None] * way[:, None, :], trial_by_point)
-    )
-    shear = np.where(slips[:, None], friction * pressure[:, None] * way, trial)
-    shear_by_point = np.where(slips[:, None, None], slip_by_point, trial_by_point)
-    traction = traction + np.where(held[:, None], shear, 0.0)
-    derivative = derivative + np.where(held[:, None, None], shear_by_point, 0.0)
+    slide, slide_by_point = _slip(trial, trial_by_point, friction * pressure, friction * pressure_by_point)
+    shear = np.where(slips[:, None], slide, trial)
+    shear_by_point = np.where(slips[:, None, None], slide_by_point, trial_by_point)
 
     # What has slipped holds on a little further: where the sliding traction is just the stick traction.
     moved = on_probe_mm + np.where(slips[:, None], shear / TANGENT_PENALTY, 0.0)
     kept = np.where((held & ~slips)[:, None], anchor_mm, moved)
-    return Contact(traction, derivative, pressure, np.where(touching[:, None], kept, np.nan))
+    return Contact(
+        traction + np.where(held[:, None], shear, 0.0),
+        derivative + np.where(held[:, None, None], shear_by_point, 0.0),
+        pressure,
+        np.where(touching[:, None], kept, np.nan),
+    )
+
+
+def _stick(stretch: Array, normal: Array, normal_by_point: Array) -> tuple[Array, Array]:
+    """Traction of points that hold on, and its derivative: a spring along the tangent plane."""
+    tangent = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    traction = -TANGENT_PENALTY * np.einsum("qij,qj->qi", tangent, stretch)
+    # The tangent plane turns with a sphere's normal: d(n (n.s)) = n_by_point (n.s) + n (s.n_by_point).
+    along = np.einsum("qi,qi->q", normal, stretch)
+    turning = np.einsum("qi,qij->qj", stretch, normal_by_point)
+    by_point = tangent - along[:, None, None] * normal_by_point - normal[:, :, None] * turning[:, None, :]
+    return traction, -TANGENT_PENALTY * by_point
+
+
+def _slip(trial: Array, trial_by_point: Array, limit: Array, limit_by_point: Array) -> tuple[Array, Array]:
+    """Traction of points that slide, and its derivative: the stick traction cut down to Coulomb's limit."""
+    size = np.linalg.norm(trial, axis=1)
+    size = np.where(size > 0, size, 1.0)
+    way = trial / size[:, None]
+    across = np.eye(3) - way[:, :, None] * way[:, None, :]
+    turning = (limit / size)[:, None, None] * (across @ trial_by_point)
+    return limit[:, None] * way, way[:, :, None] * limit_by_point[:, None, :] + turning

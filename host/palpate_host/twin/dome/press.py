@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome.equilibrium import Dome, Equilibrium, State
-from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.dome.probe import Probe, ProbePose
 
 Array = NDArray[np.float64]
 Shear = tuple[float, float]
@@ -85,45 +85,40 @@ def press_path(
     """Go through `stops` of (depth_mm, shear_mm) in turn, from rest or from `start`; one press for each."""
     _check(dome, theta_rad, stops, probe)
     outward, meridional, azimuthal = directions(theta_rad)
-    frame = np.stack([-outward, meridional, azimuthal])
+    ways = np.stack([-outward, meridional, azimuthal])
     touch_mm = dome.mesh.outer_radius_mm * outward
     state = start.state if start else dome.at_rest()
-    pose = np.array([start.depth_mm, *start.shear_mm]) if start else np.zeros(3)
+    here = np.array([start.depth_mm, *start.shear_mm]) if start else np.zeros(3)
     for depth_mm, shear_mm in stops:
         goal = np.array([depth_mm, *shear_mm])
-        found, iterations = _go(dome, state, probe, outward, touch_mm, frame, pose, goal)
-        state, pose = found.state, goal
+        first, last = (
+            ProbePose(probe, outward, touch_mm + here @ ways),
+            ProbePose(probe, outward, touch_mm + goal @ ways),
+        )
+        steps = max(1.0, float((np.abs(goal - here) / LONGEST_STEP_MM).max()))
+        found, iterations = _go(dome, state, first, last, 1 / steps)
+        state, here = found.state, goal
         yield _press(dome, theta_rad, goal, probe, touch_mm, found, iterations)
 
 
-def _go(
-    dome: Dome,
-    state: State,
-    probe: Probe,
-    outward: Array,
-    touch_mm: Array,
-    frame: Array,
-    pose: Array,
-    goal: Array,
-) -> tuple[Equilibrium, int]:
-    """Move the probe from pose to goal (depth, meridional, azimuthal) in steps short enough to converge."""
-    length = float(np.linalg.norm(goal - pose))
-    step = 1.0 / max(1.0, float((np.abs(goal - pose) / LONGEST_STEP_MM).max()))
+def _go(dome: Dome, state: State, first: ProbePose, last: ProbePose, step: float) -> tuple[Equilibrium, int]:
+    """Move the probe from the first pose to the last; `step` is the part of the way to try at once."""
+    way_mm = last.at_mm - first.at_mm
     done, iterations = 0.0, 0
     while True:
         share = min(done + step, 1.0)
-        at_mm = touch_mm + (pose + share * (goal - pose)) @ frame
-        found = dome.balance(state, probe, outward, at_mm)
+        found = dome.balance(state, ProbePose(last.probe, last.outward, first.at_mm + share * way_mm))
         if found is not None:
             state, done, iterations = found.state, share, iterations + found.iterations
             if done >= 1:
                 return found, iterations
-        elif step * length > SHORTEST_STEP_MM:
+        elif step * np.linalg.norm(way_mm) > SHORTEST_STEP_MM:
             step /= 2
         else:
+            x, y, z = last.at_mm
             raise ConfigError(
-                f"{probe.label} at depth {goal[0]:g} mm, shear {goal[1]:g}, {goal[2]:g} mm: no equilibrium "
-                "found: press less deep or give a finer mesh"
+                f"{last.probe.label} moved to {x:.2f}, {y:.2f}, {z:.2f} mm: no equilibrium: press less deep "
+                "or give a finer mesh"
             )
 
 

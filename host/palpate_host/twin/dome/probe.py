@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -26,6 +27,17 @@ class Probe(IntEnum):
     def label(self) -> str:
         """As in truth.csv's column `probe`."""
         return self.name.lower()
+
+
+@dataclass(frozen=True, slots=True)
+class ProbePose:
+    """A probe at its place: outward (3,) is the dome's outward normal at the point of first touch; the
+    probe's point that touched first now stands at at_mm (3,), in F.
+    """
+
+    probe: Probe
+    outward: Array
+    at_mm: Array
 
 
 def penetration(probe: Probe, from_touch_mm: Array, outward: Array) -> tuple[Array, Array, Array]:
