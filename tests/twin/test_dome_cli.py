@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from palpate_host.twin.dome.cli import simulate
 from palpate_host.twin.dome.convergence import converge
 from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.dome.make_library import Domes, solve_angle
+from palpate_host.twin.dome.make_library import Domes, new_file, solve_angle, write_library
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh
 from palpate_host.twin.dome.press import press_path
 from palpate_host.twin.dome.probe import Probe
@@ -80,6 +81,30 @@ def test_library_rows_follow_the_grid() -> None:
         away = row.shear_mm[0] == row.shear_mm[1] == 0
         assert (abs(row.force_per_mu_mm2[1]) < 1e-6) == (row.shear_mm[1] == 0)
         assert away or row.displacement_mm.any()
+
+
+def test_written_library_is_read_back_and_a_failed_write_leaves_the_old_one(tmp_path: Path) -> None:
+    """One contact angle is solved and stands for all: only the file is tested here."""
+    path, resolution = tmp_path / "fields.npz", Resolution(2, 2, 1)
+    domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
+    solved = solve_angle(domes, np.radians(70.0), Probe.SPHERE10, lambda: None)
+    rows = [replace(row, theta_rad=float(theta)) for theta in np.radians(grid.THETA_DEG) for row in solved]
+    write_library(path, rows, domes, resolution)
+    library = load_library(path)
+    assert library.probes == (Probe.SPHERE10,)
+    assert library.displacement_mm[0] == pytest.approx(solved[0].displacement_mm, abs=2e-3)
+    kept = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt), new_file(path) as file:
+        file.write(b"half")
+        raise KeyboardInterrupt
+    assert path.read_bytes() == kept
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_library(tmp_path / "no" / "fields.npz", rows, domes, resolution)
+
+
+def test_library_that_cannot_be_written_is_refused_before_solving(tmp_path: Path) -> None:
+    result = CliRunner().invoke(simulate, ["dome", "library", "--out", str(tmp_path / "no" / "fields.npz")])
+    assert isinstance(result.exception, ConfigError)
 
 
 @pytest.mark.fem

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -158,6 +159,9 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
     from palpate_host.twin.dome.library import SHIPPED  # noqa: PLC0415
     from palpate_host.twin.dome.make_library import Domes, Row, solve_angle, write_library  # noqa: PLC0415
 
+    target = out or SHIPPED
+    if not os.access(target.parent, os.W_OK):
+        raise ConfigError(f"--out {target}: its folder is missing or cannot be written: give another")
     resolution = _resolution(mesh)
     domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
     probes = [PROBES[name] for name in dict.fromkeys(probe_names)]
@@ -168,8 +172,8 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
             for theta_rad in np.radians(grid.THETA_DEG):
                 progress.update(task, description=f"{probe.label} {np.degrees(theta_rad):.0f} deg")
                 rows += solve_angle(domes, float(theta_rad), probe, lambda: progress.advance(task))
-    write_library(out or SHIPPED, rows, domes, resolution)
-    click.echo(f"{out or SHIPPED}: {len(rows)} presses")
+    write_library(target, rows, domes, resolution)
+    click.echo(f"{target}: {len(rows)} presses")
 
 
 def _resolution(mesh: tuple[int, int, int]) -> Resolution:

@@ -17,14 +17,17 @@ are the mirror image of those towards +y and are not stored.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome import field_grid
 from palpate_host.twin.dome.equilibrium import Dome, State
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh
@@ -67,20 +70,7 @@ class Domes:
         point, point_sign = self._points
         moved = state.displacement_mm[node] * node_sign
         whole = State(moved, state.anchor_mm[point] * point_sign)
-        return Press(
-            pressed.theta_rad,
-            pressed.depth_mm,
-            pressed.shear_mm,
-            pressed.probe,
-            moved,
-            pressed.force_per_mu_mm2,
-            pressed.base_per_mu_mm2,
-            pressed.touch_mm,
-            pressed.pressure_centre_mm,
-            pressed.largest_pressure,
-            pressed.iterations,
-            whole,
-        )
+        return replace(pressed, displacement_mm=moved, state=whole)
 
 
 def _mirror_image(half_mm: Array, whole_mm: Array) -> tuple[NDArray[np.intp], Array]:
@@ -118,10 +108,27 @@ def solve_angle(domes: Domes, theta_rad: float, probe: Probe, after_press: Calla
     ]
 
 
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """A file that takes the path's name once it is whole. Raises ConfigError where it cannot be written."""
+    fresh = path.with_name(path.name + ".new")
+    try:
+        with fresh.open("wb") as file:
+            yield file
+        fresh.replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror}: give another --out") from None
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
 def write_library(path: Path, rows: list[Row], domes: Domes, resolution: Resolution) -> None:
-    """Write the rows, which must be complete and in order (see the module)."""
+    """Write the rows, complete and in order (see the module), in place of the file that is there.
+
+    Raises ConfigError for a folder that cannot be written.
+    """
     mesh = domes.half.mesh
-    with path.open("wb") as file:
+    with new_file(path) as file:
         np.savez_compressed(
             file,
             directions=field_grid.ring_directions().astype(np.float32),
