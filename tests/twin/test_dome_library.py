@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -129,8 +131,19 @@ def test_outside_of_the_library_is_refused(
 def test_probe_and_point_that_are_not_there_are_refused(library: FieldLibrary) -> None:
     with pytest.raises(ConfigError, match="probe sphere10"):
         library.field(scattered(), 0.3, 1.0, probe=Probe.SPHERE10)
-    with pytest.raises(ConfigError, match="below the base"):
-        library.field(np.array([[0.0, 0.6, -0.8]]), 0.3, 1.0)
+    for point in ([0.0, 0.6, -0.8], [float("nan"), 0.0, 1.0]):
+        with pytest.raises(ConfigError, match="below the base"):
+            library.field(np.array([point]), 0.3, 1.0)
+
+
+def test_reading_and_the_command_line_start_without_the_extra() -> None:
+    """The daemon-side twin renders from the library: it must not pay for, or need, scipy and FElupe."""
+    program = (
+        "import sys; import palpate_host.twin.dome.cli; from palpate_host.twin.dome.library import load_library; "
+        "load_library(); print(*{'scipy', 'felupe', 'matplotlib'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == ""
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:

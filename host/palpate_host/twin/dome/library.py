@@ -168,7 +168,7 @@ def ring_weights(directions: Array) -> Array:
     Raises ConfigError for a direction below it.
     """
     theta_deg = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
-    if theta_deg.size and theta_deg.max() > 90 + TOLERANCE:
+    if not (theta_deg <= 90 + TOLERANCE).all():
         raise ConfigError(f"a point {theta_deg.max():.1f} deg from the pole is below the base: give 0 to 90")
     phi = np.arctan2(directions[:, 1], directions[:, 0])
     ring_of = np.repeat(np.arange(grid.RINGS), [1, *grid.POINTS_A_RING * np.arange(1, grid.RINGS)])
@@ -186,8 +186,9 @@ def ring_weights(directions: Array) -> Array:
         by_ring[np.arange(len(directions)), first + node + 1] = weight
     turn = phi[:, None] - phi_of
     weights = by_ring[:, 1 + ring_of] * _periodic(turn, count[ring_of])
-    through = by_ring[:, :1] * _periodic(turn + np.pi, count[ring_of])
-    return np.asarray(weights + np.where(ring_of == 1, through, 0.0))
+    first_ring = ring_of == 1
+    weights[:, first_ring] += by_ring[:, :1] * _periodic(turn[:, first_ring] + np.pi, count[1:2])
+    return np.asarray(weights)
 
 
 def _periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
