@@ -15,6 +15,7 @@ from palpate_edge.calibration import Calibration, load_calibration, save_calibra
 from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.dataset import read_dataset
+from palpate_edge.training.dome_model import load_dome_model
 
 RECORDING = Path(__file__).resolve().parents[1] / "demo" / "recording"
 JPEG_QUALITY = 90
@@ -33,7 +34,7 @@ def load() -> Material:
     """Calibrate on the demo's presses and decode the first finger's video."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.cal"
-        save_calibration(calibrate(read_dataset(RECORDING / "press")), path)
+        save_calibration(calibrate(read_dataset(RECORDING / "press"), dome=load_dome_model()), path)
         calibration = load_calibration(path)
     recording = open_recording(RECORDING / "finger-1")
     frames = []

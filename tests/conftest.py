@@ -206,7 +206,7 @@ def drawn_dataset(drawn_dome: DrawnDome, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture(scope="session")
 def drawn_calibration(drawn_dataset: Path) -> Calibration:
     """Calibrated for the paper's method; the correction model has tests of its own."""
-    return calibrate(read_dataset(drawn_dataset), with_model=False)
+    return calibrate(read_dataset(drawn_dataset))
 
 
 @pytest.fixture(scope="session")

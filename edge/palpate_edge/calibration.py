@@ -44,7 +44,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     contact_threshold_px: bead motion (root mean square) above which something touches; residual_px: root
     mean square distance of the beads from the fitted layout; model: the correction model's ONNX file, empty
-    without one; checksum: over everything else, the model included.
+    without one; stiffness_scale: the sensor's forces over the dome model's, None when no press told
+    and the model's forces mean nothing; checksum: over everything else, the model included.
     """
 
     sensor: Sensor
@@ -56,6 +57,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     residual_px: float
     source: Source
     model: bytes = b""
+    stiffness_scale: float | None = None
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""

@@ -58,17 +58,22 @@ def _quieten_libraries() -> None:
 @click.argument("dataset", type=INPUT)
 @click.option("-o", "--output", type=INPUT, required=True, help="Calibration file to write.")
 @click.option("--no-model", is_flag=True, help="Leave the correction model out: the paper's method only.")
-def calibrate(dataset: Path, output: Path, no_model: bool) -> None:
+@click.option(
+    "--dome-model", type=INPUT, help="Start from this dome model (palpate-edge train), not the shipped one."
+)
+def calibrate(dataset: Path, output: Path, no_model: bool, dome_model: Path | None) -> None:
     """Make a calibration from a press DATASET: the layout and the camera from its reference frames; from the
     train split of its presses, if it has any, the paper's correction function and stiffness and the
-    correction model (10 presses or more; 20 give about 0.5 mm, 200 about 0.15 mm)."""
+    correction model. Without presses the correction model is the dome model alone, and gives no force."""
     from palpate_edge.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration import save_calibration  # noqa: PLC0415
     from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
     with _progress("calibrating") as progress:
-        calibration = make(read_dataset(dataset), progress, with_model=trainable and not no_model)
+        dome = load_dome_model(dome_model or SHIPPED) if trainable and not no_model else None
+        calibration = make(read_dataset(dataset), progress, dome=dome)
     save_calibration(calibration, output)
     pose = calibration.pose
     click.echo(
@@ -90,7 +95,24 @@ def calibrate(dataset: Path, output: Path, no_model: bool) -> None:
     elif not trainable and not no_model:
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
     if not calibration.paper.stiffness_N_px:
-        click.echo("  no press of known force: positions are uncorrected and forces stay empty")
+        click.echo("  no press of known force: forces stay empty")
+
+
+@cli.command()
+@click.argument("datasets", type=INPUT, nargs=-1, required=True)
+@click.option("-o", "--output", type=INPUT, required=True, help="Dome model file to write (.npz).")
+def train(datasets: tuple[Path, ...], output: Path) -> None:
+    """Make a dome model from the presses of one or more DATASETS, for `calibrate --dome-model`.
+
+    A sensor of the same make then needs few presses of its own.
+    """
+    from palpate_edge.training.dome_model import save_dome_model  # noqa: PLC0415
+    from palpate_edge.training.pretrain import pretrain  # noqa: PLC0415
+
+    with _progress("training") as progress:
+        dome = pretrain(datasets, progress)
+    save_dome_model(dome, output)
+    click.echo(f"{output}: {len(dome.fields)} samples of {len(datasets)} sensors")
 
 
 @cli.command()

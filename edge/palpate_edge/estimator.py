@@ -144,6 +144,8 @@ class Estimator:
         """The correction model; the normal force is the force's part along the inward normal."""
         result = correction.correct(self._reader.read(beads))
         position = self._sensor.dome.outer_radius_mm * result.direction
+        if self._calibration.stiffness_scale is None:
+            return _Touch(_vector(position), None, None, result.radius95_mm)
         normal_N = max(0.0, -float(result.force_N @ result.direction))
         return _Touch(_vector(position), normal_N, _vector(result.force_N), result.radius95_mm)
 

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
 FIT_ROUNDS = 4
+GREY_PREFERENCE = 2.0  # a colour must stand out so much more: grey is cheaper to decode and has less noise
 MAX_RESIDUAL_DIAMETERS = 0.3  # a blob farther from its fitted place is no bead
 
 
@@ -94,6 +95,8 @@ def _recognise(
         return 0.0, None
     position_px = np.where(seen[:, None], blobs.position_px[partner], start_px)
     clearness = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
+    if appearance.channel == "grey":
+        clearness *= GREY_PREFERENCE
     fitted = View(sensor.camera, pose)
     sight = FirstSight(appearance, pose, position_px, seen, bead_diameters_px(sensor, fitted, layout_mm))
     return float(seen.sum()) + 1.0 - 1.0 / (1.0 + clearness), sight

@@ -21,7 +21,7 @@ TWELVE_EVERYWHERE = ((0, 1, 0), *((15 + 10 * ring, 12, 15 * (ring % 2)) for ring
 
 
 def calibrate_paper(folder):
-    return calibrate(read_dataset(folder), with_model=False)
+    return calibrate(read_dataset(folder))
 
 
 def error_px(calibration, dome):
@@ -182,7 +182,6 @@ def test_progress_ends_at_its_total(drawn_dome, tmp_path):
     calibrate(
         read_dataset(drawn_dome.write(tmp_path / "d", presses=4)),
         lambda *step: steps.append(step),
-        with_model=False,
     )
     done, totals = zip(*steps, strict=True)
     assert len(steps) >= 8  # 5 reference frames, 3 presses to train on

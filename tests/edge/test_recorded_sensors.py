@@ -26,7 +26,7 @@ def sample(shared_data):
 @pytest.fixture(scope="module")
 def calibration(sample):
     """The press sample's calibration, for the paper's method."""
-    return calibrate(sample, with_model=False)
+    return calibrate(sample)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_the_sample_without_its_colours_is_calibrated_alike(sample, calibration,
     for number, path in enumerate(sample.reference):
         cv2.imwrite(str(tmp_path / "reference" / f"{number}.png"), read_image(path, grey=True))
     (tmp_path / "sensor.toml").write_bytes((sample.folder / "sensor.toml").read_bytes())
-    grey = calibrate(read_dataset(tmp_path), with_model=False)
+    grey = calibrate(read_dataset(tmp_path))
     moved = grey.reference().position_px - calibration.reference().position_px
     assert np.linalg.norm(moved, axis=1).max() < 0.15
 

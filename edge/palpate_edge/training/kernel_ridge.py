@@ -2,132 +2,173 @@
 
 The field is split into its shape (norm 1) and its size (logarithm of the norm): a press keeps nearly the
 same shape while it deepens, so shape tells the place, and force over size is nearly constant.
+
+Two kernel expansions are added: one fitted to the dome model (presses of other domes), one fitted to what the
+sensor's own presses leave of it. Either may be absent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples
+from palpate_edge.training.spread import Spread, constant_spread, fit_spread, left_out_residuals
 
 Array = NDArray[np.float64]
 
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
 KEPT_VARIANCE = 0.9995  # of the shapes by their principal components
-LENGTHS = (1.5, 2.2)
-RIDGES = (1e-4, 1e-3)
+DOME_LENGTH, DOME_RIDGE = 2.2, 1e-4
+SETTINGS = tuple((length, ridge) for length in (1.5, 4.0) for ridge in (1e-4, 1e-3, 1e-2, 1.0))
 FORCE_IN_MM = 0.2  # 1 % of the largest force weighs like 0.2 mm when settings are compared
-SPREAD_RIDGE = 0.3
-RADIUS_FLOOR_MM = 0.02
-COVERAGE = 0.95
+FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """mean (2 g,) and components (2 g, p) of shapes."""
+
+    mean: Array
+    components: Array
+
+    def points(self, fields: Array) -> Array:
+        """(s, 2 g) fields -> (s, p + 1) points of the kernels' space."""
+        size = np.linalg.norm(fields, axis=1, keepdims=True)
+        shape = (fields / size - self.mean) @ self.components
+        return np.concatenate([shape, SIZE_WEIGHT * np.log(size)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
     """A fitted model.
 
-    mean (2 g,), components (2 g, p): projection of shapes; centres (c, p + 1); weights (c, 7): direction,
-    force over size in N/mm, log radius; offset (7,); hidden_slope: log radius a hidden share; length.
+    centres (c, p + 1), their kernel lengths (c,), weights (c, 7) and offset (7,): direction, force over size
+    in N/mm, log radius; hidden_slope: log radius a hidden share of beads. stiffness_scale: forces of this
+    sensor over the dome model's; None when no press was there to tell, and then forces are the dome's.
     """
 
-    mean: Array
-    components: Array
+    projection: Projection
     centres: Array
+    lengths: Array
     weights: Array
     offset: Array
     hidden_slope: float
-    length: float
-
-    def features(self, fields: Array) -> Array:
-        """(s, 2 g) fields -> (s, p + 1) points of the kernel's space."""
-        size = np.linalg.norm(fields, axis=1, keepdims=True)
-        shape = (fields / size - self.mean) @ self.components
-        return np.concatenate([shape, SIZE_WEIGHT * np.log(size)], axis=1)
+    stiffness_scale: float | None
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
-        raw = _gauss(self.features(fields), self.centres, self.length) @ self.weights + self.offset
+        points = self.projection.points(fields)
+        raw = gauss(points, self.centres, self.lengths) @ self.weights + self.offset
         direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
         return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
 
 
-def fit(samples: Samples, radius_mm: float, progress: Callable[[int, int], None]) -> Regression:
-    """Fit on all samples; settings and uncertainty come from predictions of presses left out in turn.
-
-    radius_mm: of the dome, on which position errors are measured.
-    """
-    steps = len(LENGTHS) * len(RIDGES) + 2
-    base = _projection(samples)
-    features = base.features(samples.fields)
-    target = _targets(samples)
-    offset: Array = np.asarray(target.mean(axis=0), dtype=np.float64)
-    groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
-    best: _Setting | None = None
-    for length in LENGTHS:
-        gram = _gauss(features, features, length)
-        for ridge in RIDGES:
-            inverse = np.asarray(np.linalg.inv(gram + ridge * np.eye(len(gram))), dtype=np.float64)
-            weights = inverse @ (target - offset)
-            held_out = target - _left_out_residuals(inverse, weights, groups)
-            error_mm, score = _score(held_out, samples, radius_mm)
-            if best is None or score < best.score:
-                best = _Setting(score, length, weights, error_mm, gram)
-            progress(LENGTHS.index(length) * len(RIDGES) + RIDGES.index(ridge) + 1, steps)
-    assert best is not None
-    log_error = np.log(best.error_mm + RADIUS_FLOOR_MM)
-    spread_offset, spread_weights, slope = _fit_spread(best.gram, log_error, samples, groups)
-    progress(steps, steps)
-    return replace(
-        base,
-        centres=features,
-        weights=np.concatenate([best.weights, spread_weights[:, None]], axis=1),
-        offset=np.concatenate([offset, [spread_offset]]),
-        hidden_slope=slope,
-        length=best.length,
-    )
-
-
 @dataclass(frozen=True, slots=True)
-class _Setting:
-    """The best settings so far: weights (s, 6), left-out position errors (s,) mm, gram matrix (s, s)."""
+class _Expansion:
+    """Centres with their kernel's length and weights (c, 6), and what is added to their sum (6,)."""
 
-    score: float
+    centres: Array
     length: float
     weights: Array
-    error_mm: Array
-    gram: Array
+    offset: Array
+
+    def at(self, points: Array) -> Array:
+        return np.asarray(gauss(points, self.centres, self.length) @ self.weights + self.offset)
 
 
-def _projection(samples: Samples) -> Regression:
-    """Principal components of the shapes; everything else still empty."""
-    shapes = samples.fields / np.linalg.norm(samples.fields, axis=1, keepdims=True)
+def fit(
+    samples: Samples | None,
+    dome: DomeModel | None,
+    radius_mm: float,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Regression:
+    """Fit to the sensor's own samples, to the dome model, or to both (at least one).
+
+    radius_mm: of the dome, on which position errors are measured. Settings and uncertainty come from
+    predictions of presses left out in turn.
+    """
+    projection = _project(samples, dome)
+    base = _fit_dome(projection, dome) if dome is not None else None
+    scale = _stiffness_scale(projection, base, samples) if base is not None and samples is not None else None
+    if base is not None and scale is not None:
+        factor = np.array([1, 1, 1, scale, scale, scale])
+        base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
+    progress(1, len(SETTINGS) + 1)
+    own, spread = None, constant_spread()
+    if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
+        own, spread = _fit_own(projection, base, samples, radius_mm, progress)
+    return _sum(projection, base, own, spread, scale)
+
+
+def gauss(a: Array, b: Array, length: Array | float) -> Array:
+    """Gaussian kernel (n, m) of points (n, p) and (m, p); length a number or (m,)."""
+    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
+    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * np.square(length))))
+
+
+def _project(samples: Samples | None, dome: DomeModel | None) -> Projection:
+    """Principal components of all shapes."""
+    fields = np.concatenate([part.fields for part in (samples, dome) if part is not None])
+    shapes = fields / np.linalg.norm(fields, axis=1, keepdims=True)
     mean = shapes.mean(axis=0)
     variance, vectors = np.linalg.eigh((shapes - mean).T @ (shapes - mean))
     kept = int(np.searchsorted(np.cumsum(variance[::-1]) / variance.sum(), KEPT_VARIANCE)) + 1
-    empty = np.zeros((0, 0))
-    return Regression(mean, vectors[:, ::-1][:, :kept], empty, empty, np.zeros(7), 0.0, 1.0)
+    return Projection(mean, vectors[:, ::-1][:, :kept])
 
 
-def _targets(samples: Samples) -> Array:
+def _fit_dome(projection: Projection, dome: DomeModel) -> _Expansion:
+    points = projection.points(dome.fields)
+    target = _targets(dome.fields, dome.directions, dome.forces)
+    offset = np.asarray(target.mean(axis=0))
+    gram = gauss(points, points, DOME_LENGTH) + DOME_RIDGE * np.eye(len(points))
+    return _Expansion(points, DOME_LENGTH, np.linalg.solve(gram, target - offset), offset)
+
+
+def _stiffness_scale(projection: Projection, base: _Expansion, samples: Samples) -> float:
+    """Least squares of the sensor's forces on the dome model's, over the plain samples."""
+    plain = samples.plain
+    given = base.at(projection.points(samples.fields[plain]))[:, 3:]
+    truth = _targets(samples.fields, samples.directions, samples.forces_N)[plain, 3:]
+    return float((given * truth).sum() / (given**2).sum())
+
+
+def _fit_own(
+    projection: Projection,
+    base: _Expansion | None,
+    samples: Samples,
+    radius_mm: float,
+    progress: Callable[[int, int], None],
+) -> tuple[_Expansion, Spread]:
+    """The sensor's own expansion, and how far left-out presses were missed."""
+    points = projection.points(samples.fields)
+    target = _targets(samples.fields, samples.directions, samples.forces_N)
+    groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
+    known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
+    best: tuple[float, _Expansion, Array] | None = None
+    for number, (length, ridge) in enumerate(SETTINGS, start=2):
+        gram = gauss(points, points, length) + ridge * np.eye(len(points))
+        inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
+        weights = inverse @ (target - known)
+        held_out = target - left_out_residuals(inverse, weights, groups)
+        error_mm, score = _score(held_out, samples, radius_mm)
+        if best is None or score < best[0]:
+            offset = target.mean(axis=0) if base is None else np.zeros(6)
+            best = score, _Expansion(points, length, weights, offset), error_mm
+        progress(number, len(SETTINGS) + 1)
+    assert best is not None
+    _, own, error_mm = best
+    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups)
+
+
+def _targets(fields: Array, directions: Array, forces: Array) -> Array:
     """(s, 6): direction, and force over the field's size."""
-    size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
-    return np.concatenate([samples.directions, samples.forces_N / size], axis=1)
-
-
-def _left_out_residuals(inverse: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:
-    """Target minus prediction for every sample, by a model that has seen nothing of its press.
-
-    For a group g of rows the residual is [(K + ridge)^-1]_gg^-1 weights_g: exact, without a second fit.
-    """
-    residual = np.empty_like(weights)
-    for group in groups:
-        residual[group] = np.linalg.solve(inverse[np.ix_(group, group)], weights[group])
-    return residual
+    return np.concatenate([directions, forces / np.linalg.norm(fields, axis=1, keepdims=True)], axis=1)
 
 
 def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array, float]:
@@ -141,23 +182,26 @@ def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array
     return error_mm, float(error_mm[samples.plain].mean()) + FORCE_IN_MM * 100 * relative
 
 
-def _fit_spread(
-    gram: Array, log_error: Array, samples: Samples, groups: list[NDArray[np.intp]]
-) -> tuple[float, Array, float]:
-    """A smooth log error over the kernel's space, raised until it covers 95 % of the left-out presses."""
-    design = np.stack([np.ones_like(log_error), samples.hidden], axis=1)
-    (level, slope), *_ = np.linalg.lstsq(design, log_error, rcond=None)
-    slope = max(0.0, float(slope))
-    rest = log_error - level - slope * samples.hidden
-    inverse = np.linalg.inv(gram + SPREAD_RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
-    weights = inverse @ rest
-    above = _left_out_residuals(inverse, weights[:, None], groups)[:, 0]
-    presses = len(groups)
-    share = min(1.0, np.ceil((presses + 1) * COVERAGE) / presses)  # a quantile from few presses needs room
-    return float(level + np.quantile(above[samples.plain], share)), weights, slope
-
-
-def _gauss(a: Array, b: Array, length: float) -> Array:
-    """Gaussian kernel (n, m)."""
-    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
-    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * length**2)))
+def _sum(
+    projection: Projection,
+    base: _Expansion | None,
+    own: _Expansion | None,
+    spread: Spread,
+    stiffness_scale: float | None,
+) -> Regression:
+    """Both expansions as one."""
+    parts = [part for part in (base, own) if part is not None]
+    spreads = [spread.weights if part is own else np.zeros(len(part.centres)) for part in parts]
+    weights = [
+        np.concatenate([part.weights, column[:, None]], axis=1)
+        for part, column in zip(parts, spreads, strict=True)
+    ]
+    return Regression(
+        projection=projection,
+        centres=np.concatenate([part.centres for part in parts]),
+        lengths=np.concatenate([np.full(len(part.centres), part.length) for part in parts]),
+        weights=np.concatenate(weights),
+        offset=np.append(sum(part.offset for part in parts), spread.level),
+        hidden_slope=spread.hidden_slope,
+        stiffness_scale=stiffness_scale if base is not None else 1.0,
+    )

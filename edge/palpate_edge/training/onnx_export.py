@@ -17,7 +17,6 @@ from palpate_edge.correction import SENSOR_KEY, CorrectionModel
 from palpate_edge.displacement import CanonicalField
 from palpate_edge.errors import CalibrationError
 from palpate_edge.training.kernel_ridge import SIZE_WEIGHT, Regression
-from palpate_edge.training.samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -27,26 +26,27 @@ MAX_DIRECTION_ERROR = 1e-6
 MAX_FORCE_ERROR = 1e-6  # of the largest force
 
 
-def export(regression: Regression, sensor_fingerprint: str, samples: Samples) -> bytes:
-    """The model file. Raises CalibrationError when it does not give what numpy gives."""
+def export(regression: Regression, sensor_fingerprint: str, fields: Array) -> bytes:
+    """The model file. Raises CalibrationError when it does not give what numpy gives on some of `fields`
+    (s, 2 g)."""
     model = _graph(regression, sensor_fingerprint)
     onnx.checker.check_model(model)
     data = bytes(model.SerializeToString())
-    _compare(data, regression, sensor_fingerprint, samples)
+    _compare(data, regression, sensor_fingerprint, fields)
     return data
 
 
 def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
     constants = {
-        "mean": regression.mean[None],
-        "components": regression.components,
+        "mean": regression.projection.mean[None],
+        "components": regression.projection.components,
         "centres_t": regression.centres.T,
         "centres_squared": (regression.centres**2).sum(axis=1)[None],
         "weights": regression.weights,
         "offset": regression.offset[None],
         "size_weight": np.array([[SIZE_WEIGHT]]),
         "two": np.array([[2.0]]),
-        "exponent": np.array([[-0.5 / regression.length**2]]),
+        "exponent": -0.5 / regression.lengths[None] ** 2,
         "slope": np.array([[regression.hidden_slope]]),
         "zero": np.array([[0.0]]),
     }
@@ -83,7 +83,7 @@ def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
         node("Exp", ["log_radius95"], ["radius95"]),
     ]
     tensor = helper.make_tensor_value_info
-    width = len(regression.mean)
+    width = len(regression.projection.mean)
     graph = helper.make_graph(
         nodes,
         "palpate-correction",
@@ -100,14 +100,14 @@ def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
     return model
 
 
-def _compare(data: bytes, regression: Regression, sensor_fingerprint: str, samples: Samples) -> None:
+def _compare(data: bytes, regression: Regression, sensor_fingerprint: str, fields: Array) -> None:
     """Run the file on some samples and compare with float64 numpy."""
     session = CorrectionModel(data, sensor_fingerprint)
-    some = np.linspace(0, len(samples.fields) - 1, 20).astype(int)
-    fields, hidden = samples.fields[some], samples.hidden[some]
+    fields = fields[np.linspace(0, len(fields) - 1, 20).astype(int)]
+    hidden = np.linspace(0.0, 0.3, len(fields))
     direction, force, _ = regression.predict(fields, hidden)
-    largest = float(np.linalg.norm(samples.forces_N, axis=1).max())
-    for row in range(len(some)):
+    largest = float(np.linalg.norm(force, axis=1).max())
+    for row in range(len(fields)):
         got = session.correct(CanonicalField(fields[row], 0.0, float(hidden[row])))
         direction_error = float(np.abs(got.direction - direction[row]).max())
         force_error = float(np.abs(got.force_N - force[row]).max()) / largest

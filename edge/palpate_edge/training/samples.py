@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.dataset import Press
 from palpate_edge.displacement import DisplacementReader, about_z, mirrored
 from palpate_edge.tracking import Beads
 
@@ -41,27 +42,36 @@ class Samples:
     press: NDArray[np.intp]
     plain: NDArray[np.bool_]
 
-    def of(self, chosen: NDArray[np.bool_]) -> Samples:
-        """The chosen (s,) samples."""
-        return Samples(
-            self.fields[chosen],
-            self.directions[chosen],
-            self.forces_N[chosen],
-            self.hidden[chosen],
-            self.press[chosen],
-            self.plain[chosen],
+
+def training_presses(touches: Sequence[tuple[Press, Beads]]) -> list[TrainingPress]:
+    """Dataset rows and their tracked beads as training presses; rows without a place are left out."""
+    return [
+        TrainingPress(
+            beads, np.array(press.position_mm) / np.linalg.norm(press.position_mm), np.array(press.force_N)
         )
+        for press, beads in touches
+        if press.position_mm is not None
+    ]
 
 
-def make_samples(reader: DisplacementReader, presses: Sequence[TrainingPress], seed: int = 0) -> Samples:
-    """Every press as it is and in turned, partly hidden copies, each with its mirror image."""
+def make_samples(
+    reader: DisplacementReader,
+    presses: Sequence[TrainingPress],
+    seed: int = 0,
+    copies: int | None = None,
+    *,
+    vary_all: bool = False,
+) -> Samples:
+    """Every press in turned, partly hidden copies, the first as it is unless `vary_all`; each with its
+    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given."""
     rng = np.random.default_rng(seed)
-    copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
+    if copies is None:
+        copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, owner, plain = [], [], [], [], [], []
     for index, press in enumerate(presses):
         for copy in range(copies):
             beads, turn = press.beads, 0.0
-            if copy:
+            if copy or vary_all:
                 beads, turn = _hide(press.beads, rng), float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
             to_canonical = about_z(field.azimuth_rad).T
@@ -72,7 +82,7 @@ def make_samples(reader: DisplacementReader, presses: Sequence[TrainingPress], s
                 forces.append(force * sign)
                 hidden.append(field.hidden)
                 owner.append(index)
-                plain.append(copy == 0)
+                plain.append(copy == 0 and not vary_all)
     return Samples(
         np.array(fields),
         np.array(directions),

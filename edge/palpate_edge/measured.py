@@ -1,0 +1,116 @@
+"""A press dataset as the camera saw it: the sensor's rest, and the beads of every press."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.dataset import Press, PressDataset
+from palpate_edge.errors import CalibrationError
+from palpate_edge.first_sight import FirstSight, first_sight
+from palpate_edge.images import read_image
+from palpate_edge.markers import Image, Refiner, plane
+from palpate_edge.motion import SkinMotion
+from palpate_edge.sensor import View
+from palpate_edge.tracking import Beads, Reference, Tracker
+
+Array = NDArray[np.float64]
+
+THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
+THRESHOLD_FLOOR_PX = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What the images of a dataset's reference frames and presses show.
+
+    view: the camera as fitted; touches: presses that moved the skin, with their beads; threshold_px: skin
+    motion above which something touches.
+    """
+
+    sight: FirstSight
+    reference: Reference
+    view: View
+    touches: tuple[tuple[Press, Beads], ...]
+    threshold_px: float
+
+
+def measure(
+    dataset: PressDataset, presses: tuple[Press, ...], progress: Callable[[int], None] = lambda _done: None
+) -> Measured:
+    """Look at the reference frames and at `presses`; `progress` counts images.
+
+    Raises CalibrationError where the reference frames do not show the layout, DatasetError for bad files.
+    """
+    sight = first_sight(_read(dataset, dataset.reference[0]), dataset.sensor)
+    reference, rest_motion = _measure_reference(dataset, sight, progress)
+    tracker, skin = Tracker(reference), SkinMotion(reference)
+    touches: list[tuple[Press, Beads]] = []
+    for number, press in enumerate(presses, start=1):
+        beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
+        if press.position_mm is None:
+            rest_motion.append(skin.size_px(beads))
+        else:
+            touches.append((press, beads))
+        progress(len(dataset.reference) + number)
+    threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
+    return Measured(
+        sight,
+        reference,
+        View(dataset.sensor.camera, sight.pose),
+        tuple((press, beads) for press, beads in touches if skin.size_px(beads) > threshold_px),
+        threshold_px,
+    )
+
+
+def _read(dataset: PressDataset, path: Path) -> Image:
+    """An image of the size that the dataset's description says."""
+    image = read_image(path)
+    width, height = dataset.sensor.image_size_px
+    if image.shape[:2] != (height, width):
+        raise CalibrationError(
+            f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml says {width}x{height}: "
+            "correct one of them"
+        )
+    return image
+
+
+def _measure_reference(
+    dataset: PressDataset, sight: FirstSight, progress: Callable[[int], None]
+) -> tuple[Reference, list[float]]:
+    """Median place, contrast and area of each bead over the reference frames, and each frame's motion."""
+    refiner = Refiner(sight.diameter_px)
+    position, contrast, area = [], [], []
+    for number, path in enumerate(dataset.reference, start=1):
+        dark = plane(_read(dataset, path), sight.appearance)
+        refined = refiner.refine(dark, sight.position_px)
+        position.append(refined.position_px)
+        contrast.append(refined.contrast)
+        area.append(refined.area)
+        progress(number)
+    reference, measured = _reference(sight, np.array(position), np.array(contrast), np.array(area))
+    skin = SkinMotion(reference)
+    motion = [skin.size_px(Beads(frame, measured, False)) for frame in position]
+    return reference, motion
+
+
+def _reference(
+    sight: FirstSight, position_px: Array, contrast: Array, area: Array
+) -> tuple[Reference, NDArray[np.bool_]]:
+    """Medians over the frames (f, n[, 2]), and which beads were really measured.
+
+    A bead that the first frame does not show stands where the layout has it and is given the others' looks,
+    so that it counts as lost until a bead appears there.
+    """
+    contrast, area = np.median(contrast, axis=0), np.median(area, axis=0)
+    measured = np.asarray(sight.seen & (contrast > 0) & (area > 0))
+    if not measured.any():
+        raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
+    place = np.where(measured[:, None], np.median(position_px, axis=0), sight.position_px)
+    contrast = np.where(measured, contrast, np.median(contrast[measured]))
+    area = np.where(measured, area, np.median(area[measured]))
+    return Reference(place, sight.diameter_px, contrast, area), measured

@@ -1,0 +1,79 @@
+"""The pre-trained dome: presses of simulated or other sensors, in the canonical frame.
+
+Because canonical fields do not depend on where the beads are, presses of one dome teach about another.
+Forces are those of a silicone of shear modulus 1 N/mm^2 (or of the sensor they came from): their scale is
+fitted to the sensor at hand, the rest is learned from its own presses as a difference.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.displacement import canonical_directions
+from palpate_edge.errors import CalibrationError
+
+Array = NDArray[np.float64]
+
+SHIPPED = Path(__file__).with_name("dome.npz")
+NAMES = ("fields", "directions", "forces", "hidden", "markers_radius_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class DomeModel:
+    """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), hidden (n,) shares of
+    beads, all in the canonical frame, of a dome whose beads lie on a sphere of markers_radius_mm."""
+
+    fields: Array
+    directions: Array
+    forces: Array
+    hidden: Array
+    markers_radius_mm: float
+
+    def for_markers(self, radius_mm: float) -> DomeModel:
+        """The same dome in another size: motions grow with it, forces with its square."""
+        ratio = radius_mm / self.markers_radius_mm
+        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, self.hidden, radius_mm)
+
+
+def load_dome_model(path: Path = SHIPPED) -> DomeModel:
+    """Read a dome model. Raises CalibrationError naming the file and the way out."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in NAMES}
+    except FileNotFoundError:
+        raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise CalibrationError(
+            f"{path} is no dome model ({error}): make it with palpate-edge train"
+        ) from None
+    count, width = len(arrays["hidden"]), 2 * len(canonical_directions())
+    if arrays["fields"].shape != (count, width) or arrays["directions"].shape != (count, 3):
+        raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
+    return DomeModel(
+        arrays["fields"],
+        arrays["directions"],
+        arrays["forces"],
+        arrays["hidden"],
+        float(arrays["markers_radius_mm"]),
+    )
+
+
+def save_dome_model(dome: DomeModel, path: Path) -> None:
+    """Write a dome model, fields in half precision (0.1 % of a motion)."""
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                fields=dome.fields.astype(np.float16),
+                directions=dome.directions.astype(np.float32),
+                forces=dome.forces.astype(np.float32),
+                hidden=dome.hidden.astype(np.float16),
+                markers_radius_mm=np.float64(dome.markers_radius_mm),
+            )
+    except OSError as error:
+        raise CalibrationError(f"{path} cannot be written: {error.strerror}") from None

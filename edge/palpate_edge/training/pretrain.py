@@ -1,0 +1,61 @@
+"""Press datasets of other sensors -> a dome model that a new sensor of the same make can start from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from palpate_edge.dataset import read_dataset
+from palpate_edge.displacement import DisplacementReader
+from palpate_edge.errors import DatasetError
+from palpate_edge.measured import measure
+from palpate_edge.training.dome_model import DomeModel
+from palpate_edge.training.samples import Samples, make_samples, training_presses
+
+MOST_SAMPLES = 2000
+
+
+def pretrain(
+    folders: Sequence[Path], progress: Callable[[int, int], None] = lambda _done, _total: None
+) -> DomeModel:
+    """The train presses of all datasets, brought to the first one's size and stiffness.
+
+    Raises DatasetError for a dataset without presses, and what measuring it raises.
+    """
+    datasets = [read_dataset(folder) for folder in folders]
+    total = sum(len(dataset.reference) + len(dataset.split("train")) for dataset in datasets)
+    radius_mm = datasets[0].sensor.markers.radius_mm
+    parts: list[Samples] = []
+    before = 0
+
+    def report(done: int) -> None:
+        progress(before + done, total)
+
+    for dataset in datasets:
+        presses = dataset.split("train")
+        measured = measure(dataset, presses, report)
+        before += len(dataset.reference) + len(presses)
+        found = training_presses(measured.touches)
+        if not found:
+            raise DatasetError(f"{dataset.folder} has no train press that moves the skin: leave it out")
+        own_radius_mm = dataset.sensor.markers.radius_mm
+        reader = DisplacementReader(measured.reference.position_px, measured.view, own_radius_mm)
+        copies = max(1, MOST_SAMPLES // (2 * len(found) * len(datasets)))
+        parts.append(make_samples(reader, found, copies=copies))
+    stiffness = [_stiffness(part) for part in parts]
+    return DomeModel(
+        np.concatenate([part.fields for part in parts]),
+        np.concatenate([part.directions for part in parts]),
+        np.concatenate(
+            [part.forces_N * stiffness[0] / own for part, own in zip(parts, stiffness, strict=True)]
+        ),
+        np.concatenate([part.hidden for part in parts]),
+        radius_mm,
+    )
+
+
+def _stiffness(samples: Samples) -> float:
+    """Median force over motion, N/mm."""
+    return float(np.median(np.linalg.norm(samples.forces_N, axis=1) / np.linalg.norm(samples.fields, axis=1)))

@@ -1,0 +1,98 @@
+"""The dome model that ships with the edge: presses from the library of fields, seen by random sensors.
+
+Layout, bead places, camera pose and noise vary from sensor to sensor as between real ones; presses vary in
+place, depth and slide. `palpate-host simulate dome model` makes the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.displacement import DisplacementReader
+from palpate_edge.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
+from palpate_edge.tracking import Beads
+from palpate_edge.training.dome_model import DomeModel
+from palpate_edge.training.samples import Samples, TrainingPress, make_samples
+from palpate_host.twin.dome import field_grid
+from palpate_host.twin.dome.library import FieldLibrary
+from palpate_host.twin.dome.probe import Probe
+
+Array = NDArray[np.float64]
+
+SENSORS = 20
+PRESSES_A_SENSOR = 50
+COPIES = 1
+MOST_THETA_RAD = np.radians(75.0)
+LEAST_DEPTH_SHARE = 0.01
+MOST_SLIDE_SHARE = 0.4
+BEAD_TOLERANCE_MM = 0.15
+NOISE_PX = 0.02
+CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
+LAYOUTS = (
+    ((0, 1), (15, 6), (30, 12), (45, 18), (60, 24), (75, 24)),
+    ((0, 1), *((6 * ring, 6) for ring in range(1, 15))),
+    ((0, 1), *((12 * ring, 12) for ring in range(1, 8))),
+)
+
+
+def dome_samples(
+    library: FieldLibrary, seed: int, progress: Callable[[int, int], None] = lambda _done, _total: None
+) -> DomeModel:
+    """`SENSORS` sensors with `PRESSES_A_SENSOR` plate presses each, and the mirror image of each."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for sensor in range(SENSORS):
+        parts.append(_one_sensor(library, rng))
+        progress(sensor + 1, SENSORS)
+    return DomeModel(
+        np.concatenate([part.fields for part in parts]),
+        np.concatenate([part.directions for part in parts]),
+        np.concatenate([part.forces_N for part in parts]),
+        np.concatenate([part.hidden for part in parts]),
+        field_grid.BEAD_RADIUS_MM,
+    )
+
+
+def _one_sensor(library: FieldLibrary, rng: np.random.Generator) -> Samples:
+    rings = LAYOUTS[int(rng.integers(len(LAYOUTS)))]
+    turn_deg = float(rng.uniform(0, 360))
+    markers = Markers(
+        field_grid.BEAD_RADIUS_MM, 3.0, tuple(Ring(theta, count, turn_deg) for theta, count in rings)
+    )
+    beads = bead_layout_mm(markers)[0]
+    beads = beads + BEAD_TOLERANCE_MM * rng.standard_normal(beads.shape)
+    directions = beads / np.linalg.norm(beads, axis=1, keepdims=True)
+    view = View(CAMERA, _random_pose(rng))
+    reference_px = view.project(directions * field_grid.BEAD_RADIUS_MM)
+    reader = DisplacementReader(reference_px, view, field_grid.BEAD_RADIUS_MM)
+    presses = [_press(library, directions, view, reference_px, rng) for _ in range(PRESSES_A_SENSOR)]
+    return make_samples(reader, presses, int(rng.integers(2**31)), COPIES, vary_all=True)
+
+
+def _random_pose(rng: np.random.Generator) -> CameraPose:
+    offset = rng.uniform(-1, 1, 3)
+    tilt = np.radians(rng.uniform(-2, 2, 3))
+    return CameraPose(
+        (float(offset[0]), float(offset[1]), float(offset[2])),
+        (float(tilt[0]), float(tilt[1]), float(tilt[2])),
+        float(rng.uniform(0.97, 1.03)),
+    )
+
+
+def _press(
+    library: FieldLibrary, directions: Array, view: View, reference_px: Array, rng: np.random.Generator
+) -> TrainingPress:
+    theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
+    azimuth, way = rng.uniform(0, 2 * np.pi, 2)
+    depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, Probe.PLATE)
+    slide_mm = float(rng.uniform(0, MOST_SLIDE_SHARE)) * depth_mm
+    shear_mm = (slide_mm * float(np.cos(way)), slide_mm * float(np.sin(way)))
+    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth))
+    moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
+    moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
+    found = np.ones(len(reference_px), dtype=np.bool_)
+    contact = np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
+    return TrainingPress(Beads(moved_px, found, False), contact, field.force_per_mu_mm2)
