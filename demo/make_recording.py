@@ -52,7 +52,7 @@ def encode_sequence(source: Path, target: Path) -> None:
     header, rows = read_rows(source / "truth.csv")
     listing = target / "list.txt"
     listing.write_text("".join(f"file '{(source / 'frames' / row[0]).resolve()}'\n" for row in rows))
-    command = "ffmpeg -v error -y -r 30 -f concat -safe 0 -i".split()
+    command = ["ffmpeg", "-v", "error", "-y", "-r", "30", "-f", "concat", "-safe", "0", "-i"]
     command += [str(listing), "-r", "30", "-pix_fmt", "yuv420p", "-c:v", "libvpx-vp9"]
     command += ["-crf", str(VP9_QUALITY), "-b:v", "0", "-cpu-used", "1", str(target / "frames.webm")]
     subprocess.run(command, check=True)
