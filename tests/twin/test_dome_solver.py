@@ -173,6 +173,17 @@ def test_force_grows_with_depth_and_faster_than_it(half_dome: Dome) -> None:
     assert all(later > earlier for earlier, later in pairwise(growth))
 
 
+def test_press_goes_in_first_and_then_slides(half_dome: Dome) -> None:
+    """Friction remembers the way: a slide after the press bears more than the slanted way to that place."""
+    _, meridional, _ = directions(0.0)
+    shear = (0.05, 0.0)
+    *_, two_stops = press_path(half_dome, 0.0, [(0.5, (0.0, 0.0)), (0.5, shear)])
+    *_, slanted = press_path(half_dome, 0.0, [(0.5, shear)])
+    pressed = press(half_dome, 0.0, 0.5, shear_mm=shear)
+    assert pressed.force_per_mu_mm2 == pytest.approx(two_stops.force_per_mu_mm2, abs=1e-9)
+    assert pressed.force_per_mu_mm2 @ meridional > 1.1 * slanted.force_per_mu_mm2 @ meridional
+
+
 def test_slide_beyond_stick_bears_coulombs_share(half_dome: Dome) -> None:
     outward, meridional, _ = directions(0.0)
     pressed = press(half_dome, 0.0, 0.5, shear_mm=(1.0, 0.0))

@@ -71,7 +71,7 @@ def press(
 
     Raises ConfigError where the press cannot be made or does not converge.
     """
-    *_, last = press_path(dome, theta_rad, [(depth_mm, shear_mm)], probe)
+    *_, last = press_path(dome, theta_rad, [(depth_mm, NO_SHEAR), (depth_mm, shear_mm)], probe)
     return last
 
 
@@ -82,7 +82,10 @@ def press_path(
     probe: Probe = Probe.PLATE,
     start: Press | None = None,
 ) -> Iterator[Press]:
-    """Go through `stops` of (depth_mm, shear_mm) in turn, from rest or from `start`; one press for each."""
+    """Go straight from stop to stop of (depth_mm, shear_mm), from rest or from `start`; one press for each.
+
+    Raises ConfigError as :func:`press`.
+    """
     _check(dome, theta_rad, stops, probe)
     outward, meridional, azimuthal = directions(theta_rad)
     ways = np.stack([-outward, meridional, azimuthal])
@@ -91,10 +94,7 @@ def press_path(
     here = np.array([start.depth_mm, *start.shear_mm]) if start else np.zeros(3)
     for depth_mm, shear_mm in stops:
         goal = np.array([depth_mm, *shear_mm])
-        first, last = (
-            ProbePose(probe, outward, touch_mm + here @ ways),
-            ProbePose(probe, outward, touch_mm + goal @ ways),
-        )
+        first, last = (ProbePose(probe, outward, touch_mm + at @ ways) for at in (here, goal))
         steps = max(1.0, float((np.abs(goal - here) / LONGEST_STEP_MM).max()))
         found, iterations = _go(dome, state, first, last, 1 / steps)
         state, here = found.state, goal
