@@ -23,6 +23,7 @@ from palpate_edge.stopwatch import Stopwatch
 Array = NDArray[np.float64]
 
 REGIONS_DEG = ((15, 30), (30, 45), (45, 60), (60, 75), (75, 90))  # above the base plane, Fig. 8b
+POLE_DEG = 90  # region 5 holds its upper end
 PAPER_ERRORS_MM = (1.906, 1.683, 1.369, 1.267, 1.152)  # Table 1
 DIRECTION_FORCE_SHARE = 0.25  # direction errors are taken at forces above a quarter of the largest
 
@@ -159,14 +160,16 @@ def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], 
     force = np.array([np.linalg.norm(answer.press.force_N) for answer in both])
     regions = [
         _band(
-            f"region {number} ({low}-{high} deg)", _select(both, (angle >= low) & (angle < high)), largest_N
+            f"region {number} ({low}-{high} deg)",
+            _select(both, (angle >= low) & ((angle < high) | (high == POLE_DEG))),
+            largest_N,
         )
         for number, (low, high) in enumerate(REGIONS_DEG, start=1)
     ]
     thirds = [
         _band(
             f"force {third}/3 to {third + 1}/3",
-            _select(both, (force >= third / 3 * largest_N) & (force <= (third + 1) / 3 * largest_N)),
+            _select(both, np.minimum(2, np.floor(3 * force / largest_N)) == third),
             largest_N,
         )
         for third in range(3)

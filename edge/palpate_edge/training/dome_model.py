@@ -8,10 +8,12 @@ fitted to the sensor at hand, the rest is learned from its own presses as a diff
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from palpate_edge.displacement import canonical_directions
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "hidden", "markers_radius_mm")
+# What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
+DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +47,15 @@ class DomeModel:
 def load_dome_model(path: Path = SHIPPED) -> DomeModel:
     """Read a dome model. Raises CalibrationError naming the file and the way out."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        with path.open("rb") as opened, NpzFile(opened, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in NAMES}
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise CalibrationError(
             f"{path} is no dome model ({error}): make it with palpate-edge train"
         ) from None
-    count, width = len(arrays["hidden"]), 2 * len(canonical_directions())
-    if arrays["fields"].shape != (count, width) or arrays["directions"].shape != (count, 3):
-        raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
+    _check(arrays, path)
     return DomeModel(
         arrays["fields"],
         arrays["directions"],
@@ -61,6 +63,19 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
         arrays["hidden"],
         float(arrays["markers_radius_mm"]),
     )
+
+
+def _check(arrays: dict[str, Array], path: Path) -> None:
+    """Refuse what a readable file can still have wrong."""
+    count, width = arrays["hidden"].size, 2 * len(canonical_directions())
+    shapes = ((count, width), (count, 3), (count, 3), (count,), ())
+    if any(arrays[name].shape != shape for name, shape in zip(NAMES, shapes, strict=True)):
+        raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
+    whole = all(np.isfinite(array).all() for array in arrays.values())
+    if not (count and whole and arrays["markers_radius_mm"] > 0):
+        raise CalibrationError(
+            f"{path} holds no presses or numbers that are none: make it again with palpate-edge train"
+        )
 
 
 def save_dome_model(dome: DomeModel, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,8 @@ def pretrain(
         own_radius_mm = dataset.sensor.markers.radius_mm
         reader = DisplacementReader(measured.reference.position_px, measured.view, own_radius_mm)
         copies = max(1, MOST_SAMPLES // (2 * len(found) * len(datasets)))
-        parts.append(make_samples(reader, found, copies=copies))
+        samples = make_samples(reader, found, copies=copies)
+        parts.append(replace(samples, fields=samples.fields * (radius_mm / own_radius_mm)))
     stiffness = [_stiffness(part) for part in parts]
     return DomeModel(
         np.concatenate([part.fields for part in parts]),
