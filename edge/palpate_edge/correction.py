@@ -2,7 +2,7 @@
 
 The network file is made by ``training/``; it is one graph: normalise, project, kernel expansion, denormalise.
 Inputs ``field`` (1, 2 g) mm and ``hidden`` (1, 1); outputs ``direction`` (1, 3) of the contact point and
-``force`` (1, 3) N, both in the canonical frame, and ``radius95`` (1, 1) mm.
+``force`` (1, 3) N, both in the canonical frame, ``radius95`` (1, 1) mm and ``novelty`` (1, 1).
 """
 
 from __future__ import annotations
@@ -18,17 +18,20 @@ from palpate_edge.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
+OUTPUTS = ["direction", "force", "radius95", "novelty"]
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
     """direction (3,) of the contact point, unit vector in F; force_N (3,) on the dome in F; radius95_mm:
-    with 95 % probability the contact is no farther from the given point."""
+    with 95 % probability the contact is no farther from the given point; novelty: squared distance of the
+    field to the nearest one that the model was trained on, both of size 1: 0.1 is far for a press."""
 
     direction: Array
     force_N: Array
     radius95_mm: float
+    novelty: float
 
 
 class CorrectionModel:
@@ -69,8 +72,8 @@ class CorrectionModel:
             "field": field.values[None],
             "hidden": np.array([[field.hidden]], dtype=np.float64),
         }
-        direction, force, radius95 = self._session.run(["direction", "force", "radius95"], inputs)
+        direction, force, radius95, novelty = self._session.run(OUTPUTS, inputs)
         turn = about_z(field.azimuth_rad)
         unit = direction[0]
         unit /= np.linalg.norm(unit)
-        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]))
+        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]), max(0.0, float(novelty[0, 0])))

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the whole image; less is a blank frame
 TARE_FRAMES = 10
+MAX_NOVELTY = 0.15  # Correction.novelty; presses of the sample stay below 0.1, torn frames lie about 0.2 to 2
+NOISE_NOVELTY = 0.3  # what noise adds to a motion of the contact threshold's size
 MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
 
 
@@ -38,6 +40,7 @@ class _Touch:
     normal_force_N: float | None
     force_N: Vector3 | None
     radius95_mm: float | None
+    novelty: float = 0.0
 
 
 NO_TOUCH = _Touch(None, 0.0, (0.0, 0.0, 0.0), None)
@@ -83,6 +86,7 @@ class Estimator:
         self._tracker = Tracker(calibration.reference())
         self._rest_on(calibration.reference())
         self._refused = 0
+        self._last_image: Image | None = None
         self._tare_left = 0
         self._tare_sum = np.zeros_like(self._rest.position_px)
         self._tare_count = np.zeros(len(self._rest.position_px))
@@ -104,6 +108,7 @@ class Estimator:
     def estimate(self, frame: Frame) -> Contact:
         """The contact that a frame shows; one that cannot be believed gives `valid` False and a reason."""
         reason = self._unusable(frame.image)
+        self._last_image = frame.image
         if reason:
             return self._refuse(frame, reason, 0)
         beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
@@ -117,8 +122,13 @@ class Estimator:
         if self._tare_left:
             self._take_tare(beads)
             return self._refuse(frame, "tare in progress", found)
-        touched = self._motion.size_px(beads) > self._calibration.contact_threshold_px
+        motion_px, threshold_px = self._motion.size_px(beads), self._calibration.contact_threshold_px
+        touched = motion_px > threshold_px
         contact = self._contact(beads) if touched else NO_TOUCH
+        if contact.novelty > MAX_NOVELTY + NOISE_NOVELTY * (threshold_px / motion_px) ** 2:
+            return self._refuse(
+                frame, "skin moves unlike any press: a torn frame, or several contacts", found
+            )
         return Contact(
             sequence=frame.sequence,
             exposed_at_us=frame.exposed_at_us,
@@ -145,9 +155,11 @@ class Estimator:
         result = correction.correct(self._reader.read(beads))
         position = self._sensor.dome.outer_radius_mm * result.direction
         if self._calibration.stiffness_scale is None:
-            return _Touch(_vector(position), None, None, result.radius95_mm)
+            return _Touch(_vector(position), None, None, result.radius95_mm, result.novelty)
         normal_N = max(0.0, -float(result.force_N @ result.direction))
-        return _Touch(_vector(position), normal_N, _vector(result.force_N), result.radius95_mm)
+        return _Touch(
+            _vector(position), normal_N, _vector(result.force_N), result.radius95_mm, result.novelty
+        )
 
     def _by_paper(self, beads: Beads) -> _Touch:
         """Eqs. (1)-(3); all of the force along the inward normal."""
@@ -191,8 +203,17 @@ class Estimator:
         width, height = self._sensor.image_size_px
         if image.shape[:2] != (height, width):
             return f"frame is {image.shape[1]}x{image.shape[0]}, the calibration is for {width}x{height}"
+        if self._is_last(image):
+            return "frame is the same as the one before: the camera is frozen"
         _, deviation = cv2.meanStdDev(image)
         return "frame is blank" if float(deviation.max()) < MIN_DEVIATION else ""
+
+    def _is_last(self, image: Image) -> bool:
+        """A camera's noise never repeats; a few rows tell most frames apart."""
+        last = self._last_image
+        if last is None or last.shape != image.shape:
+            return False
+        return np.array_equal(last[::32], image[::32]) and np.array_equal(last, image)
 
     def _refuse(self, frame: Frame, reason: str, found: int) -> Contact:
         self._refused += 1

@@ -89,6 +89,15 @@ def test_more_hidden_beads_than_can_be_spared_are_refused(estimator, frame_of):
     assert estimator.estimate(frame_of(PRESS, sequence=1)).beads_found == 85  # and it recovers at once
 
 
+def test_a_frozen_camera_is_refused_until_it_moves_again(estimator, frame_of):
+    assert estimator.estimate(frame_of(PRESS)).valid
+    for _ in range(2):
+        contact = estimator.estimate(frame_of(PRESS))
+        assert (contact.valid, contact.quality) == (False, 0.0)
+        assert contact.reason == "frame is the same as the one before: the camera is frozen"
+    assert estimator.estimate(frame_of(PRESS, sequence=1)).in_contact  # the same press with other noise
+
+
 def test_health_counts(estimator, frame_of):
     estimator.estimate(frame_of())
     estimator.estimate(frame_of(hidden=(7, 8), sequence=1))
@@ -107,7 +116,7 @@ def test_estimates_do_not_depend_on_what_came_before(estimator, drawn_calibratio
 
 def tared(estimator, frame_of, **drawn):
     estimator.tare()
-    for sequence in range(TARE_FRAMES):
+    for sequence in range(100, 100 + TARE_FRAMES):
         contact = estimator.estimate(frame_of(sequence=sequence, **drawn))
         assert not contact.valid
         assert contact.reason == "tare in progress"
