@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
 MAX_HIDDEN = 0.3
-MOST_SAMPLES = 3000
+MOST_SAMPLES = 2000
 MOST_COPIES = 8
 MIRROR = np.array([1.0, -1.0, 1.0])
 

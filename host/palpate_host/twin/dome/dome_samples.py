@@ -22,11 +22,12 @@ from palpate_host.twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 
-SENSORS = 20
+SENSORS = 24
 PRESSES_A_SENSOR = 50
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
 LEAST_DEPTH_SHARE = 0.01
+PLATE_SHARE = 0.6  # the others are any probe of the library
 MOST_SLIDE_SHARE = 0.4
 BEAD_TOLERANCE_MM = 0.15
 NOISE_PX = 0.02
@@ -41,7 +42,7 @@ LAYOUTS = (
 def dome_samples(
     library: FieldLibrary, seed: int, progress: Callable[[int, int], None] = lambda _done, _total: None
 ) -> DomeModel:
-    """`SENSORS` sensors with `PRESSES_A_SENSOR` plate presses each, and the mirror image of each."""
+    """`SENSORS` sensors with `PRESSES_A_SENSOR` presses each, and the mirror image of each."""
     rng = np.random.default_rng(seed)
     parts = []
     for sensor in range(SENSORS):
@@ -85,12 +86,15 @@ def _random_pose(rng: np.random.Generator) -> CameraPose:
 def _press(
     library: FieldLibrary, directions: Array, view: View, reference_px: Array, rng: np.random.Generator
 ) -> TrainingPress:
+    probe = (
+        Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
+    )
     theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
     azimuth, way = rng.uniform(0, 2 * np.pi, 2)
-    depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, Probe.PLATE)
+    depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, probe)
     slide_mm = float(rng.uniform(0, MOST_SLIDE_SHARE)) * depth_mm
     shear_mm = (slide_mm * float(np.cos(way)), slide_mm * float(np.sin(way)))
-    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth))
+    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth), probe)
     moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
     moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
     found = np.ones(len(reference_px), dtype=np.bool_)
