@@ -15,6 +15,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "replay": ("palpate_host.run_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
+    "simulate": ("palpate_host.twin.dome.cli:simulate", "The dome by finite elements and its library."),
     "bus": ("palpate_host.bus.cli:bus", "The local CAN hub, logs, statistics and faults."),
 }
 

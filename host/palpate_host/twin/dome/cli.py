@@ -176,6 +176,27 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
     click.echo(f"{target}: {len(rows)} presses")
 
 
+@dome.command()
+@click.option("--seed", default=1, show_default=True, help="Of the random sensors and presses.")
+@click.option("--out", type=FILE, help="Where to write  [default: the dome model that ships with palpate]")
+def model(seed: int, out: Path | None) -> None:
+    """Makes the dome model that calibrations start from, out of the library's fields."""
+    from rich.progress import Progress  # noqa: PLC0415
+
+    from palpate_edge.training.dome_model import SHIPPED, save_dome_model  # noqa: PLC0415
+    from palpate_host.twin.dome.dome_samples import dome_samples  # noqa: PLC0415
+    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+
+    with Progress() as progress:
+        task = progress.add_task("sensors", total=None)
+        samples = dome_samples(
+            load_library(), seed, lambda done, total: progress.update(task, completed=done, total=total)
+        )
+    target = out or SHIPPED
+    save_dome_model(samples, target)
+    click.echo(f"{target}: {len(samples.fields)} samples")
+
+
 def _resolution(mesh: tuple[int, int, int]) -> Resolution:
     from palpate_host.twin.dome.mesh import Resolution  # noqa: PLC0415
 
