@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the whole image; less is a blank frame
 TARE_FRAMES = 10
+MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
 MAX_NOVELTY = 0.15  # Correction.novelty; presses of the sample stay below 0.1, torn frames lie about 0.2 to 2
 NOISE_NOVELTY = 0.3  # what noise adds to a motion of the contact threshold's size
 MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
@@ -113,12 +114,10 @@ class Estimator:
             return self._refuse(frame, reason, 0)
         beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
         found = int(beads.found.sum())
-        if found < MIN_BEADS_SHARE * len(beads.found):
+        reason = self._doubt(beads)
+        if reason:
             self._tracker.reset()
-            return self._refuse(frame, f"only {found} of {len(beads.found)} beads found", found)
-        if self._motion.roughness(beads) > MAX_ROUGHNESS:
-            self._tracker.reset()
-            return self._refuse(frame, "beads do not move as one skin: another sensor, or no dome", found)
+            return self._refuse(frame, reason, found)
         if self._tare_left:
             self._take_tare(beads)
             return self._refuse(frame, "tare in progress", found)
@@ -144,6 +143,17 @@ class Estimator:
             beads_expected=len(beads.found),
             radius95_mm=contact.radius95_mm,
         )
+
+    def _doubt(self, beads: Beads) -> str:
+        """Why the beads cannot be those of this skin, or do not tell enough of it; empty when they do."""
+        found = int(beads.found.sum())
+        if found < MIN_BEADS_SHARE * len(beads.found):
+            return f"only {found} of {len(beads.found)} beads found"
+        if self._motion.roughness(beads) > MAX_ROUGHNESS:
+            return "beads do not move as one skin: another sensor, or no dome"
+        if self._reader.blind_spot(beads) > MAX_BLIND_SPOT:
+            return "the beads of a whole region are hidden"
+        return ""
 
     def _contact(self, beads: Beads) -> _Touch:
         if self._correction is None:
