@@ -1,0 +1,173 @@
+"""The dome model's file: what is read is what was written, or it is refused in one line."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palpate_edge.displacement import canonical_directions
+from palpate_edge.errors import CalibrationError
+from palpate_edge.training.dome_model import NAMES, SHIPPED, DomeModel, load_dome_model, save_dome_model
+
+WIDTH = 2 * len(canonical_directions())
+ONE_FILE_A_TEST = settings(
+    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@pytest.fixture(scope="module")
+def dome():
+    rng = np.random.default_rng(1)
+    return DomeModel(
+        rng.uniform(-2, 2, (7, WIDTH)),
+        rng.standard_normal((7, 3)),
+        rng.standard_normal((7, 3)),
+        rng.uniform(0, 0.3, 7),
+        26.5,
+    )
+
+
+@pytest.fixture(scope="module")
+def arrays(dome):
+    return {name: np.asarray(getattr(dome, name)) for name in NAMES}
+
+
+def refusal(path, one_line):
+    with pytest.raises(CalibrationError) as error:
+        load_dome_model(path)
+    text = one_line(error)
+    assert str(path) in text
+    assert "palpate-edge train" in text
+    return text
+
+
+def written(path, arrays):
+    with path.open("wb") as file:
+        np.savez(file, **arrays)
+    return path
+
+
+def test_round_trip(dome, tmp_path):
+    """Half precision keeps 11 bits: fields within 0.05 %, the others by single precision."""
+    save_dome_model(dome, tmp_path / "dome.npz")
+    read = load_dome_model(tmp_path / "dome.npz")
+    assert read.fields == pytest.approx(dome.fields, rel=2**-11, abs=1e-6)
+    assert read.directions == pytest.approx(dome.directions, rel=1e-6)
+    assert read.forces == pytest.approx(dome.forces, rel=1e-6)
+    assert read.hidden == pytest.approx(dome.hidden, rel=2**-11)
+    assert read.markers_radius_mm == dome.markers_radius_mm
+    assert {read.fields.dtype, read.forces.dtype} == {np.dtype(np.float64)}
+
+
+def test_the_shipped_model_is_whole():
+    dome = load_dome_model()
+    count = len(dome.fields)
+    assert count >= 1000
+    assert np.linalg.norm(dome.directions, axis=1) == pytest.approx(1, abs=1e-6)
+    pushing = -(dome.forces * dome.directions).sum(axis=1)
+    assert (pushing > 0).all()  # a probe pushes, it never pulls
+    assert 0 <= dome.hidden.min() <= dome.hidden.max() <= 0.3
+    assert SHIPPED.stat().st_size < 2_000_000
+
+
+def test_another_size_of_dome(dome):
+    """A body of twice the size and one silicone: motions double, forces (stress times area) quadruple."""
+    double = dome.for_markers(53.0)
+    assert (double.fields == 2 * dome.fields).all()
+    assert (double.forces == 4 * dome.forces).all()
+    assert (double.directions == dome.directions).all()
+    assert double.markers_radius_mm == 53.0
+
+
+@pytest.mark.parametrize(
+    ("name", "spoilt"),
+    [
+        ("fields", np.zeros((7, WIDTH - 2))),
+        ("fields", np.zeros(7)),
+        ("directions", np.zeros((6, 3))),
+        ("forces", np.zeros((3, 3))),
+        ("forces", np.zeros((7, 1))),
+        ("hidden", np.float64(0.0)),
+        ("hidden", np.zeros(8)),
+        ("markers_radius_mm", np.ones(3)),
+    ],
+    ids=lambda value: value if isinstance(value, str) else str(np.shape(value)),
+)
+def test_wrong_shapes_are_refused(arrays, tmp_path, one_line, name, spoilt):
+    assert "another version" in refusal(written(tmp_path / "a.npz", arrays | {name: spoilt}), one_line)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_that_are_none_are_refused(arrays, tmp_path, one_line, name):
+    for value in (np.nan, np.inf):
+        spoilt = np.array(arrays[name])
+        spoilt.flat[0] = value
+        refusal(written(tmp_path / "a.npz", arrays | {name: spoilt}), one_line)
+
+
+def test_no_presses_and_no_size_are_refused(arrays, tmp_path, one_line):
+    empty = {name: array[:0] if array.ndim else array for name, array in arrays.items()}
+    refusal(written(tmp_path / "a.npz", empty), one_line)
+    refusal(written(tmp_path / "b.npz", arrays | {"markers_radius_mm": np.float64(0)}), one_line)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_missing_array_is_named(arrays, tmp_path, one_line, name):
+    rest = {key: array for key, array in arrays.items() if key != name}
+    assert name in refusal(written(tmp_path / "a.npz", rest), one_line)
+
+
+def test_what_is_no_dome_model_is_refused(arrays, tmp_path, one_line):
+    path, one_array = tmp_path / "a.npz", io.BytesIO()
+    np.save(one_array, arrays["fields"])
+    objects = io.BytesIO()
+    np.savez(objects, **(arrays | {"forces": np.array([object()])}))
+    for data in (b"", one_array.getvalue(), objects.getvalue(), b"PK\x05\x06" + bytes(18)):
+        path.write_bytes(data)
+        refusal(path, one_line)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("fields.npy", b"no array")
+    refusal(path, one_line)
+    refusal(written(path, arrays | {"fields": np.full((7, WIDTH), "x")}), one_line)
+
+
+@ONE_FILE_A_TEST
+@given(data=st.data())
+def test_changed_bytes_are_refused_or_do_not_matter(dome, tmp_path, one_line, data):
+    """A zip archive has a checksum for what it holds and none for its own bookkeeping (times, attributes)."""
+    path = tmp_path / "dome.npz"
+    save_dome_model(dome, path)
+    whole = path.read_bytes()
+    before = load_dome_model(path)
+    at = data.draw(st.integers(0, len(whole) - 1))
+    path.write_bytes(whole[:at] + data.draw(st.binary(min_size=1, max_size=4)) + whole[at + 1 :])
+    try:
+        after = load_dome_model(path)
+    except CalibrationError:
+        refusal(path, one_line)
+    else:
+        assert all(np.array_equal(getattr(after, name), getattr(before, name)) for name in NAMES)
+
+
+@ONE_FILE_A_TEST
+@given(noise=st.binary(max_size=300))
+def test_random_bytes_are_refused(tmp_path, one_line, noise):
+    (tmp_path / "noise.npz").write_bytes(noise)
+    refusal(tmp_path / "noise.npz", one_line)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path, one_line):
+    assert "is missing" in refusal(tmp_path / "none.npz", one_line)
+    refusal(tmp_path, one_line)
+
+
+def test_a_place_that_cannot_be_written_is_named(dome, tmp_path, one_line):
+    for path in (tmp_path / "nowhere" / "dome.npz", tmp_path):
+        with pytest.raises(CalibrationError, match="cannot be written") as error:
+            save_dome_model(dome, path)
+        assert str(path) in one_line(error)

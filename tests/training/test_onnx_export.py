@@ -1,0 +1,99 @@
+"""The model file: it gives what numpy gives, and anything else is refused in one line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from palpate_edge.correction import CorrectionModel
+from palpate_edge.displacement import CanonicalField
+from palpate_edge.errors import CalibrationError
+from palpate_edge.training import onnx_export
+from palpate_edge.training.kernel_ridge import fit
+from palpate_edge.training.onnx_export import export
+
+SENSOR = "0123456789abcdef"
+OTHER_SENSOR = "fedcba9876543210"
+
+
+@pytest.fixture(scope="module")
+def seen(problem):
+    """Presses that the model was not trained on."""
+    return problem.samples(50, seed=2, most_hidden=0.3)
+
+
+@pytest.fixture(scope="module")
+def regression(problem):
+    return fit(problem.samples(150, seed=1, most_hidden=0.3), None, 30.0)
+
+
+@pytest.fixture(scope="module")
+def file(regression, seen):
+    return export(regression, SENSOR, seen.fields)
+
+
+def test_it_gives_what_numpy_gives(regression, file, seen):
+    model = CorrectionModel(file, SENSOR)
+    direction, force, radius_mm = regression.predict(seen.fields, seen.hidden)
+    for row in range(len(seen.fields)):
+        got = model.correct(CanonicalField(seen.fields[row], 0.0, float(seen.hidden[row])))
+        assert got.direction == pytest.approx(direction[row], abs=1e-8)
+        assert got.force_N == pytest.approx(force[row], abs=1e-8)
+        assert got.radius95_mm == pytest.approx(radius_mm[row], rel=1e-8)
+
+
+@pytest.mark.parametrize("azimuth", [-2.5, 0.3, math.pi])
+def test_its_answer_is_turned_back_into_the_fingertip_frame(file, seen, azimuth):
+    model, turn = CorrectionModel(file, SENSOR), Rotation.from_rotvec([0, 0, azimuth])
+    straight = model.correct(CanonicalField(seen.fields[0], 0.0, 0.0))
+    turned = model.correct(CanonicalField(seen.fields[0], azimuth, 0.0))
+    assert turned.direction == pytest.approx(turn.apply(straight.direction), abs=1e-12)
+    assert turned.force_N == pytest.approx(turn.apply(straight.force_N), abs=1e-12)
+    assert turned.radius95_mm == straight.radius95_mm
+    assert np.linalg.norm(turned.direction) == pytest.approx(1)
+
+
+def test_its_numbers_are_float64(file):
+    tensors = onnx.load_from_string(file).graph.initializer
+    kinds = {tensor.data_type for tensor in tensors}
+    assert kinds == {onnx.TensorProto.DOUBLE, onnx.TensorProto.INT64}
+
+
+def test_a_model_of_another_sensor_is_refused(file, one_line):
+    with pytest.raises(CalibrationError) as error:
+        CorrectionModel(file, OTHER_SENSOR)
+    text = one_line(error)
+    assert all(word in text for word in (SENSOR, OTHER_SENSOR, "palpate-edge calibrate"))
+
+
+@settings(deadline=None, max_examples=40)
+@given(data=st.data())
+def test_a_shortened_model_is_refused(file, one_line, data):
+    end = data.draw(st.integers(0, len(file) - 1))
+    with pytest.raises(CalibrationError, match="run palpate-edge calibrate again") as error:
+        CorrectionModel(file[:end], SENSOR)
+    one_line(error)
+
+
+@settings(deadline=None, max_examples=40)
+@given(noise=st.binary(max_size=200))
+def test_random_bytes_are_refused(noise, one_line):
+    with pytest.raises(CalibrationError, match="run palpate-edge calibrate again") as error:
+        CorrectionModel(noise, SENSOR)
+    one_line(error)
+
+
+def test_a_file_that_differs_from_the_fit_is_not_given_out(regression, seen, one_line, monkeypatch):
+    """A graph made from slightly other weights stands for an export that went wrong."""
+    graph, other = onnx_export._graph, replace(regression, weights=1.001 * regression.weights)
+    monkeypatch.setattr(onnx_export, "_graph", lambda _right, sensor: graph(other, sensor))
+    with pytest.raises(CalibrationError, match="the exported model differs from the fitted one") as error:
+        export(regression, SENSOR, seen.fields)
+    one_line(error)
