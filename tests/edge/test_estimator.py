@@ -89,6 +89,17 @@ def test_more_hidden_beads_than_can_be_spared_are_refused(estimator, frame_of):
     assert estimator.estimate(frame_of(PRESS, sequence=1)).beads_found == 85  # and it recovers at once
 
 
+def test_a_hidden_region_is_refused_and_as_many_scattered_beads_are_not(
+    estimator, drawn_calibration, frame_of
+):
+    places = drawn_calibration.reference().position_px
+    region = np.argsort(np.linalg.norm(places - places[40], axis=1))[:20]
+    contact = estimator.estimate(frame_of(PRESS, hidden=region.tolist()))
+    assert not contact.valid
+    assert contact.reason == "the beads of a whole region are hidden"
+    assert estimator.estimate(frame_of(PRESS, hidden=range(2, 82, 4), sequence=1)).valid
+
+
 def test_a_frozen_camera_is_refused_until_it_moves_again(estimator, frame_of):
     assert estimator.estimate(frame_of(PRESS)).valid
     for _ in range(2):
