@@ -1,0 +1,101 @@
+"""Training samples: every press with its mirror image, in the canonical frame, turned and partly hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate_edge.dataset import Press
+from palpate_edge.displacement import DisplacementReader, mirrored
+from palpate_edge.sensor import View
+from palpate_edge.tracking import Beads
+from palpate_edge.training.samples import (
+    MAX_HIDDEN,
+    MOST_COPIES,
+    MOST_SAMPLES,
+    TrainingPress,
+    make_samples,
+    training_presses,
+)
+
+PRESSES = ((0.5, 0.4, 1.5), (0.9, -2.0, 0.8), (0.2, 3.0, 2.0))  # theta_rad, phi_rad, depth_mm
+
+
+def press_at(dome, theta_rad, phi_rad, depth_mm):
+    sin = np.sin(theta_rad)
+    direction = np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
+    at_px = dome.project(dome.pressed_mm(theta_rad, phi_rad, depth_mm))
+    found = np.ones(len(at_px), dtype=np.bool_)
+    return TrainingPress(Beads(at_px, found, False), direction, -depth_mm * direction)
+
+
+@pytest.fixture(scope="module")
+def reader(drawn_dome, drawn_calibration):
+    view = View(drawn_calibration.sensor.camera, drawn_calibration.pose)
+    return DisplacementReader(drawn_dome.project(drawn_dome.beads_mm()), view, 26.5)
+
+
+@pytest.fixture(scope="module")
+def presses(drawn_dome):
+    return [press_at(drawn_dome, *press) for press in PRESSES]
+
+
+@pytest.fixture(scope="module")
+def samples(reader, presses):
+    return make_samples(reader, presses, copies=4)
+
+
+def test_every_copy_has_its_mirror_image(samples):
+    even, odd = slice(0, None, 2), slice(1, None, 2)
+    flip = np.array([1.0, -1.0, 1.0])
+    assert len(samples.fields) == 3 * 4 * 2
+    assert (samples.fields[odd] == mirrored(samples.fields[even])).all()
+    assert (samples.directions[odd] == samples.directions[even] * flip).all()
+    assert (samples.forces_N[odd] == samples.forces_N[even] * flip).all()
+    assert samples.press.tolist() == [press for press in range(3) for _ in range(8)]
+
+
+def test_the_first_copy_is_plain_and_the_others_vary(samples):
+    assert samples.plain.tolist() == 3 * [True, True, *6 * [False]]
+    assert (samples.hidden[samples.plain] == 0).all()
+    assert samples.hidden.max() <= MAX_HIDDEN
+    assert samples.hidden.max() > 0
+    turned_rad = np.arctan2(samples.directions[:, 1], samples.directions[:, 0])
+    assert np.ptp(turned_rad[samples.press == 0]) > 0.1
+    assert np.abs(turned_rad).max() < 1  # the press lies near the canonical frame's x axis
+
+
+def test_a_press_is_as_far_from_the_pole_as_it_was_and_as_strong(samples):
+    theta = np.array([press[0] for press in PRESSES])[samples.press]
+    depth = np.array([press[2] for press in PRESSES])[samples.press]
+    assert np.arccos(samples.directions[:, 2]) == pytest.approx(theta)
+    assert samples.forces_N == pytest.approx(-depth[:, None] * samples.directions)
+
+
+def test_vary_all_leaves_no_plain_one(reader, presses):
+    varied = make_samples(reader, presses, copies=2, vary_all=True)
+    assert not varied.plain.any()
+
+
+def test_one_seed_gives_the_same_samples_and_another_others(reader, presses):
+    first, again, other = (make_samples(reader, presses, seed, 3) for seed in (1, 1, 2))
+    assert (first.fields == again.fields).all()
+    assert not np.array_equal(first.fields, other.fields)
+
+
+@pytest.mark.parametrize("count", [1, 200, 2000])
+def test_copies_stay_within_their_limits(reader, presses, count):
+    made = make_samples(reader, (presses * count)[:count])
+    copies = len(made.fields) // (2 * count)
+    assert 1 <= copies <= MOST_COPIES
+    assert copies == 1 or len(made.fields) <= MOST_SAMPLES
+
+
+def test_rows_without_a_place_are_left_out(presses):
+    touch = Press("a.png", "train", 0.0, (0.0, 18.0, 24.0), 2.0, (0.1, -1.2, -1.6), "plate", 0)
+    none = Press("b.png", "train", 0.0, None, 0.0, (0.0, 0.0, 0.0), "none", 0)
+    beads = presses[0].beads
+    (found,) = training_presses([(none, beads), (touch, beads)])
+    assert found.direction == pytest.approx([0, 0.6, 0.8])
+    assert found.force_N.tolist() == [0.1, -1.2, -1.6]
+    assert found.beads is beads
