@@ -21,6 +21,7 @@ Floats = NDArray[np.float32]
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
 DISK_RADIUS = 0.72  # of the pixels that weigh in the centroid, in bead diameters
+LEAST_DISK_RADIUS = 0.55  # where beads stand close
 SKIN_RADIUS = 0.8  # of the circle that tells the skin's grey, in bead diameters
 SETTLED_STEP = 0.03  # of a bead diameter: a centroid that moved less is on its bead
 MOST_STEPS = 4
@@ -105,14 +106,19 @@ class Refiner:
     is larger than the bead: one step is exact unless the bead was far off, and only such beads take another.
     """
 
-    def __init__(self, diameter_px: Array) -> None:
+    def __init__(self, diameter_px: Array, spacing_px: Array | None = None) -> None:
+        """diameter_px (n,) of each bead; spacing_px (n,): distance to the nearest other bead, whose pixels
+        are kept out."""
         diameter = np.asarray(diameter_px, dtype=np.float64)
+        disk = DISK_RADIUS * diameter
+        if spacing_px is not None:
+            disk = np.minimum(disk, np.maximum(LEAST_DISK_RADIUS * diameter, spacing_px - 0.5 * diameter))
         largest = float(diameter.max())
         self._margin = int(np.ceil(SKIN_RADIUS * largest)) + 1
-        self._reach = int(np.ceil(DISK_RADIUS * largest))
+        self._reach = int(np.ceil(disk.max()))
         span = np.arange(-self._reach, self._reach + 1)
         row, column = (grid.ravel() for grid in np.meshgrid(span, span, indexing="ij"))
-        in_disk = np.hypot(row, column) <= DISK_RADIUS * diameter[:, None]
+        in_disk = np.hypot(row, column) <= disk[:, None]
         self._in_disk = in_disk.astype(np.float32)
         self._moments = np.stack([np.ones(len(row)), column, row], axis=1).astype(np.float32)
         self._skin = _circle(SKIN_RADIUS * diameter, 16)

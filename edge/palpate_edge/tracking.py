@@ -38,9 +38,7 @@ class Reference:
 
     @property
     def spacing_px(self) -> Array:
-        distance = distances(self.position_px, self.position_px)
-        np.fill_diagonal(distance, np.inf)
-        return np.asarray(distance.min(axis=1))
+        return spacing(self.position_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +67,7 @@ class Tracker:
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
         self._spacing = reference.spacing_px
-        self._refiner = Refiner(reference.diameter_px)
+        self._refiner = Refiner(reference.diameter_px, self._spacing)
         self._last = reference.position_px.copy()
         self._pairs = _neighbours(reference.position_px, self._spacing)
         self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
@@ -162,6 +160,13 @@ def _neighbours(position_px: Array, spacing_px: Array) -> tuple[Indices, Indices
 def distances(a: Array, b: Array) -> Array:
     """(n, m) distances between (n, 2) and (m, 2) points."""
     return np.asarray(np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2)))
+
+
+def spacing(points_px: Array) -> Array:
+    """Distance (n,) of each of (n, 2) points to the nearest other one."""
+    distance = distances(points_px, points_px)
+    np.fill_diagonal(distance, np.inf)
+    return np.asarray(distance.min(axis=1))
 
 
 def spread(at_px: Array, value: Array, where_px: Array, scale_px: Array) -> Array:
