@@ -110,7 +110,8 @@ def test_library_that_cannot_be_written_is_refused_before_solving(tmp_path: Path
 @pytest.mark.fem
 @pytest.mark.parametrize("probe", load_library().probes, ids=lambda probe: probe.label)
 def test_interpolation_against_fresh_solutions(probe: Probe) -> None:
-    """Stated error: 1.5 % of the depth (rms over scattered points) and 6 % of the force, off the grid."""
+    """Within twice the 95th percentiles that library.py states, of the depth (rms) and of the force."""
+    of_depth, of_force = (0.016, 0.1) if probe is Probe.PLATE else (0.046, 0.24)
     library = load_library()
     rng = np.random.default_rng(11)
     theta, phi = np.arccos(rng.uniform(0.2, 1, 80)), rng.uniform(0, 2 * np.pi, 80)
@@ -118,13 +119,13 @@ def test_interpolation_against_fresh_solutions(probe: Probe) -> None:
     with np.load(Path(grid.__file__).with_name("fields.npz")) as file:
         resolution = Resolution(*(int(count) for count in file["resolution"]))
     domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * directions)
-    for theta_deg, share, slide in (
+    for theta_deg, depth_share, slide in (
         (12.0, 0.45, (0.1, 0.15)),
         (33.0, 0.85, (-0.2, 0.2)),
         (57.0, 0.6, (0.25, 0.0)),
     ):
         contact_rad = float(np.radians(theta_deg))
-        depth_mm = share * library.largest_depth_mm(contact_rad, probe)
+        depth_mm = depth_share * library.largest_depth_mm(contact_rad, probe)
         shear_mm = (slide[0] * depth_mm, slide[1] * depth_mm)
         *_, pressed = press_path(domes.half, contact_rad, [(depth_mm, (0.0, 0.0))], probe)
         start = domes.unfold(pressed)
@@ -132,6 +133,6 @@ def test_interpolation_against_fresh_solutions(probe: Probe) -> None:
         solved = domes.sample_whole(slid.displacement_mm)
         found = library.field(directions, contact_rad, depth_mm, shear_mm, probe=probe)
         error_mm = np.sqrt(np.mean(np.sum((found.displacement_mm - solved) ** 2, axis=1)))
-        assert error_mm < 0.015 * depth_mm
+        assert error_mm < of_depth * depth_mm
         force_error = np.linalg.norm(found.force_per_mu_mm2 - slid.force_per_mu_mm2)
-        assert force_error < 0.06 * np.linalg.norm(slid.force_per_mu_mm2)
+        assert force_error < of_force * np.linalg.norm(slid.force_per_mu_mm2)

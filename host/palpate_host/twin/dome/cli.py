@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,26 +14,18 @@ from palpate_host.twin.dome.probe import Probe
 if TYPE_CHECKING:
     from palpate_host.twin.dome.mesh import Resolution
 
-Command = Callable[..., Any]
 FILE = click.Path(path_type=Path, dir_okay=False, writable=True)
 PROBES = {probe.label: probe for probe in Probe}
 PROBE = click.Choice(list(PROBES))
-FINE = (8, 6, 2)
-SHIPPED_MESH = (6, 4, 2)  # of the library: as far from a converged field as the interpolation is from it
-
-
-def mesh_option(default: tuple[int, int, int]) -> Callable[[Command], Command]:
-    """--mesh with its default."""
-    return click.option(
-        "--mesh",
-        type=(click.IntRange(2, 40), click.IntRange(1, 40), click.IntRange(1, 8)),
-        default=default,
-        show_default=True,
-        metavar="CAP SIDE WALL",
-        help="Elements along the cap (even), down the side and through the wall.",
-    )
-
-
+DEFAULT_MESH = (8, 6, 2)
+MESH = click.option(
+    "--mesh",
+    type=(click.IntRange(2, 40), click.IntRange(1, 40), click.IntRange(1, 8)),
+    default=DEFAULT_MESH,
+    show_default=True,
+    metavar="CAP SIDE WALL",
+    help="Elements along the cap (even), down the side and through the wall.",
+)
 THETA = click.option(
     "--theta-deg", type=click.FloatRange(0, 85), default=30.0, show_default=True, help="From the pole."
 )
@@ -60,12 +51,12 @@ def dome(context: click.Context) -> None:
 
 
 @dome.command()
-@mesh_option(FINE)
+@MESH
 @THETA
 @DEPTH
 @ONE_PROBE
 def analysis(
-    mesh: tuple[int, int, int] = FINE,
+    mesh: tuple[int, int, int] = DEFAULT_MESH,
     theta_deg: float = 30.0,
     depth_mm: float = 2.0,
     probe_name: str = "plate",
@@ -96,7 +87,7 @@ def analysis(
 
 
 @dome.command()
-@mesh_option(FINE)
+@MESH
 @THETA
 @DEPTH
 @click.option(
@@ -139,7 +130,7 @@ def press(
 
 
 @dome.command()
-@mesh_option(SHIPPED_MESH)
+@MESH
 @click.option(
     "--probe",
     "probe_names",

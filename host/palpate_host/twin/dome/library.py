@@ -7,6 +7,11 @@ Between the solved presses it interpolates
 - along the slide by the solved slides towards the base, away from it, towards +y and (mirrored) towards -y:
   odd and even parts weighted so that small slides superpose and far ones keep Coulomb's limit;
 - over the bead sphere by trigonometric polynomials on each ring and cubic ones across the rings.
+
+Against fresh solutions on the same mesh at random places, depths and slides (40 presses, 150 points each),
+rms over points in parts of the depth: plate 0.4 % on average (95th percentile 0.8 %), sphere5 0.8 % (2.3 %).
+Force: plate 1.9 % (5 %), sphere5 4 % (12 %, where it is small), as a 5 mm sphere feels the single elements.
+At 2 mm depth the mesh is off a finer one by 3.6 um (plate) and 9 um (sphere5), by 1.5 % and 4 % of the force.
 """
 
 from __future__ import annotations
