@@ -169,7 +169,7 @@ def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], 
     thirds = [
         _band(
             f"force {third}/3 to {third + 1}/3",
-            _select(both, np.minimum(2, np.floor(3 * force / largest_N)) == third),
+            _select(both, (3 * force >= largest_N).astype(int) + (3 * force >= 2 * largest_N) == third),
             largest_N,
         )
         for third in range(3)
@@ -211,7 +211,7 @@ def _band(name: str, answers: Sequence[_Answer], largest_N: float) -> Band:
         p95_mm=float(np.percentile(error, 95)),
         max_mm=float(error.max()),
         force_rmse_N=rmse,
-        force_rmse_percent=None if rmse is None else 100 * rmse / largest_N,
+        force_rmse_percent=100 * rmse / largest_N if rmse is not None and largest_N > 0 else None,
         direction_deg=float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean()) if firm.any() else None,
         covered_percent=float(100 * sum(covered) / sum(known)) if any(known) else None,
     )
