@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
-
 from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome import field_grid as grid
 from palpate_host.twin.dome.cli import simulate

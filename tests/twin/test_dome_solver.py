@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import felupe
 import numpy as np
 import pytest
-
-pytest.importorskip("felupe", reason="felupe (extra twin) is missing")
-
-import felupe
 
 from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu
@@ -121,6 +118,22 @@ def test_patch_block_in_uniaxial_stretch_bears_the_analytic_force(stretch: float
     assert forces[end, 0].sum() == pytest.approx(cauchy(stretch, across) * across**2, rel=1e-10)
     side = (points[:, 1] > 1 - 1e-9) & ~end & (points[:, 0] > 1e-9)
     assert np.abs(forces[side, 1]).max() < 1e-12
+
+
+def test_forces_and_stiffness_are_those_of_felupe() -> None:
+    """An independent finite element library on the same mesh, law and integration points."""
+    points, cells = distorted_block(np.random.default_rng(4))
+    displacement = 0.03 * np.random.default_rng(5).normal(size=points.shape)
+    region = felupe.RegionQuadraticHexahedron(
+        felupe.Mesh(points, cells, "hexahedron20"), quadrature=felupe.GaussLegendre(order=1, dim=3)
+    )
+    field = felupe.FieldContainer([felupe.Field(region, dim=3, values=displacement)])
+    body = felupe.SolidBody(felupe.NeoHooke(mu=1.0, bulk=bulk_per_mu(0.49)), field)
+    solid = Solid(points, cells)
+    expected = np.asarray(body.assemble.vector(field).toarray()).ravel()
+    assert solid.forces(displacement) == pytest.approx(expected, abs=1e-12)
+    stiffness = body.assemble.matrix(field).toarray()
+    assert solid.stiffness(displacement).toarray() == pytest.approx(stiffness, abs=1e-10)
 
 
 def test_stiffness_is_the_derivative_of_the_forces() -> None:

@@ -43,7 +43,7 @@ def simulate() -> None:
 def dome(context: click.Context) -> None:
     """The dome by finite elements; without a command, `analysis`. Needs the extra `twin`."""
     try:
-        import felupe  # noqa: F401, PLC0415 (an extra, and slow to import)
+        import scipy.sparse  # noqa: F401, PLC0415 (an extra, and slow to import)
     except ImportError:
         raise ConfigError("the finite elements need the extra twin: pip install 'palpate[twin]'") from None
     if context.invoked_subcommand is None:
@@ -62,7 +62,7 @@ def analysis(
     probe_name: str = "plate",
 ) -> None:
     """Table 2's ratios as this dome gives them, and one press on finer and finer meshes."""
-    import numpy as np  # noqa: PLC0415 (as below: these load scipy and FElupe)
+    import numpy as np  # noqa: PLC0415 (as below: these load scipy)
 
     from palpate_host.twin.dome.convergence import converge  # noqa: PLC0415
     from palpate_host.twin.dome.equilibrium import Dome  # noqa: PLC0415

@@ -1,21 +1,27 @@
-"""The silicone: a nearly incompressible neo-Hookean solid on the dome's mesh, assembled by FElupe.
+"""The silicone: a nearly incompressible neo-Hookean solid on the dome's mesh.
 
-The shear modulus is 1, so that stresses and forces are per mu; Poisson's ratio gives the bulk modulus.
-20-node hexahedra with 2x2x2 integration points: the element that neither locks in bending nor, at this ratio
-of the moduli, in volume (Zienkiewicz, Taylor and Too, 1971).
+The shear modulus is 1, so that stresses and forces are per mu; Poisson's ratio gives the bulk modulus. The
+energy is (J^(-2/3) tr(F^T F) - 3) / 2 + K (J - 1)^2 / 2. 20-node hexahedra with 2x2x2 integration points: the
+element that neither locks in bending nor, at this ratio of the moduli, in volume (Zienkiewicz, Taylor and
+Too, 1971).
 """
 
 from __future__ import annotations
 
-import felupe
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+
+from palpate_host.twin.dome import hexahedron
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 POISSON_RATIO = 0.49
+GAUSS_POINTS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
+EYE = np.eye(3)
 
 
 def bulk_per_mu(poisson_ratio: float) -> float:
@@ -26,24 +32,78 @@ def bulk_per_mu(poisson_ratio: float) -> float:
 class Solid:
     """Internal forces and stiffness of 20-node hexahedra at a displacement; keeps no state between calls.
 
-    points_mm (n, 3); cells (m, 20), FElupe's order.
+    points_mm (n, 3); cells (m, 20), nodes as in `mesh.HEXAHEDRON20`.
     """
 
     def __init__(self, points_mm: Array, cells: Indices, poisson_ratio: float = POISSON_RATIO) -> None:
-        mesh = felupe.Mesh(points_mm, cells, "hexahedron20")
-        reduced = felupe.GaussLegendre(order=1, dim=3)
-        region = felupe.RegionQuadraticHexahedron(mesh, quadrature=reduced)
-        self._field = felupe.FieldContainer([felupe.Field(region, dim=3)])
-        material = felupe.NeoHooke(mu=1.0, bulk=bulk_per_mu(poisson_ratio))
-        self._body = felupe.SolidBody(material, self._field)
+        self._bulk = bulk_per_mu(poisson_ratio)
+        self._cells = cells
+        self._size = 3 * len(points_mm)
+        by_natural = hexahedron.slope(GAUSS_POINTS)
+        jacobian = np.einsum("mai,qaj->mqij", points_mm[cells], by_natural)
+        self._volume = np.linalg.det(jacobian)  # (m, q), each Gauss weight is 1
+        self._slope = np.einsum("qaj,mqjk->mqak", by_natural, np.linalg.inv(jacobian))  # dN/dX, 1/mm
+        unknowns = (3 * cells[:, :, None] + np.arange(3)).reshape(len(cells), -1)
+        self._rows = np.repeat(unknowns, unknowns.shape[1], axis=1).ravel()
+        self._columns = np.tile(unknowns, (1, unknowns.shape[1])).ravel()
+        self._unknowns = unknowns.ravel()
 
     def forces(self, displacement_mm: Array) -> Array:
         """(n, 3) mm -> nodal forces (3 n,) that hold it, per mu, mm^2."""
-        self._field[0].values[:] = displacement_mm
-        with np.errstate(invalid="ignore"):  # an element turned inside out gives nan, which the caller sees
-            return np.asarray(self._body.assemble.vector(self._field).toarray()).ravel()
+        stress = self._stress(_Strain(self._gradient(displacement_mm)))
+        nodal = np.einsum("mqij,mqaj,mq->mai", stress, self._slope, self._volume, optimize=True)
+        return np.asarray(np.bincount(self._unknowns, nodal.ravel(), self._size), dtype=np.float64)
 
     def stiffness(self, displacement_mm: Array) -> sparse.csr_matrix:
         """(n, 3) mm -> derivative of :meth:`forces`, (3 n, 3 n), per mu, mm."""
-        self._field[0].values[:] = displacement_mm
-        return sparse.csr_matrix(self._body.assemble.matrix(self._field))
+        tangent = self._tangent(_Strain(self._gradient(displacement_mm)))
+        weighted = tangent * self._volume[:, :, None, None, None, None]
+        half = np.einsum("mqijkl,mqbl->mqijbk", weighted, self._slope, optimize=True)
+        element = np.einsum("mqaj,mqijbk->maibk", self._slope, half, optimize=True)
+        entries = (element.ravel(), (self._rows, self._columns))
+        return sparse.csr_matrix(entries, shape=(self._size, self._size))
+
+    def _gradient(self, displacement_mm: Array) -> Array:
+        """Deformation gradients F (m, q, 3, 3)."""
+        moved = displacement_mm[self._cells]
+        return np.asarray(EYE + np.einsum("mai,mqaj->mqij", moved, self._slope, optimize=True))
+
+    def _stress(self, strain: _Strain) -> Array:
+        """First Piola-Kirchhoff stress (m, q, 3, 3), per mu."""
+        F, G, J = strain.F, strain.G, strain.J
+        return _scaled(F - _scaled(G, strain.square / 3), strain.isochoric) + _scaled(
+            G, self._bulk * (J - 1) * J
+        )
+
+    def _tangent(self, strain: _Strain) -> Array:
+        """Derivative (m, q, 3, 3, 3, 3) of the stress by F, per mu."""
+        F, G, J = strain.F, strain.G, strain.J
+        GG = np.einsum("mqij,mqkl->mqijkl", G, G)
+        crossed = np.einsum("mqil,mqkj->mqijkl", G, G)
+        FG = np.einsum("mqij,mqkl->mqijkl", F, G)
+        identity = np.einsum("ik,jl->ijkl", EYE, EYE)
+        mixed = FG + FG.transpose(0, 1, 4, 5, 2, 3)
+        shear = _scaled(
+            identity - 2 / 3 * mixed + _scaled(2 / 9 * GG + crossed / 3, strain.square), strain.isochoric
+        )
+        return shear + self._bulk * (_scaled(GG, (2 * J - 1) * J) - _scaled(crossed, (J - 1) * J))
+
+
+class _Strain:
+    """F (m, q, 3, 3) with J = det F, G = F^-T, tr(F^T F) and J^(-2/3).
+
+    An element turned inside out has the last one nan, which the caller sees in forces and stiffness.
+    """
+
+    def __init__(self, F: Array) -> None:
+        self.F = F
+        self.J = np.linalg.det(F)
+        whole = self.J > 0
+        self.G = np.swapaxes(np.linalg.inv(np.where(whole[..., None, None], F, EYE)), -1, -2)
+        self.square = (F**2).sum(axis=(-2, -1))
+        self.isochoric = np.where(whole, self.J, np.nan) ** (-2 / 3)
+
+
+def _scaled(tensor: Array, factor: Array) -> Array:
+    """tensor (m, q, ...) times factor (m, q)."""
+    return np.asarray(tensor * factor.reshape(factor.shape + (1,) * (tensor.ndim - 2)))

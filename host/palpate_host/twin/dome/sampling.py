@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import felupe
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
 from palpate_edge.errors import ConfigError
+from palpate_host.twin.dome import hexahedron
 from palpate_host.twin.dome.mesh import DomeMesh
 
 Array = NDArray[np.float64]
@@ -34,7 +34,6 @@ class Sampler:
 
 def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
     """(q, n): each point's shape functions in the element that holds it, found by inverting its map."""
-    element = felupe.QuadraticHexahedron()
     corners = mesh.points_mm[mesh.cells]
     tree = cKDTree(corners.mean(axis=1))
     _, nearest = tree.query(points_mm, k=min(NEAREST_CELLS, len(corners)))
@@ -43,7 +42,7 @@ def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
     cell = np.zeros(len(points_mm), dtype=np.intp)
     natural = np.zeros_like(points_mm)
     for candidate in nearest.T:
-        found = _natural_coordinates(element, corners[candidate], points_mm)
+        found = _natural_coordinates(corners[candidate], points_mm)
         outside = np.abs(found).max(axis=1)
         better = outside < best - 1e-9
         best, cell = np.where(better, outside, best), np.where(better, candidate, cell)
@@ -53,18 +52,17 @@ def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
         raise ConfigError(
             f"point {x:.2f}, {y:.2f}, {z:.2f} mm is not in the wall: give points inside the dome"
         )
-    shape = element.function(natural.T).T
+    shape = hexahedron.shape(natural)
     rows = np.repeat(np.arange(len(points_mm)), shape.shape[1])
     size = (len(points_mm), len(mesh.points_mm))
     return sparse.csr_matrix((shape.ravel(), (rows, mesh.cells[cell].ravel())), shape=size)
 
 
-def _natural_coordinates(element: felupe.QuadraticHexahedron, corners: Array, points_mm: Array) -> Array:
+def _natural_coordinates(corners: Array, points_mm: Array) -> Array:
     """(q, 3) natural coordinates of each point in its element (q, 20, 3), by Newton's method."""
     natural = np.zeros_like(points_mm)
     for _ in range(INVERSE_STEPS):
-        shape, slope = element.function(natural.T), element.gradient(natural.T)
-        miss = points_mm - np.einsum("aq,qai->qi", shape, corners)
-        jacobian = np.einsum("ajq,qai->qij", slope, corners)
+        miss = points_mm - np.einsum("qa,qai->qi", hexahedron.shape(natural), corners)
+        jacobian = np.einsum("qaj,qai->qij", hexahedron.slope(natural), corners)
         natural = np.clip(natural + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0], -2, 2)
     return natural
