@@ -12,7 +12,7 @@ from palpate_edge.contact import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.dataset import PressDataset
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.measured import Measured, measure
-from palpate_edge.sensor import Sensor, bead_layout_mm
+from palpate_edge.sensor import Sensor
 from palpate_edge.tracking import Reference
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.virtual_points import VirtualPointMesh
@@ -45,8 +45,8 @@ def calibrate(
         model, stiffness_scale = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
-    layout_mm, ring_of = bead_layout_mm(dataset.sensor.markers)
-    off_px = measured.view.project(layout_mm) - measured.reference.position_px
+    ring_of = measured.sight.ring_of
+    off_px = measured.view.project(measured.sight.layout_mm) - measured.reference.position_px
     return Calibration(
         sensor=dataset.sensor,
         pose=measured.sight.pose,

@@ -177,7 +177,8 @@ def run(config_path: Path) -> None:
 def inspect(frame: Path, output: Path, diameter: float | None) -> None:
     """Find the beads in one image without knowing anything of the sensor, and draw them."""
     from palpate_edge.images import read_image  # noqa: PLC0415
-    from palpate_edge.inspect import beads_without_layout, draw_beads  # noqa: PLC0415
+    from palpate_edge.inspect import beads_without_layout  # noqa: PLC0415
+    from palpate_edge.pictures import draw_beads  # noqa: PLC0415
 
     image = read_image(frame)
     blobs, appearance, size_px = beads_without_layout(image, diameter)

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from palpate_edge.camera_fit import fit_pose
 from palpate_edge.errors import CalibrationError
-from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.inspect import clearness, with_alike
+from palpate_edge.layout import learn_layout
+from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, Refiner, find_blobs, plane
 from palpate_edge.sensor import CameraPose, Sensor, View, bead_layout_mm
-from palpate_edge.tracking import NO_PARTNER, assign, distances
+from palpate_edge.tracking import NO_PARTNER, assign, spacing
 
 Array = NDArray[np.float64]
 
@@ -19,6 +21,7 @@ MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
 FIT_ROUNDS = 4
 GREY_PREFERENCE = 2.0  # a colour must stand out so much more: grey is cheaper to decode and has less noise
 MAX_RESIDUAL_DIAMETERS = 0.3  # a blob farther from its fitted place is no bead
+RIM_THETA_DEG = 95.0  # no bead lies beyond
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +29,8 @@ class FirstSight:
     """What one reference image tells.
 
     position_px (n, 2): blob of each bead in the layout's order (projected place where it was not seen);
-    seen (n,); diameter_px (n,): expected size of each bead; pose: the camera as fitted.
+    seen (n,); diameter_px (n,): expected size of each bead; pose: the camera as fitted; layout_mm (n, 3) in F
+    and ring_of (n,): as sensor.toml gives them, or as learned.
     """
 
     appearance: Appearance
@@ -34,23 +38,20 @@ class FirstSight:
     position_px: Array
     seen: NDArray[np.bool_]
     diameter_px: Array
+    layout_mm: Array
+    ring_of: NDArray[np.intp]
 
 
 def first_sight(image: Image, sensor: Sensor) -> FirstSight:
-    """Recognise the layout of `sensor` in an untouched image.
+    """Recognise the layout of `sensor` in an untouched image, or learn it where sensor.toml gives no rings.
 
     Every channel is tried with dark and with bright beads; the one that shows most of the layout, and shows
     it most clearly, is taken. Raises CalibrationError when none shows `MIN_BEADS_SHARE` of it.
     """
-    layout_mm, _ = bead_layout_mm(sensor.markers)
-    if len(layout_mm) == 0:
-        raise CalibrationError("sensor.toml gives no markers.rings: list the rings of beads there")
-    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
-    sights = [
-        _recognise(image, sensor, layout_mm, Appearance(channel, bright))
-        for channel in channels
-        for bright in (False, True)
-    ]
+    if not sensor.markers.rings:
+        return _learn(image, sensor)
+    layout_mm, ring_of = bead_layout_mm(sensor.markers)
+    sights = [_recognise(image, sensor, layout_mm, ring_of, looks) for looks in _appearances(image)]
     _, best = max(sights, key=lambda pair: pair[0])
     if best is None or best.seen.mean() < MIN_BEADS_SHARE:
         seen = 0 if best is None else int(best.seen.sum())
@@ -67,8 +68,50 @@ def bead_diameters_px(sensor: Sensor, view: View, layout_mm: Array) -> Array:
     return np.asarray(sensor.camera.matrix[0] * sensor.markers.diameter_mm / distance_mm)
 
 
+def _appearances(image: Image) -> list[Appearance]:
+    """Every way in which beads may stand out of an image."""
+    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
+    return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
+
+
+def _learn(image: Image, sensor: Sensor) -> FirstSight:
+    """Beads of an unknown layout: the blobs on the dome down to the widest gap in strength, in rings.
+
+    Raises CalibrationError when they are too few or do not lie on the dome.
+    """
+    view, radius_mm = View(sensor.camera), sensor.markers.radius_mm
+    apex_mm = np.array([[0.0, 0.0, radius_mm]])
+    diameter_px = float(bead_diameters_px(sensor, view, apex_mm)[0])
+    best, best_score, best_blobs = Appearance(), 0.0, Blobs(np.zeros((0, 2)), np.zeros(0))
+    for appearance in _appearances(image):
+        blobs = _on_dome(find_blobs(plane(image, appearance), diameter_px), view, radius_mm)
+        score = clearness(blobs) * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
+        if score > best_score:
+            best, best_score, best_blobs = appearance, score, blobs
+    dark = plane(image, best)
+    beads = with_alike(dark, best_blobs, diameter_px)
+    position_px = beads.position_px
+    if len(position_px):
+        position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
+    layout = learn_layout(sensor.camera, radius_mm, position_px)
+    sizes_px = bead_diameters_px(sensor, View(sensor.camera, layout.pose), layout.position_mm)
+    seen = np.ones(len(position_px), dtype=np.bool_)
+    return FirstSight(
+        best, layout.pose, position_px[layout.order], seen, sizes_px, layout.position_mm, layout.ring_of
+    )
+
+
+def _on_dome(blobs: Blobs, view: View, radius_mm: float) -> Blobs:
+    """Blobs whose ray leaves the sphere of the beads on the dome's side."""
+    if not len(blobs.strength):
+        return blobs
+    height_mm = view.onto_sphere(blobs.position_px, radius_mm)[:, 2]
+    on_dome = height_mm > radius_mm * np.cos(np.radians(RIM_THETA_DEG))  # False for nan
+    return Blobs(blobs.position_px[on_dome], blobs.strength[on_dome])
+
+
 def _recognise(
-    image: Image, sensor: Sensor, layout_mm: Array, appearance: Appearance
+    image: Image, sensor: Sensor, layout_mm: Array, ring_of: NDArray[np.intp], appearance: Appearance
 ) -> tuple[float, FirstSight | None]:
     """Score and sight with one appearance; the score is beads seen, then how far they stand out."""
     view = View(sensor.camera)
@@ -80,7 +123,7 @@ def _recognise(
         return 0.0, None
     near = _near_layout(blobs, expected_px)
     start_px = _align(expected_px, blobs.position_px[near][:count])
-    spacing_px = _spacing(expected_px)
+    spacing_px = spacing(expected_px)
     pose = CameraPose()
     for _ in range(FIT_ROUNDS):
         partner = assign(start_px, blobs.position_px, spacing_px)
@@ -98,7 +141,8 @@ def _recognise(
     if appearance.channel == "grey":
         clearness *= GREY_PREFERENCE
     fitted = View(sensor.camera, pose)
-    sight = FirstSight(appearance, pose, position_px, seen, bead_diameters_px(sensor, fitted, layout_mm))
+    sizes_px = bead_diameters_px(sensor, fitted, layout_mm)
+    sight = FirstSight(appearance, pose, position_px, seen, sizes_px, layout_mm, ring_of)
     return float(seen.sum()) + 1.0 - 1.0 / (1.0 + clearness), sight
 
 
@@ -116,12 +160,6 @@ def _align(expected_px: Array, strongest_px: Array) -> Array:
     to_radius = np.median(np.linalg.norm(strongest_px - to_centre, axis=1))
     scale = float(np.clip(to_radius / from_radius, 0.85, 1.15))
     return np.asarray(to_centre + scale * (expected_px - from_centre))
-
-
-def _spacing(points_px: Array) -> Array:
-    distance = distances(points_px, points_px)
-    np.fill_diagonal(distance, np.inf)
-    return np.asarray(distance.min(axis=1))
 
 
 def _noise_strength(blobs: Blobs, taken: NDArray[np.intp]) -> float:

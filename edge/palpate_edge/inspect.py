@@ -1,55 +1,158 @@
-"""Pictures for people: what the bead finder saw in one image."""
+"""Beads in one image without knowing anything of the sensor: which of the blobs are beads, and how large.
+
+The strongest blobs down to the widest gap in strength are beads. Where light and background differ from
+place to place that gap comes too early; blobs beyond it are beads as well when they are alike: round disks,
+in proportion as much darker than their surroundings, and spaced like the others.
+"""
 
 from __future__ import annotations
 
-import cv2
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.markers import Appearance, Blobs, Image, Plane, Refiner, find_blobs, plane
+from palpate_edge.tracking import distances
 
-GREEN, YELLOW = (80, 220, 60), (0, 220, 255)
-SCALES = (0.6, 0.75, 1.0, 1.3, 1.7)
-CHANNELS_TRIED = ("grey",)
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+HEIGHT_OVER_DIAMETER = (60, 50, 42, 35, 30, 25, 20)  # of the image, tried when the diameter is not given
+FEWEST = 6
+MOST_CANDIDATES = 500
+SIZE_RATIOS = (0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.5)
+DISK_REACH = 0.85  # of the pixels compared with a disk, in its diameters
+MIN_ROUNDNESS = 0.7
+MIN_DEPTH_SHARE = 0.7  # of the median depth of the beads before the gap
+MIN_CONTRAST = 20.0  # grey levels
+SPACING_RANGE = (0.55, 2.0)  # from the nearest bead, in median spacings
+
+
+@dataclass(frozen=True, slots=True)
+class Disks:
+    """How much blobs (n,) look like dark disks.
+
+    roundness: correlation with the best disk, 1 is perfect; diameter_px: of that disk; contrast: grey levels
+    between surroundings and core; depth: contrast over the surroundings' grey, so the light cancels.
+    """
+
+    roundness: Array
+    diameter_px: Array
+    contrast: Array
+    depth: Array
 
 
 def beads_without_layout(image: Image, diameter_px: float | None = None) -> tuple[Blobs, Appearance, float]:
-    """Beads of an unknown layout: the strongest blobs down to the widest gap in strength.
+    """Beads of an unknown layout, how they look, and their size in pixels.
 
-    Both signs are tried, and bead sizes from 1/60 to 1/20 of the image's height unless `diameter_px` says.
-    Gives the beads, how they look and their size in pixels.
+    Dark and bright beads are tried, and sizes from 1/60 to 1/20 of the image's height unless `diameter_px`
+    says.
     """
-    sizes = [diameter_px] if diameter_px else [image.shape[0] / n for n in (60, 50, 42, 35, 30, 25, 20)]
+    sizes = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
     best: tuple[float, Blobs, Appearance, float] | None = None
     for bright in (False, True):
         appearance = Appearance("grey", bright)
         dark = plane(image, appearance)
         for size in sizes:
             blobs = find_blobs(dark, size)
-            count, gap = _widest_gap(blobs.strength)
-            score = gap * float(np.median(blobs.strength[:count])) if count else 0.0
+            score = clearness(blobs)
             if best is None or score > best[0]:
-                kept = Blobs(blobs.position_px[:count], blobs.strength[:count])
-                best = (score, kept, appearance, size)
+                best = (score, blobs, appearance, size)
     assert best is not None
-    return best[1], best[2], best[3]
+    _, blobs, appearance, size = best
+    return with_alike(plane(image, appearance), blobs, size), appearance, size
 
 
-def _widest_gap(strength: NDArray[np.float64]) -> tuple[int, float]:
+def clearness(blobs: Blobs) -> float:
+    """How clearly some of the blobs stand out: the widest gap in strength times the strength before it."""
+    count, gap = widest_gap(blobs.strength)
+    return gap * float(np.median(blobs.strength[:count])) if count else 0.0
+
+
+def widest_gap(strength: Array) -> tuple[int, float]:
     """How many blobs stand before the widest relative fall of strength, and how wide it is."""
-    if len(strength) < 8:
+    if len(strength) < FEWEST + 2:
         return 0, 0.0
-    ratio = strength[5:-1] / np.maximum(strength[6:], 1e-6)
+    ratio = strength[FEWEST - 1 : -1] / np.maximum(strength[FEWEST:], 1e-6)
     place = int(np.argmax(ratio))
-    return place + 6, float(ratio[place])
+    return place + FEWEST, float(ratio[place])
 
 
-def draw_beads(image: Image, position_px: NDArray[np.float64], diameter_px: float) -> Image:
-    """The image, twice as large, with a numbered circle about each bead."""
-    colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    picture = cv2.resize(colour, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
-    for number, (x, y) in enumerate(position_px):
-        centre = (round(2 * x + 0.5), round(2 * y + 0.5))
-        cv2.circle(picture, centre, max(3, round(diameter_px)), GREEN, 1, cv2.LINE_AA)
-        cv2.putText(picture, str(number), centre, cv2.FONT_HERSHEY_SIMPLEX, 0.35, YELLOW, 1, cv2.LINE_AA)
-    return np.asarray(picture, dtype=np.uint8)
+def with_alike(dark: Plane, blobs: Blobs, diameter_px: float) -> Blobs:
+    """The blobs before the widest gap, and those beyond it that are like them."""
+    count, _ = widest_gap(blobs.strength)
+    if not count:
+        return Blobs(blobs.position_px[:0], blobs.strength[:0])
+    place = blobs.position_px[:MOST_CANDIDATES]
+    disks = disk_likeness(dark, place, diameter_px)
+    alike = (
+        (disks.roundness > MIN_ROUNDNESS)
+        & (disks.depth > MIN_DEPTH_SHARE * float(np.median(disks.depth[:count])))
+        & (disks.contrast > MIN_CONTRAST)
+    )
+    kept = _grown(place, count, np.flatnonzero(alike[count:]) + count)
+    return Blobs(blobs.position_px[kept], blobs.strength[kept])
+
+
+def _grown(place: Array, count: int, candidates: Indices) -> Indices:
+    """The first `count` places and those candidates, strongest first, that are spaced like them."""
+    kept = list(range(min(count, len(place))))
+    apart = distances(place, place)
+    np.fill_diagonal(apart, np.inf)
+    spacing = float(np.median(apart[np.ix_(kept, kept)].min(axis=1)))
+    waiting = [int(candidate) for candidate in candidates]
+    grew = True
+    while grew:
+        grew = False
+        for candidate in waiting:
+            nearest = float(apart[candidate, kept].min()) / spacing
+            if SPACING_RANGE[0] < nearest < SPACING_RANGE[1]:
+                kept.append(candidate)
+                grew = True
+        waiting = [candidate for candidate in waiting if candidate not in kept]
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def disk_likeness(dark: Plane, place_px: Array, diameter_px: float) -> Disks:
+    """How much the places (n, 2) look like dark disks of about `diameter_px`."""
+    count = len(place_px)
+    best = Disks(np.full(count, -1.0), np.full(count, diameter_px), np.zeros(count), np.zeros(count))
+    if not count:
+        return best
+    refined = Refiner(np.full(count, diameter_px)).refine(dark, place_px)
+    moved = np.linalg.norm(refined.position_px - place_px, axis=1)
+    centre = np.where((moved < 0.3 * diameter_px)[:, None], refined.position_px, place_px)
+    for size in (ratio * diameter_px for ratio in SIZE_RATIOS):
+        found = _compare(dark, centre, size)
+        better = found.roundness > best.roundness
+        for name in ("roundness", "diameter_px", "contrast", "depth"):
+            getattr(best, name)[better] = getattr(found, name)[better]
+    return best
+
+
+def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
+    """Correlation of the pixels about each centre with a disk of one size."""
+    reach = int(np.ceil(DISK_REACH * size_px)) + 1
+    span = np.arange(-reach, reach + 1)
+    row, column = (grid.ravel() for grid in np.meshgrid(span, span, indexing="ij"))
+    middle = np.rint(centre_px).astype(np.intp)
+    rows = np.clip(middle[:, 1:] + row, 0, dark.shape[0] - 1)
+    columns = np.clip(middle[:, :1] + column, 0, dark.shape[1] - 1)
+    grey = np.asarray(dark[rows, columns], dtype=np.float64)
+    offset = centre_px - middle
+    radius = np.hypot(column - offset[:, :1], row - offset[:, 1:])
+    inside = (radius < DISK_REACH * size_px).astype(np.float64)
+    disk = np.clip(size_px / 2 - radius + 0.5, 0.0, 1.0)
+    core = _mean(grey, (radius < max(1.0, 0.25 * size_px)).astype(np.float64))
+    skin = _mean(grey, inside * (disk == 0))
+    off_grey = (_mean(grey, inside)[:, None] - grey) * inside
+    off_disk = (disk - _mean(disk, inside)[:, None]) * inside
+    both = np.sqrt((off_grey**2).sum(axis=1) * (off_disk**2).sum(axis=1))
+    roundness = (off_grey * off_disk).sum(axis=1) / np.maximum(both, 1e-9)
+    depth = (skin - core) / np.maximum(skin, 1.0)
+    return Disks(roundness, np.full(len(centre_px), size_px), skin - core, depth)
+
+
+def _mean(value: Array, weight: Array) -> Array:
+    return np.asarray((value * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9))

@@ -199,10 +199,12 @@ def test_reference_frames_of_another_size(calibrate, dataset, another_dome):
     says(calibrate(dataset), "is 400x300, sensor.toml says 320x240", "correct one of them")
 
 
-def test_a_description_without_rings(calibrate, dataset):
+def test_no_rings_in_the_description_nor_in_the_reference_frames(calibrate, dataset):
     lines = (dataset / "sensor.toml").read_text().splitlines()
     (dataset / "sensor.toml").write_text("\n".join(line for line in lines if not line.startswith("rings")))
-    says(calibrate(dataset), "markers.rings")
+    for path in (dataset / "reference").iterdir():
+        cv2.imwrite(str(path), np.full((240, 320, 3), 90, dtype=np.uint8))
+    says(calibrate(dataset), "only 0 beads", "give markers.rings")
 
 
 @pytest.mark.parametrize(
