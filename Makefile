@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit bench lock format system-deps clean
+.PHONY: help demo test lint unit accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -24,6 +24,9 @@ lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 unit: $(VENV)/dev.stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
 	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
+
+accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
+	$(BIN)/python -m bench.accuracy
 
 bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives
 	$(BIN)/python -m bench
