@@ -32,6 +32,7 @@ TRIPLE_WINDOW_US = 10_000
 BUS_CLOCK_WRAP_US = 1 << 32
 SEQUENCE_WRAP = 1 << 16
 # After so many refused triples in a row the node must have begun a new count of its own.
+EARLY_LIMIT_US = 5_000  # of a part before its frame was published, for clocks that differ
 RESYNCHRONISE_AFTER = 5
 
 
@@ -133,9 +134,13 @@ class Fingertip:
         return same and stamp_us - last_stamp_us <= TRIPLE_WINDOW_US
 
     def _complete(self) -> TipContact | None:
+        """The contact, unless a part is another frame's: one that came before TPDO 3 says the frame was
+        published, or one that the sequence numbers tell."""
         contact = decode_triple(self._codecs, self._parts)
+        published_us = contact.exposed_at_us + contact.latency_us
+        is_whole = self._parts[0][0] >= published_us - EARLY_LIMIT_US
         self._parts.clear()
-        if not self._is_next(contact.sequence):
+        if not is_whole or not self._is_next(contact.sequence):
             self.counters.late += 1
             return None
         self.counters.complete += 1

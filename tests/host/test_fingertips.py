@@ -52,7 +52,7 @@ def test_units_are_those_of_the_document():
 
 def test_contact_without_valid_is_no_contact():
     tip = Fingertip(NODE, "finger-1")
-    (contact,) = feed(tip, [(START_US + i, f) for i, f in enumerate(parts(0, START_US, 0, flags=1))])
+    (contact,) = feed(tip, [(START_US + 40_000 + i, f) for i, f in enumerate(parts(0, START_US, 0, flags=1))])
     assert not contact.valid and not contact.in_contact
 
 
@@ -97,6 +97,16 @@ def test_a_node_that_counts_anew_is_taken_up_again():
     assert tip.counters.resynchronised == 1
     tip.forget()  # its boot-up was seen
     assert len(feed(tip, [(stamp + 2_000_000, frame) for stamp, frame in stream(3)])) == 3
+
+
+def test_a_late_first_part_does_not_stand_in_for_a_lost_one():
+    """TPDO 1 of frame 8 comes 57 ms late, 10 ms before frame 10 is published, whose own TPDO 1 is lost."""
+    tip = Fingertip(NODE, "finger-1")
+    frames = stream(12)
+    stamp, first_of_8 = frames[8 * 3]
+    del frames[10 * 3], frames[8 * 3]
+    contacts = feed(tip, sorted([*frames, (stamp + 56_906, first_of_8)], key=lambda item: item[0]))
+    assert [contact.sequence for contact in contacts] == [0, 1, 2, 3, 4, 5, 6, 7, 9, 11]
 
 
 faults = st.lists(
