@@ -15,7 +15,7 @@ import click
 import cv2
 
 from palpate_edge import __version__
-from palpate_edge.errors import DatasetError, PalpateError
+from palpate_edge.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate_edge.calibration import Calibration
@@ -28,6 +28,9 @@ METHOD = click.option(
     default="best",
     show_default=True,
     help="best: corrected when the calibration holds a model, else paper.",
+)
+DIAMETER = click.option(
+    "--diameter", type=click.FloatRange(4, 200), help="Bead diameter in pixels, if known."
 )
 
 
@@ -43,6 +46,7 @@ def cli() -> None:
       palpate-edge evaluate press-sample --calibration finger-1.cal
       palpate-edge run --config finger-1.toml
       palpate-edge inspect frame.png -o beads.png
+      palpate-edge follow video.avi -o tracks.png
     """
     cv2.setNumThreads(1)
     _quieten_libraries()
@@ -173,23 +177,52 @@ def run(config_path: Path) -> None:
 @cli.command()
 @click.argument("frame", type=INPUT)
 @click.option("-o", "--output", type=INPUT, required=True, help="Picture to write (.png).")
-@click.option("--diameter", type=click.FloatRange(4, 200), help="Bead diameter in pixels, if known.")
+@DIAMETER
 def inspect(frame: Path, output: Path, diameter: float | None) -> None:
     """Find the beads in one image without knowing anything of the sensor, and draw them."""
+    from palpate_edge.drawing import write_picture  # noqa: PLC0415
     from palpate_edge.images import read_image  # noqa: PLC0415
     from palpate_edge.inspect import beads_without_layout  # noqa: PLC0415
     from palpate_edge.pictures import draw_beads  # noqa: PLC0415
 
     image = read_image(frame)
     blobs, appearance, size_px = beads_without_layout(image, diameter)
-    try:
-        written = cv2.imwrite(str(output), draw_beads(image, blobs.position_px, size_px))
-    except cv2.error:
-        written = False
-    if not written:
-        raise DatasetError(f"{output} cannot be written: give a .png or .jpg in a folder that exists")
+    write_picture(output, draw_beads(image, blobs.position_px, size_px))
     kind = "bright" if appearance.bright else "dark"
     click.echo(f"{output}: {len(blobs.strength)} {kind} beads of about {size_px:.0f} px")
+
+
+@cli.command()
+@click.argument("video", type=INPUT)
+@click.option("-o", "--output", type=INPUT, required=True, help="Picture of the tracks to write (.png).")
+@DIAMETER
+def follow(video: Path, output: Path, diameter: float | None) -> None:
+    """Follow the markers of VIDEO (or of a folder of frames) to its end and back, without knowing anything
+    of the sensor: a marker that does not come back to where it began has changed its label."""
+    from palpate_edge.capture.recorded import open_recording  # noqa: PLC0415
+    from palpate_edge.drawing import write_picture  # noqa: PLC0415
+    from palpate_edge.follow_video import HOME_PX, follow_video  # noqa: PLC0415
+    from palpate_edge.pictures import draw_followed  # noqa: PLC0415
+
+    recording = open_recording(video)
+    try:
+        with _progress("following") as progress:
+            followed = follow_video(recording, progress, diameter)
+    finally:
+        recording.close()
+    write_picture(output, draw_followed(followed))
+    kind = "bright" if followed.appearance.bright else "dark"
+    home, lost = followed.home, followed.lost
+    click.echo(f"{output}: {len(lost)} frames, {len(home)} {kind} markers")
+    click.echo(
+        f"  there and back: {int(home.sum())} of {len(home)} markers within {HOME_PX:g} px of where they "
+        f"began, {int(followed.swapped.sum())} in another's place"
+    )
+    click.echo(f"  both ways agree within {HOME_PX:g} px in {100 * followed.agreement:.2f} % of places")
+    click.echo(
+        f"  markers lost a frame: {lost.mean():.2f} (most {lost.max()}); whole image searched "
+        f"{followed.searches} times in {2 * len(lost)} frames"
+    )
 
 
 def method_of(name: str) -> Method | None:

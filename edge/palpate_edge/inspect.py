@@ -147,6 +147,10 @@ def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
     core = _mean(grey, (radius < max(1.0, 0.25 * size_px)).astype(np.float64))
     skin = _mean(grey, inside * (disk == 0))
     off_grey = (_mean(grey, inside)[:, None] - grey) * inside
+    for axis in (column - offset[:, :1], row - offset[:, 1:]):  # a slope of light or background
+        across = axis * inside
+        slope = (off_grey * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-9)
+        off_grey = off_grey - slope[:, None] * across
     off_disk = (disk - _mean(disk, inside)[:, None]) * inside
     both = np.sqrt((off_grey**2).sum(axis=1) * (off_disk**2).sum(axis=1))
     roundness = (off_grey * off_disk).sum(axis=1) / np.maximum(both, 1e-9)

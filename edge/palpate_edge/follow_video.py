@@ -1,0 +1,145 @@
+"""Following the markers of a video of any skin forwards and backwards, to see whether labels hold.
+
+Truth is not needed: a marker that is followed to the video's end and back must come back to where it began,
+and must be where it was on the way there. One that took its neighbour's place does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.capture.recorded import Recording
+from palpate_edge.errors import DatasetError
+from palpate_edge.inspect import beads_without_layout, disk_likeness
+from palpate_edge.markers import Appearance, Image, Plane, Refiner, plane
+from palpate_edge.tracking import Reference, Tracker, spacing
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades
+FEWEST_MARKERS = 6
+HOME_PX = 2.0  # a marker this near to where it was is the same one
+BORDER_PX = 32  # put around every frame, so that a marker near its border has surroundings
+CHUNK = 500  # frames held while going backwards
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """A video followed to its end and back, f frames of n markers.
+
+    first: the picture in which the markers were found; forth_px, back_px (f, n, 2): places on the two ways,
+    frame 0 first; forth_found, back_found (f, n); searches: whole-image searches on both ways.
+    """
+
+    first: Image
+    appearance: Appearance
+    forth_px: Array
+    forth_found: Mask
+    back_px: Array
+    back_found: Mask
+    searches: int
+
+    @property
+    def start_px(self) -> Array:
+        """(n, 2): where the markers began."""
+        return np.asarray(self.forth_px[0])
+
+    @property
+    def home(self) -> Mask:
+        """(n,): markers that came back to within `HOME_PX` of where they began."""
+        return np.asarray(np.linalg.norm(self.back_px[0] - self.start_px, axis=1) < HOME_PX)
+
+    @property
+    def swapped(self) -> Mask:
+        """(n,): markers that came back to another one's place."""
+        apart = np.linalg.norm(self.back_px[0][:, None] - self.start_px[None], axis=2)
+        return np.asarray(apart.argmin(axis=1) != np.arange(len(self.start_px)))
+
+    @property
+    def agreement(self) -> float:
+        """Share of all places, of markers found on both ways, that are the same within `HOME_PX`."""
+        both = self.forth_found & self.back_found
+        apart = np.linalg.norm(self.forth_px - self.back_px, axis=2)
+        return float((apart[both] < HOME_PX).mean()) if both.any() else 0.0
+
+    @property
+    def lost(self) -> NDArray[np.intp]:
+        """(f,): markers not found, on the way forth."""
+        return np.asarray((~self.forth_found).sum(axis=1), dtype=np.intp)
+
+
+def follow_video(
+    recording: Recording,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+    diameter_px: float | None = None,
+) -> Followed:
+    """Find the markers in the first frames and follow them to the end and back.
+
+    Raises DatasetError when the first frames show no markers or a frame cannot be read.
+    """
+    count = recording.count
+    beginning = [recording.read(index)[0] for index in range(min(REFERENCE_FRAMES, count))]
+    first = np.median(np.stack(beginning), axis=0).astype(np.uint8)
+    reference, appearance = reference_from(first, diameter_px)
+    tracker = Tracker(reference)
+    shape = (count, len(reference.position_px))
+    places, founds = np.zeros((2, *shape, 2)), np.zeros((2, *shape), dtype=np.bool_)
+    done = 0
+    for way, frames in enumerate((_forwards(recording), _backwards(recording))):
+        for index, image in frames:
+            beads = tracker.follow(_bordered(image, appearance))
+            places[way, index], founds[way, index] = beads.position_px - BORDER_PX, beads.found
+            done += 1
+            progress(done, 2 * count)
+    return Followed(
+        first,
+        appearance,
+        places[0],
+        founds[0],
+        places[1],
+        founds[1],
+        tracker.counters.searches,
+    )
+
+
+def reference_from(image: Image, diameter_px: float | None = None) -> tuple[Reference, Appearance]:
+    """The markers that one picture shows, as a tracker of bordered frames wants them.
+
+    Raises DatasetError when there are none.
+    """
+    blobs, appearance, size_px = beads_without_layout(image, diameter_px)
+    if len(blobs.strength) < FEWEST_MARKERS:
+        raise DatasetError(
+            f"only {len(blobs.strength)} markers stand out in the first frames: start the video with the "
+            "skin untouched and in view, or give --diameter"
+        )
+    sizes_px = disk_likeness(plane(image, appearance), blobs.position_px, size_px).diameter_px
+    start_px = blobs.position_px + BORDER_PX
+    refined = Refiner(sizes_px, spacing(start_px)).refine(_bordered(image, appearance), start_px)
+    held = (refined.contrast > 0) & (refined.area > 0)
+    parts = (refined.position_px, sizes_px, refined.contrast, refined.area)
+    return Reference(*(part[held] for part in parts)), appearance
+
+
+def _bordered(image: Image, appearance: Appearance) -> Plane:
+    """The plane of an image with its outermost pixels repeated outwards."""
+    border = ((BORDER_PX, BORDER_PX), (BORDER_PX, BORDER_PX), (0, 0))[: image.ndim]
+    return plane(np.pad(image, border, mode="edge"), appearance)
+
+
+def _forwards(recording: Recording) -> Iterator[tuple[int, Image]]:
+    for index in range(recording.count):
+        yield index, recording.read(index)[0]
+
+
+def _backwards(recording: Recording) -> Iterator[tuple[int, Image]]:
+    """The last frame first; a chunk is read forwards, as videos must be, and held."""
+    for start in range((recording.count - 1) // CHUNK * CHUNK, -1, -CHUNK):
+        chunk = [recording.read(index)[0] for index in range(start, min(start + CHUNK, recording.count))]
+        for offset in range(len(chunk) - 1, -1, -1):
+            yield start + offset, chunk.pop()
