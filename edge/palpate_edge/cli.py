@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +14,8 @@ import cv2
 
 from palpate_edge import __version__
 from palpate_edge.errors import PalpateError
+from palpate_edge.inspect_cli import follow, inspect
+from palpate_edge.progress import progress_bar
 
 if TYPE_CHECKING:
     from palpate_edge.calibration import Calibration
@@ -28,9 +28,6 @@ METHOD = click.option(
     default="best",
     show_default=True,
     help="best: corrected when the calibration holds a model, else paper.",
-)
-DIAMETER = click.option(
-    "--diameter", type=click.FloatRange(4, 200), help="Bead diameter in pixels, if known."
 )
 
 
@@ -45,7 +42,7 @@ def cli() -> None:
       palpate-edge estimate press-sample --calibration finger-1.cal --csv contacts.csv
       palpate-edge evaluate press-sample --calibration finger-1.cal
       palpate-edge run --config finger-1.toml
-      palpate-edge inspect frame.png -o beads.png
+      palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
       palpate-edge follow video.avi -o tracks.png
     """
     cv2.setNumThreads(1)
@@ -65,7 +62,10 @@ def _quieten_libraries() -> None:
 @click.option(
     "--dome-model", type=INPUT, help="Start from this dome model (palpate-edge train), not the shipped one."
 )
-def calibrate(dataset: Path, output: Path, no_model: bool, dome_model: Path | None) -> None:
+@click.option("--picture", type=INPUT, help="Also draw how far each bead lies from the fitted layout (.png).")
+def calibrate(
+    dataset: Path, output: Path, no_model: bool, dome_model: Path | None, picture: Path | None
+) -> None:
     """Make a calibration from a press DATASET: the layout and the camera from its reference frames; from the
     train split of its presses, if it has any, the paper's correction function and stiffness and the
     correction model. Without presses the correction model is the dome model alone, and gives no force."""
@@ -75,10 +75,12 @@ def calibrate(dataset: Path, output: Path, no_model: bool, dome_model: Path | No
     from palpate_edge.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
-    with _progress("calibrating") as progress:
+    with progress_bar("calibrating") as progress:
         dome = load_dome_model(dome_model or SHIPPED) if trainable and not no_model else None
         calibration = make(read_dataset(dataset), progress, dome=dome)
     save_calibration(calibration, output)
+    if picture is not None:
+        _draw_residuals(dataset, calibration, picture)
     pose = calibration.pose
     click.echo(
         f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
@@ -102,6 +104,15 @@ def calibrate(dataset: Path, output: Path, no_model: bool, dome_model: Path | No
         click.echo("  no press of known force: forces stay empty")
 
 
+def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
+    from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.drawing import write_picture  # noqa: PLC0415
+    from palpate_edge.images import read_image  # noqa: PLC0415
+    from palpate_edge.pictures import draw_residuals  # noqa: PLC0415
+
+    write_picture(picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration))
+
+
 @cli.command()
 @click.argument("datasets", type=INPUT, nargs=-1, required=True)
 @click.option("-o", "--output", type=INPUT, required=True, help="Dome model file to write (.npz).")
@@ -113,7 +124,7 @@ def train(datasets: tuple[Path, ...], output: Path) -> None:
     from palpate_edge.training.dome_model import save_dome_model  # noqa: PLC0415
     from palpate_edge.training.pretrain import pretrain  # noqa: PLC0415
 
-    with _progress("training") as progress:
+    with progress_bar("training") as progress:
         dome = pretrain(datasets, progress)
     save_dome_model(dome, output)
     click.echo(f"{output}: {len(dome.fields)} samples of {len(datasets)} sensors")
@@ -135,7 +146,7 @@ def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) 
     from palpate_edge.offline import estimate_recording  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
-    with _progress("estimating") as progress:
+    with progress_bar("estimating") as progress:
         rows = estimate_recording(frames, calibration, calibration_path, progress, method_of(method))
         write_contacts(csv_path, rows)
     click.echo(f"{csv_path} written")
@@ -157,7 +168,7 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     from palpate_edge.evaluation import as_table, evaluate_dataset, write_json  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
-    with _progress("evaluating") as progress:
+    with progress_bar("evaluating") as progress:
         figures = evaluate_dataset(dataset, split, calibration, calibration_path, method_of(method), progress)
     click.echo(as_table(figures))
     if json_path is not None:
@@ -174,55 +185,8 @@ def run(config_path: Path) -> None:
     serve(read_config(config_path), lambda line: click.echo(line, err=True))
 
 
-@cli.command()
-@click.argument("frame", type=INPUT)
-@click.option("-o", "--output", type=INPUT, required=True, help="Picture to write (.png).")
-@DIAMETER
-def inspect(frame: Path, output: Path, diameter: float | None) -> None:
-    """Find the beads in one image without knowing anything of the sensor, and draw them."""
-    from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.images import read_image  # noqa: PLC0415
-    from palpate_edge.inspect import beads_without_layout  # noqa: PLC0415
-    from palpate_edge.pictures import draw_beads  # noqa: PLC0415
-
-    image = read_image(frame)
-    blobs, appearance, size_px = beads_without_layout(image, diameter)
-    write_picture(output, draw_beads(image, blobs.position_px, size_px))
-    kind = "bright" if appearance.bright else "dark"
-    click.echo(f"{output}: {len(blobs.strength)} {kind} beads of about {size_px:.0f} px")
-
-
-@cli.command()
-@click.argument("video", type=INPUT)
-@click.option("-o", "--output", type=INPUT, required=True, help="Picture of the tracks to write (.png).")
-@DIAMETER
-def follow(video: Path, output: Path, diameter: float | None) -> None:
-    """Follow the markers of VIDEO (or of a folder of frames) to its end and back, without knowing anything
-    of the sensor: a marker that does not come back to where it began has changed its label."""
-    from palpate_edge.capture.recorded import open_recording  # noqa: PLC0415
-    from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.follow_video import HOME_PX, follow_video  # noqa: PLC0415
-    from palpate_edge.pictures import draw_followed  # noqa: PLC0415
-
-    recording = open_recording(video)
-    try:
-        with _progress("following") as progress:
-            followed = follow_video(recording, progress, diameter)
-    finally:
-        recording.close()
-    write_picture(output, draw_followed(followed))
-    kind = "bright" if followed.appearance.bright else "dark"
-    home, lost = followed.home, followed.lost
-    click.echo(f"{output}: {len(lost)} frames, {len(home)} {kind} markers")
-    click.echo(
-        f"  there and back: {int(home.sum())} of {len(home)} markers within {HOME_PX:g} px of where they "
-        f"began, {int(followed.swapped.sum())} in another's place"
-    )
-    click.echo(f"  both ways agree within {HOME_PX:g} px in {100 * followed.agreement:.2f} % of places")
-    click.echo(
-        f"  markers lost a frame: {lost.mean():.2f} (most {lost.max()}); whole image searched "
-        f"{followed.searches} times in {2 * len(lost)} frames"
-    )
+cli.add_command(inspect)
+cli.add_command(follow)
 
 
 def method_of(name: str) -> Method | None:
@@ -235,18 +199,6 @@ def method_of(name: str) -> Method | None:
 def digest(calibration: Calibration) -> str:
     """The first digits of the model's SHA-256."""
     return hashlib.sha256(calibration.model).hexdigest()[:16]
-
-
-@contextmanager
-def _progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on stderr that learns its length with the first step; silent when not a terminal."""
-    with click.progressbar(length=1, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.length = total
-            bar.update(done - bar.pos)
-
-        yield progress
 
 
 def main() -> None:

@@ -44,11 +44,14 @@ class PaperModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class RawContact:
     """Eqs. (2)-(3) before any fitted correction.
 
-    centre: virtual point of the largest area change; point_px (2,): P_c; spread_px: P_dist.
+    centre: virtual point of the largest area change (vp_1); around (k,): its trusted neighbours
+    (vp_2..vp_7), and weight (k,) of each, of sum 1; point_px (2,): P_c; spread_px: P_dist.
     theta_rad, phi_rad: where the ray through P_c meets the sphere of the beads.
     """
 
     centre: int
+    around: NDArray[np.intp]
+    weight: Array
     point_px: Array
     spread_px: float
     theta_rad: float
@@ -64,20 +67,18 @@ def raw_contact(
     centre = int(np.argmax(change))
     around = mesh.neighbours(centre)
     around = around[points.trusted[around]]
-    if len(around):
-        step = np.maximum(change[centre] - change[around], MIN_AREA_STEP)
-        weight = 1.0 / step
-        point_px = np.asarray(weight @ mesh.reference_px[around] / weight.sum())  # Eq. (2)
-    else:
+    weight = 1.0 / np.maximum(change[centre] - change[around], MIN_AREA_STEP)
+    weight /= weight.sum()
+    point_px = np.asarray(weight @ mesh.reference_px[around])  # Eq. (2)
+    if not len(around):
         point_px = mesh.reference_px[centre]
     before, behind = mesh.beside(centre)
     spread_px = _spread(points.position_px, centre, before, behind) - _spread(
         mesh.reference_px, centre, before, behind
     )
     x, y, z = view.onto_sphere(point_px[None], markers_radius_mm)[0]
-    return RawContact(
-        centre, point_px, spread_px, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
-    )
+    theta_rad, phi_rad = float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
+    return RawContact(centre, around, weight, point_px, spread_px, theta_rad, phi_rad)
 
 
 def corrected_theta(model: PaperModel, theta_rad: float) -> float:

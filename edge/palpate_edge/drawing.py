@@ -29,16 +29,27 @@ GAP = 8
 class Panel:
     """One picture. `canvas` is what was drawn so far, (height, width, 3) BGR."""
 
-    def __init__(self, image: Image, scale: float, dim: float = 1.0) -> None:
-        """image: grey or BGR, enlarged `scale` times and darkened to `dim` of its brightness."""
+    def __init__(
+        self, image: Image, scale: float, dim: float = 1.0, about_px: Array | None = None, zoom: float = 1.0
+    ) -> None:
+        """image: grey or BGR, enlarged `scale` times and darkened to `dim` of its brightness; of a picture of
+        the same size only the part about `about_px`, `zoom` times as large, when that is given."""
+        size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+        self._scale, self._origin = scale, np.zeros(2)
+        if about_px is not None:
+            self._scale = scale * zoom
+            height, width = (round(side / zoom) for side in image.shape[:2])
+            limit = np.array([image.shape[1] - width, image.shape[0] - height])
+            self._origin = np.clip(np.rint(about_px - np.array([width, height]) / 2), 0, limit)
+            left, top = (int(value) for value in self._origin)
+            image = image[top : top + height, left : left + width]
         colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        large = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        large = cv2.resize(colour, size, interpolation=cv2.INTER_CUBIC)
         self.canvas: Image = np.asarray(cv2.convertScaleAbs(large, alpha=dim), dtype=np.uint8)
-        self._scale = scale
 
     def _at(self, places_px: Array) -> NDArray[np.int32]:
         """(..., 2) image pixels -> 16ths of a pixel of the canvas."""
-        on_canvas = (np.asarray(places_px) + 0.5) * self._scale - 0.5
+        on_canvas = (np.asarray(places_px) - self._origin + 0.5) * self._scale - 0.5
         return np.asarray(np.rint(on_canvas * (1 << SHIFT)), dtype=np.int32)
 
     def circle(self, at_px: Array, radius_px: float, colour: Colour, thickness: int = 1) -> None:

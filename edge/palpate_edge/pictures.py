@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration import Calibration
 from palpate_edge.drawing import GREEN, RED, YELLOW, Panel, rainbow
 from palpate_edge.follow_video import Followed
+from palpate_edge.layout import learn_layout
 from palpate_edge.markers import Image
+from palpate_edge.sensor import View, bead_layout_mm
 
 Array = NDArray[np.float64]
 
@@ -40,3 +43,38 @@ def draw_followed(followed: Followed) -> Image:
         f"markers lost a frame {followed.lost.mean():.2f} (most {followed.lost.max()}); both ways agree in "
         f"{100 * followed.agreement:.2f} % of places; lines: way forth, %: frames in which it was found",
     )
+
+
+def draw_residuals(image: Image, calibration: Calibration) -> Image:
+    """A reference frame with, for each bead, an arrow from where the fitted layout has it to where it was
+    found, `RESIDUAL_SCALE` times as long."""
+    panel = Panel(image, SHEET_WIDTH / image.shape[1], dim=0.75)
+    found_px = calibration.reference().position_px
+    fitted_px = View(calibration.sensor.camera, calibration.pose).project(_fitted_layout_mm(calibration))
+    off_px = found_px - fitted_px
+    for number, (fitted, off) in enumerate(zip(fitted_px, off_px, strict=True)):
+        panel.circle(fitted, 1.5, GREEN, -1)
+        panel.arrow(fitted, fitted + RESIDUAL_SCALE * off, RED)
+        panel.text(fitted + np.array([3.0, -3.0]), str(number), YELLOW)
+    size_px = np.linalg.norm(off_px, axis=1)
+    pose = calibration.pose
+    offset = ", ".join(f"{value:+.2f}" for value in pose.offset_mm)
+    turn = ", ".join(f"{value:+.2f}" for value in np.degrees(pose.rotation_rad))
+    return panel.titled(
+        f"{len(size_px)} beads: residual {calibration.residual_px:.2f} px rms, {size_px.max():.2f} px at "
+        f"most (arrows x {RESIDUAL_SCALE})",
+        f"camera off by {offset} mm, turned by {turn} deg, focal length x {pose.focal_scale:.4f}; "
+        f"contact above {calibration.contact_threshold_px:.3f} px",
+    )
+
+
+def _fitted_layout_mm(calibration: Calibration) -> Array:
+    """Where sensor.toml's layout, or the rings learned, have each bead of the calibration, (n, 3) in F."""
+    sensor = calibration.sensor
+    if sensor.markers.rings:
+        return bead_layout_mm(sensor.markers)[0]
+    found_px = calibration.reference().position_px
+    layout = learn_layout(sensor.camera, sensor.markers.radius_mm, found_px)
+    position_mm = np.empty_like(layout.position_mm)
+    position_mm[layout.order] = layout.position_mm
+    return position_mm

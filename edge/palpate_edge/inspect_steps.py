@@ -1,0 +1,86 @@
+"""Every step from one frame to its contact, by the paper's method and by the corrected one, to look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.calibration import Calibration
+from palpate_edge.capture.frame import Frame
+from palpate_edge.contact import RawContact, corrected_theta, raw_contact
+from palpate_edge.contact_type import Contact
+from palpate_edge.displacement import CanonicalField, DisplacementReader
+from palpate_edge.errors import DatasetError
+from palpate_edge.estimator import Estimator, Method
+from palpate_edge.markers import Image, plane
+from palpate_edge.motion import SkinMotion
+from palpate_edge.sensor import View
+from palpate_edge.tracking import Beads, Tracker
+from palpate_edge.virtual_points import VirtualPointMesh, VirtualPoints
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """One frame's way through both methods; `corrected` is None when the calibration holds no model."""
+
+    image: Image
+    calibration: Calibration
+    beads: Beads
+    motion_px: float
+    mesh: VirtualPointMesh
+    points: VirtualPoints
+    change: Array
+    raw: RawContact
+    theta_rad: float
+    field: CanonicalField
+    paper: Contact
+    corrected: Contact | None
+
+    @property
+    def view(self) -> View:
+        return View(self.calibration.sensor.camera, self.calibration.pose)
+
+
+def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
+    """Every step of both methods on one image. Raises DatasetError when it shows none of the beads."""
+    frame, reference = Frame(image, 0, 0, name), calibration.reference()
+    paper = Estimator(calibration, Method.PAPER).estimate(frame)
+    corrected = Estimator(calibration, Method.CORRECTED).estimate(frame) if calibration.model else None
+    if not paper.beads_found:
+        raise DatasetError(f"{name}: {paper.reason}: give a frame of the sensor that was calibrated")
+    view, radius_mm = View(calibration.sensor.camera, calibration.pose), calibration.sensor.markers.radius_mm
+    beads = Tracker(reference).follow(plane(image, calibration.appearance))
+    mesh = VirtualPointMesh(reference.position_px, calibration.ring_of())
+    points = mesh.points(beads.position_px, beads.found)
+    raw = raw_contact(mesh, points, view, radius_mm)
+    return Steps(
+        image=image,
+        calibration=calibration,
+        beads=beads,
+        motion_px=SkinMotion(reference).size_px(beads),
+        mesh=mesh,
+        points=points,
+        change=mesh.area_change(points),
+        raw=raw,
+        theta_rad=corrected_theta(calibration.paper, raw.theta_rad),
+        field=DisplacementReader(reference.position_px, view, radius_mm).read(beads),
+        paper=paper,
+        corrected=corrected,
+    )
+
+
+def contact_text(contact: Contact) -> str:
+    """One line that says where and how hard."""
+    if not contact.valid:
+        return f"refused: {contact.reason}"
+    if contact.position_mm is None:
+        return "nothing touches"
+    x, y, z = contact.position_mm
+    force = (
+        "force unknown" if contact.normal_force_N is None else f"normal force {contact.normal_force_N:.2f} N"
+    )
+    return f"contact at {x:+.2f}, {y:+.2f}, {z:+.2f} mm in F; {force}"
