@@ -7,11 +7,10 @@ The bus clock of this version is Unix time in microseconds, modulo 2^32 on the w
 from __future__ import annotations
 
 import selectors
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -31,6 +30,7 @@ from palpate_edge.node.fingertip_objects import Method as MethodCode
 from palpate_edge.offline import check_recording
 from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.sensor import read_sensor
+from palpate_edge.stop_signals import stop_event
 
 LONGEST_WAIT_S = 0.5
 METHOD_CODES = {Method.PAPER: MethodCode.PAPER, Method.CORRECTED: MethodCode.CORRECTED}
@@ -59,7 +59,7 @@ def run(config: FingertipConfig, report: Callable[[str], None] = lambda _line: N
     with (
         open_bus(config.bus, config.name, node.slave.accept_ids()) as bus,
         closing(pixels),
-        _stop_signals() as stopped,
+        stop_event() as stopped,
     ):
         report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
         pixels.start()
@@ -136,16 +136,3 @@ def _summary(config: FingertipConfig, pixels: PixelThread) -> str:
         f"{config.name}: {health.frames} frames, {pixels.source.dropped} dropped, {health.refused} refused, "
         f"{health.beads_lost} beads lost, {health.searches} whole-image searches"
     )
-
-
-@contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards."""
-    stopped = threading.Event()
-    kinds = (signal.SIGTERM, signal.SIGINT)
-    former = {kind: signal.signal(kind, lambda _kind, _frame: stopped.set()) for kind in kinds}
-    try:
-        yield stopped
-    finally:
-        for kind, handler in former.items():
-            signal.signal(kind, handler)

@@ -6,15 +6,12 @@ following ones. Time is the system's epoch clock, which stamps the bus and, modu
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from palpate_edge.bus import Bus, open_bus
 from palpate_edge.errors import BusError
+from palpate_edge.stop_signals import on_stop_signal
 from palpate_host import hand_config
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
@@ -49,7 +46,7 @@ def run(config_path: Path, duration_s: float | None = None, status_target: Path 
     core = HostCore(config, hand)
     stream = StatusStream(status_target) if status_target is not None else None
     try:
-        with open_bus(config.bus, BUS_NAME, core.accept_ids) as bus, _stop_on_signals(core):
+        with open_bus(config.bus, BUS_NAME, core.accept_ids) as bus, on_stop_signal(core.request_stop):
             failure = _loop(core, bus, stream, duration_s)
     finally:
         if stream is not None:
@@ -74,18 +71,3 @@ def _loop(core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: flo
         if end_us is not None and now_us() >= end_us:
             core.request_stop()
         output = core.process(now_us(), frames)
-
-
-@contextmanager
-def _stop_on_signals(core: HostCore) -> Iterator[None]:
-    """SIGTERM and SIGINT ask for the orderly stop; a second one does no harm."""
-
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        core.request_stop()
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

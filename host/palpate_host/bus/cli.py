@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import ConfigError
+from palpate_edge.stop_signals import on_stop_signal, stop_event
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
@@ -81,11 +81,11 @@ def hub(
     server = Hub(socket_path, bitrate, txqueuelen)
     try:
         signal.set_wakeup_fd(server.wake_descriptor)
-        _on_stop_signal(server.stop)
-        if log_path is not None:
-            server.log = LogWriter(log_path, _header(header_entries))
-        click.echo(f"hub: listening at {socket_path}, {bitrate or 'unlimited'} bit/s", err=True)
-        server.run()
+        with on_stop_signal(server.stop):
+            if log_path is not None:
+                server.log = LogWriter(log_path, _header(header_entries))
+            click.echo(f"hub: listening at {socket_path}, {bitrate or 'unlimited'} bit/s", err=True)
+            server.run()
         click.echo(f"hub: {status_line(server.statistics())}", err=True)
     finally:
         signal.set_wakeup_fd(-1)
@@ -103,12 +103,14 @@ def log(socket_path: Path, header_entries: tuple[str, ...], duration_s: float | 
     \b
     palpate-host bus log hand.log --duration 10 --header origin=bench
     """
-    stopped: list[bool] = []
     config = BusConfig(interface="palpate", channel=str(socket_path))
     end_s = None if duration_s is None else time.monotonic() + duration_s
-    with open_bus(config, "log") as port, LogWriter(log_path, _header(header_entries)) as writer:
-        _on_stop_signal(lambda: stopped.append(True))
-        while not stopped and (end_s is None or time.monotonic() < end_s):
+    with (
+        open_bus(config, "log") as port,
+        LogWriter(log_path, _header(header_entries)) as writer,
+        stop_event() as stopped,
+    ):
+        while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
             for stamp_us, frame in port.receive(0.2):
                 writer.write(LogRecord(stamp_us, frame))
             writer.flush()
@@ -167,11 +169,6 @@ def _inject(socket_path: Path, rule: FaultRule) -> None:
 
 for _command in fault_rule_options(SOCKET, _inject):
     fault.add_command(_command)
-
-
-def _on_stop_signal(stop: Callable[[], None]) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop())
 
 
 def _header(entries: tuple[str, ...]) -> LogHeader:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import platform
 import shlex
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge import __version__
 from palpate_edge.errors import BusError
 from palpate_edge.sensor import read_sensor
+from palpate_edge.stop_signals import stop_event
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale
@@ -93,7 +92,7 @@ def run(
     """
     hand = folder.hand()
     calibrate, hub, *others, host = commands(folder, hand, recording)
-    with _stop_signals() as stopped, Children(folder.path) as children:
+    with stop_event() as stopped, Children(folder.path) as children:
         watch = _Watch(children, stopped)
         say("calibrating the sensor")
         watch.finish(calibrate)
@@ -187,16 +186,3 @@ def _machine() -> dict[str, str]:
 
 def _now_us() -> int:
     return time.time_ns() // 1000
-
-
-@contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards."""
-    stopped = threading.Event()
-    kinds = (signal.SIGTERM, signal.SIGINT)
-    former = {kind: signal.signal(kind, lambda _kind, _frame: stopped.set()) for kind in kinds}
-    try:
-        yield stopped
-    finally:
-        for kind, handler in former.items():
-            signal.signal(kind, handler)

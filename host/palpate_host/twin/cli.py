@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from pathlib import Path
 
 import click
 
 from palpate_edge.bus import open_bus
+from palpate_edge.stop_signals import stop_event
 from palpate_host import hand_config
 from palpate_host.twin.run_drives import drives_of, run_drives, states_line
 
@@ -34,10 +33,7 @@ def drives(config_path: Path, pose_rad: tuple[float, float, float]) -> None:
     """Runs a simulated CiA 402 drive for each joint until SIGTERM or SIGINT."""
     config, _ = hand_config.load(config_path)
     simulated = drives_of(config, pose_rad)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    with open_bus(config.bus, "drives") as bus:
+    with stop_event() as stop, open_bus(config.bus, "drives") as bus:
         nodes = ", ".join(str(drive.slave.node_id) for drive in simulated)
         click.echo(f"simulated drives: nodes {nodes}", err=True)
         run_drives(bus, simulated, stop)
