@@ -27,6 +27,8 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
     from palpate_edge.drawing import write_picture  # noqa: PLC0415
     from palpate_edge.images import read_image  # noqa: PLC0415
 
+    if calibration_path is not None and diameter is not None:
+        raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
     image = read_image(frame)
     if calibration_path is not None:
         from palpate_edge.calibration import load_calibration  # noqa: PLC0415

@@ -214,7 +214,16 @@ def test_a_sheet_holds_all_of_its_panels():
     assert [int((page == 100 + number).sum()) for number in range(4)] == [600] * 4
 
 
-def test_a_calibration_with_a_picture_that_cannot_be_written(drawn_calibration, drawn_dataset, tmp_path):
+def test_a_diameter_with_a_calibration_is_refused(drawn_dataset):
+    frame = str(drawn_dataset / "frames" / "000.png")
+    result = CliRunner().invoke(
+        cli, ["inspect", frame, "-o", "x.png", "--calibration", "c", "--diameter", "9"]
+    )
+    assert result.exit_code == 2
+    assert "leave one of them out" in result.output
+
+
+def test_steps_that_cannot_be_written(drawn_calibration, drawn_dataset, tmp_path):
     save_calibration(drawn_calibration, tmp_path / "c.cal")
     frame = str(drawn_dataset / "frames" / "000.png")
     command = [

@@ -15,6 +15,7 @@ from palpate_edge.dataset import read_dataset
 from palpate_edge.errors import CalibrationError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.images import read_image
+from palpate_edge.inspect import beads_without_layout
 from palpate_edge.layout import learn_layout
 from palpate_edge.sensor import Camera, View
 from palpate_edge.training.dome_model import load_dome_model
@@ -94,6 +95,15 @@ def test_a_ring_goes_around_by_growing_azimuth_and_the_first_ring_is_innermost(s
         turned = np.diff(np.arctan2(y, x))
         assert (turned > 0).all()
     assert layout.ring_of.tolist() == sorted(layout.ring_of)
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_the_shells_of_a_real_tactip(shared_data, number):
+    """A dome of 20 mm seen by a camera of about its field of view: its maker's figures are not known here."""
+    blobs, _, _ = beads_without_layout(read_image(shared_data("real/tactip-raw") / f"raw_image{number}.png"))
+    camera = Camera(640, 480, (350.0, 350.0, 320.0, 240.0), (0.0, 0.0, -30.0))
+    layout = learn_layout(camera, 20.0, blobs.position_px)
+    assert np.bincount(layout.ring_of).tolist() == shell_sizes(6)
 
 
 def test_too_few_beads_and_beads_beside_the_dome_are_refused():
