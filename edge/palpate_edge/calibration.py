@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from pathlib import Path
 
 import msgspec
@@ -15,6 +14,7 @@ from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Appearance
 from palpate_edge.sensor import CameraPose, Sensor
 from palpate_edge.tracking import Reference
+from palpate_edge.whole_file import whole_file
 
 FORMAT = "palpate-calibration"
 VERSION = 1
@@ -82,16 +82,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def save_calibration(calibration: Calibration, path: Path) -> None:
     """Write the file whole or not at all: temporary file, fsync, rename."""
     sealed = msgspec.structs.replace(calibration, checksum=calibration.digest())
-    temporary = path.parent / f".{path.name}.{os.getpid()}.tmp"
-    try:
-        with temporary.open("wb") as file:
-            file.write(_text(sealed))
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise CalibrationError(f"{path} cannot be written: {error.strerror}") from None
+    with whole_file(path, CalibrationError) as temporary:
+        temporary.write_bytes(_text(sealed))
 
 
 def _text(calibration: Calibration) -> bytes:

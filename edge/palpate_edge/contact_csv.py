@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 from palpate_edge.contact_type import Contact
 from palpate_edge.errors import DatasetError
+from palpate_edge.whole_file import whole_file
 
 COLUMNS = (
     "frame",
@@ -29,17 +29,13 @@ COLUMNS = (
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
     """Write (frame name, contact, milliseconds) rows; the file appears whole, at the end, or not at all."""
-    temporary = path.parent / f".{path.name}.{os.getpid()}.tmp"
-    try:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(_row(*row) for row in rows)
-        temporary.replace(path)
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be written: {error.strerror}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
+    with (
+        whole_file(path, DatasetError) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(_row(*row) for row in rows)
 
 
 def _row(name: str, contact: Contact, milliseconds: float) -> list[str]:

@@ -29,6 +29,7 @@ MIN_DEVIATION = 2.0  # grey levels over the whole image; less is a blank frame
 TARE_FRAMES = 10
 MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
 MAX_NOVELTY = 0.15  # Correction.novelty; presses of the sample stay below 0.1, torn frames lie about 0.2 to 2
+UNTAUGHT_NOVELTY = 0.4  # without presses of the sensor itself: another dome's mechanics are no fault
 NOISE_NOVELTY = 0.3  # what noise adds to a motion of the contact threshold's size
 MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
 
@@ -86,6 +87,7 @@ class Estimator:
         self._ring_of = calibration.ring_of()
         self._tracker = Tracker(calibration.reference())
         self._rest_on(calibration.reference())
+        self._max_novelty = MAX_NOVELTY if calibration.stiffness_scale is not None else UNTAUGHT_NOVELTY
         self._refused = 0
         self._last_image: Image | None = None
         self._tare_left = 0
@@ -124,7 +126,7 @@ class Estimator:
         motion_px, threshold_px = self._motion.size_px(beads), self._calibration.contact_threshold_px
         touched = motion_px > threshold_px
         contact = self._contact(beads) if touched else NO_TOUCH
-        if contact.novelty > MAX_NOVELTY + NOISE_NOVELTY * (threshold_px / motion_px) ** 2:
+        if contact.novelty > self._max_novelty + NOISE_NOVELTY * (threshold_px / motion_px) ** 2:
             return self._refuse(
                 frame, "skin moves unlike any press: a torn frame, or several contacts", found
             )

@@ -19,6 +19,7 @@ from palpate_edge.errors import DatasetError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.images import read_image
 from palpate_edge.stopwatch import Stopwatch
+from palpate_edge.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -146,10 +147,9 @@ def as_table(figures: Figures) -> str:
 
 
 def write_json(figures: Figures, path: Path) -> None:
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n")
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be written: {error.strerror}") from None
+    """The figures for programs."""
+    with whole_file(path, DatasetError) as temporary:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n")
 
 
 def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], watch: Stopwatch) -> Figures:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.displacement import canonical_directions
 from palpate_edge.errors import CalibrationError
+from palpate_edge.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -80,15 +81,12 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
 
 def save_dome_model(dome: DomeModel, path: Path) -> None:
     """Write a dome model, fields in half precision (0.1 % of a motion)."""
-    try:
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                fields=dome.fields.astype(np.float16),
-                directions=dome.directions.astype(np.float32),
-                forces=dome.forces.astype(np.float32),
-                hidden=dome.hidden.astype(np.float16),
-                markers_radius_mm=np.float64(dome.markers_radius_mm),
-            )
-    except OSError as error:
-        raise CalibrationError(f"{path} cannot be written: {error.strerror}") from None
+    with whole_file(path, CalibrationError) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            fields=dome.fields.astype(np.float16),
+            directions=dome.directions.astype(np.float32),
+            forces=dome.forces.astype(np.float32),
+            hidden=dome.hidden.astype(np.float16),
+            markers_radius_mm=np.float64(dome.markers_radius_mm),
+        )

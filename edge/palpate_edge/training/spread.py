@@ -12,6 +12,7 @@ from palpate_edge.training.samples import Samples
 Array = NDArray[np.float64]
 
 COVERAGE = 0.95
+FEWEST_FOR_A_QUANTILE = 40  # presses; of fewer the largest errors say too little
 RIDGE = 0.3  # times the root of the number of samples
 RADIUS_FLOOR_MM = 0.02
 UNTAUGHT_RADIUS_MM = 1.0  # without presses of the sensor itself; on the press sample 0.5 to 0.7 would do
@@ -42,9 +43,16 @@ def fit_spread(gram: Array, error_mm: Array, samples: Samples, groups: list[NDAr
     inverse = np.linalg.inv(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
     weights = inverse @ rest
     above = left_out_residuals(inverse, weights[:, None], groups)[:, 0]
-    presses = len(groups)
-    share = min(1.0, np.ceil((presses + 1) * COVERAGE) / presses)  # a quantile from few presses needs room
-    return Spread(float(level + np.quantile(above[samples.plain], share)), weights, slope)
+    return Spread(float(level) + _upper_limit(above[samples.plain], len(groups)), weights, slope)
+
+
+def _upper_limit(above: Array, presses: int) -> float:
+    """What 95 % of new values stay below: a quantile, or from few presses a one-sided prediction limit of a
+    normal distribution (Student's t is 1.645 + 2 / (n - 1) within 2 % from n = 5 on)."""
+    if presses >= FEWEST_FOR_A_QUANTILE:
+        return float(np.quantile(above, min(1.0, np.ceil((presses + 1) * COVERAGE) / presses)))
+    student = 1.645 + 2.0 / max(1, presses - 1)
+    return float(above.mean() + student * above.std() * np.sqrt(1 + 2 / presses))
 
 
 def left_out_residuals(inverse: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:
