@@ -16,7 +16,7 @@ from palpate_edge.images import read_image
 from palpate_edge.markers import Image, Refiner, plane
 from palpate_edge.motion import SkinMotion
 from palpate_edge.sensor import View
-from palpate_edge.tracking import Beads, Reference, Tracker
+from palpate_edge.tracking import Beads, Reference, Tracker, spacing
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def _measure_reference(
     dataset: PressDataset, sight: FirstSight, progress: Callable[[int], None]
 ) -> tuple[Reference, list[float]]:
     """Median place, contrast and area of each bead over the reference frames, and each frame's motion."""
-    refiner = Refiner(sight.diameter_px)
+    refiner = Refiner(sight.diameter_px, spacing(sight.position_px))
     position, contrast, area = [], [], []
     for number, path in enumerate(dataset.reference, start=1):
         dark = plane(_read(dataset, path), sight.appearance)
