@@ -5,7 +5,8 @@ Readings of what the paper leaves open:
 - Eq. (1b) as printed is an ellipse with its axes along the image's. A fitted ellipse is turned by some angle
   alpha, which is meaningless for a near circle and jumps from frame to frame. The points are therefore taken
   at the parameter theta_n - alpha and turned back by alpha: for every alpha the labels stay where they are.
-- theta_1 is the azimuth of the ring's first bead in the reference frames, t_n the ring's number of beads.
+- theta_1 is the azimuth of the ring's first bead in the reference frames (averaged over all beads of the
+  ring, which are evenly spaced), t_n the ring's number of beads.
 - A ring of fewer than `MIN_ELLIPSE_BEADS` beads (the bead at the apex) has no ellipse; its beads stand for
   themselves.
 - Triangles are those of the reference frames; labels are fixed, so each can be compared with itself.
@@ -146,9 +147,12 @@ def delaunay(points_px: Array) -> Indices:
 
 
 def _first_angle(ring_px: Array) -> float:
-    """Azimuth of the ring's first bead about the ring's centre, rad."""
-    centre = ring_px.mean(axis=0)
-    return float(np.arctan2(ring_px[0, 1] - centre[1], ring_px[0, 0] - centre[0]))
+    """Azimuth of the ring's first bead about the ring's centre, rad: from all of its beads, each turned back
+    by its number of spacings, so that no single bead's place decides."""
+    count = len(ring_px)
+    x, y = (ring_px - ring_px.mean(axis=0)).T
+    back = np.arctan2(y, x) - 2 * np.pi * np.arange(count) / count
+    return float(np.angle(np.exp(1j * back).sum()))
 
 
 def _vertex_average(triangles: Indices, count: int) -> Array:
