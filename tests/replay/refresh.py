@@ -3,6 +3,8 @@
     python tests/replay/refresh.py demo/run/bus.log   take the first seconds of a demo's log, then its answers
     python tests/replay/refresh.py --virtual          make a new log in virtual time, then its answers
     python tests/replay/refresh.py                    keep the logs, renew both answers after a meant change
+    python tests/replay/refresh.py --rebind           the same after an EDS changed and the recorded frames
+                                                      stay valid: the logs' headers take the new hashes
 
 ``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time.
 Logs and answers are candump logs, compressed. Look at the difference before you commit it.
@@ -69,6 +71,16 @@ def cut(source: Path, target: Path, seconds: float) -> None:
     write_log(target, LogHeader(log.header.entries), kept)
 
 
+def rebind(name: str, config_path: Path | None) -> None:
+    """Write NAME.log.gz with the present contract in its header; its frames stay."""
+    config, _ = load_hand(config_path or load_bench().TABLE_4)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log"
+        log = read_log(unpack(HERE / f"{name}.log.gz", path))
+        write_log(path, LogHeader({**log.header.entries, **contract_header(config).entries}), log.records)
+        pack(path, HERE / f"{name}.log.gz")
+
+
 def renew_answers(name: str, config_path: Path | None) -> None:
     """NAME.answers.log.gz from NAME.log.gz."""
     config, hand = load_hand(config_path or load_bench().TABLE_4)
@@ -86,10 +98,13 @@ def renew_answers(name: str, config_path: Path | None) -> None:
 @click.argument("recorded", required=False, type=click.Path(path_type=Path, exists=True))
 @click.option("--seconds", default=5.0, show_default=True, help="How much of a recorded log to keep.")
 @click.option("--virtual", is_flag=True, help="Make the log in virtual time anew.")
+@click.option("--rebind", "rebinds", is_flag=True, help="Put the present EDS hashes into the logs' headers.")
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path), help="hand.toml; Table 4's by default."
 )
-def refresh(recorded: Path | None, seconds: float, virtual: bool, config_path: Path | None) -> None:
+def refresh(
+    recorded: Path | None, seconds: float, virtual: bool, rebinds: bool, config_path: Path | None
+) -> None:
     """Write demo.log.gz, virtual.log.gz and their answers anew."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log"
@@ -100,6 +115,8 @@ def refresh(recorded: Path | None, seconds: float, virtual: bool, config_path: P
             virtual_log(log)
             pack(log, HERE / "virtual.log.gz")
     for name in ("demo", "virtual"):
+        if rebinds:
+            rebind(name, config_path)
         renew_answers(name, config_path)
     for path in HERE.glob("*.log.gz"):
         if path.stat().st_size > LARGEST_BYTES:
