@@ -1,13 +1,12 @@
-"""palpate-host: the hand's side of the bus. Each command's code is imported when it is called."""
+"""palpate-host: the hand's side of the bus."""
 
 from __future__ import annotations
-
-from importlib import import_module
 
 import click
 
 from palpate_edge import __version__
 from palpate_edge.cli import run_cli
+from palpate_host.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "demo": ("palpate_host.demo.cli:demo", "A whole hand on this machine, shown live, with a report."),
@@ -15,32 +14,15 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "replay": ("palpate_host.run_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
-    "simulate": ("palpate_host.twin.dome.cli:simulate", "The dome by finite elements and its library."),
+    "simulate": ("palpate_host.twin.simulate_cli:simulate", "The twin: the dome, its camera, datasets."),
     "bus": ("palpate_host.bus.cli:bus", "The local CAN hub, logs, statistics and faults."),
 }
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported on use, so that `bus log` does not wait for MuJoCo."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        if cmd_name not in COMMANDS:
-            return None
-        module, attribute = COMMANDS[cmd_name][0].split(":")
-        command = getattr(import_module(module), attribute)
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
-
-
 @click.command(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+    cls=LazyGroup,
+    table=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="palpate-host")
 def cli() -> None:

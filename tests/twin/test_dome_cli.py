@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.cli import simulate
 from palpate_host.twin.dome.convergence import converge
 from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.library import load_library
@@ -20,6 +19,7 @@ from palpate_host.twin.dome.mesh import Resolution, dome_mesh
 from palpate_host.twin.dome.press import press_path
 from palpate_host.twin.dome.probe import Probe
 from palpate_host.twin.dome.side_points import side_points
+from palpate_host.twin.simulate_cli import simulate
 
 TINY = ["--mesh", "4", "3", "1"]
 

@@ -33,12 +33,7 @@ DEPTH = click.option("--depth-mm", type=click.FloatRange(0, min_open=True), defa
 ONE_PROBE = click.option("--probe", "probe_name", type=PROBE, default="plate", show_default=True)
 
 
-@click.group()
-def simulate() -> None:
-    """The twin: what the sensor and the hand would do."""
-
-
-@simulate.group(invoke_without_command=True)
+@click.group(invoke_without_command=True)
 @click.pass_context
 def dome(context: click.Context) -> None:
     """The dome by finite elements; without a command, `analysis`. Needs the extra `twin`."""

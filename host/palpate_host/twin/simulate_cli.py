@@ -1,0 +1,16 @@
+"""``palpate-host simulate``: the twin's parts, each a command."""
+
+from __future__ import annotations
+
+import click
+
+from palpate_host.lazy_group import LazyGroup
+
+COMMANDS = {  # name: module and attribute, and what --help says of it
+    "dome": ("palpate_host.twin.dome.cli:dome", "The dome by finite elements and its library."),
+}
+
+
+@click.command(cls=LazyGroup, table=COMMANDS)
+def simulate() -> None:
+    """The twin: what the sensor and the hand would do."""
