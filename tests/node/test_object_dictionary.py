@@ -182,5 +182,5 @@ def test_encode_refuses_what_is_missing_or_does_not_fit(drive_od: ObjectDictiona
 
 
 def test_a_pdo_that_the_eds_lacks_is_refused(fingertip_od: ObjectDictionary) -> None:
-    with pytest.raises(BusError, match="1400h:01 is not in"):
-        pdo_codec(fingertip_od, PdoDirection.RECEIVE, 1)
+    with pytest.raises(BusError, match="1401h:01 is not in"):
+        pdo_codec(fingertip_od, PdoDirection.RECEIVE, 2)
