@@ -15,6 +15,7 @@ from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
 from palpate_host.bus.default_socket import default_socket
+from palpate_host.bus.eds_cli import check_eds
 from palpate_host.bus.fault_cli import fault_rule_options
 from palpate_host.bus.faults import FaultRule
 from palpate_host.bus.hub import Hub
@@ -166,6 +167,8 @@ def clear(socket_path: Path) -> None:
 def _inject(socket_path: Path, rule: FaultRule) -> None:
     ask(socket_path, Inject(rule))
 
+
+bus.add_command(check_eds)
 
 for _command in fault_rule_options(SOCKET, _inject):
     fault.add_command(_command)

@@ -1,0 +1,38 @@
+"""``palpate-host bus check-eds``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+FOUND_ERRORS = 1
+
+
+@click.command("check-eds")
+@click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--quiet", is_flag=True, help="Errors only, no warnings.")
+def check_eds(paths: tuple[Path, ...], quiet: bool) -> None:
+    """Check electronic data sheets against CiA 306 and CiA 301, line by line.
+
+    One line a finding: file, line, what is wrong, the way out. Exit status 1 when there is an error.
+
+    \b
+    palpate-host bus check-eds firmware/fingertip.eds
+    palpate-host bus check-eds --quiet vendor/*.eds
+    """
+    from palpate_host.bus.eds_check import check_file  # noqa: PLC0415 - no other command needs it
+    from palpate_host.bus.eds_text import Severity  # noqa: PLC0415
+
+    failed = False
+    for path in paths:
+        findings = check_file(path)
+        errors = sum(finding.severity is Severity.ERROR for finding in findings)
+        failed = failed or bool(errors)
+        for finding in findings:
+            if finding.severity is Severity.ERROR or not quiet:
+                click.echo(finding.text(str(path)))
+        click.echo(f"{path}: {errors} errors, {len(findings) - errors} warnings")
+    if failed:
+        sys.exit(FOUND_ERRORS)
