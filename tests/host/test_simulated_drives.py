@@ -25,8 +25,9 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError, ConfigError
 from palpate_host import hand_config
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState
+from palpate_host.drives.serve_devices import serve_devices
 from palpate_host.twin.drive_plant import JointParameters, JointPlant
-from palpate_host.twin.run_drives import drives_of, run_drives
+from palpate_host.twin.hand_drives import drives_of
 from palpate_host.twin.simulated_drives import SimulatedDrive
 
 TABLE_4_HAND = CIA402_EDS.parents[1] / "models" / "table4.toml"
@@ -289,7 +290,7 @@ def test_a_pose_of_the_wrong_length_is_refused() -> None:
 
 
 class Running:
-    """Drives served by `run_drives` in a thread, on an in-process bus."""
+    """Drives served by `serve_devices` in a thread, on an in-process bus."""
 
     def __init__(self, drives: list[SimulatedDrive]) -> None:
         self.channel = uuid.uuid4().hex
@@ -314,7 +315,7 @@ class Running:
         with open_bus(BusConfig(interface="virtual", channel=self.channel), "drives") as bus:
             self._opened.set()
             try:
-                run_drives(bus, drives, self._stop)
+                serve_devices(bus, drives, self._stop)
             except BusError as error:
                 self.error = error
 

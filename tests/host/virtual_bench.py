@@ -22,7 +22,7 @@ from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore, Output
 from palpate_host.status import HostStatus
-from palpate_host.twin.run_drives import drives_of
+from palpate_host.twin.hand_drives import drives_of
 
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 START_POSE_RAD = (0.0, 0.348, 1.221)

@@ -9,7 +9,8 @@ import click
 from palpate_edge.bus import open_bus
 from palpate_edge.stop_signals import stop_event
 from palpate_host import hand_config
-from palpate_host.twin.run_drives import drives_of, run_drives, states_line
+from palpate_host.drives.serve_devices import serve_devices, states_line
+from palpate_host.twin.hand_drives import drives_of
 
 TABLE_4_POSE_RAD = (0.0, 0.348, 1.221)
 
@@ -36,5 +37,5 @@ def drives(config_path: Path, pose_rad: tuple[float, float, float]) -> None:
     with stop_event() as stop, open_bus(config.bus, "drives") as bus:
         nodes = ", ".join(str(drive.slave.node_id) for drive in simulated)
         click.echo(f"simulated drives: nodes {nodes}", err=True)
-        run_drives(bus, simulated, stop)
+        serve_devices(bus, simulated, stop)
     click.echo(f"simulated drives stopped: {states_line(simulated)}", err=True)

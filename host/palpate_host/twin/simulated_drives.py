@@ -1,134 +1,41 @@
-"""A simulated CiA 402 joint drive: the slave core with cia402.eds, the power state machine, a joint to move.
+"""A simulated CiA 402 joint drive: a real device's software with a simulated joint.
 
-Pure: time and frames in, frames out. It differs from a real drive in its plant alone, so that hardware takes
-its place by a change of the bus. Its watchdogs: in Operation enabled, an RPDO 1 that fails to come within its
-event timer (1400h:05), or leaving NMT OPERATIONAL, takes the torque away at once and leads to Fault. In Quick
-stop active the torque is 0 too: a hand that stops must not go on closing.
+It differs from a real drive in its motor alone, so that hardware takes its place by a change of the bus.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
-from palpate_edge.can_frame import CanFrame
-from palpate_edge.node.emcy import EmcyCode, ErrorRegister
-from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
-from palpate_edge.node.nmt import NmtCommand, NmtState
-from palpate_edge.node.object_dictionary import load_eds
-from palpate_edge.node.slave import Output, Slave
-from palpate_host.drives.cia402 import CIA402_EDS, CYCLIC_SYNCHRONOUS_TORQUE, DriveState
+from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.twin.drive_plant import JointParameters, JointPlant
-from palpate_host.twin.drive_state_machine import STATE_BITS, DriveStateMachine
-
-ERROR_CODE, CONTROLWORD, STATUSWORD = 0x603F, 0x6040, 0x6041
-MODE, MODE_DISPLAY = 0x6060, 0x6061
-POSITION, VELOCITY = 0x6064, 0x606C
-TARGET_TORQUE, MAX_TORQUE, RATED_TORQUE, ACTUAL_TORQUE = 0x6071, 0x6072, 0x6076, 0x6077
-FEED_CONSTANT = 0x6092
-
-STATUS_TPDO = 2
-COMMUNICATION_LOST = 0x8100
-
-# Statusword, CiA 402-2; bit 12 as cyclic synchronous torque defines it.
-VOLTAGE_ENABLED, REMOTE, INTERNAL_LIMIT, FOLLOWS_COMMAND = 1 << 4, 1 << 9, 1 << 11, 1 << 12
 
 
-class SimulatedDrive:
-    """One drive and its joint. The joint's position is kept through NMT resets, as a real one's is."""
+class PlantMotor:
+    """A simulated joint under the torque that it was asked for last."""
+
+    def __init__(self, plant: JointPlant) -> None:
+        self.plant = plant
+        self.rated_torque_mNm = round(plant.parameters.rated_torque_Nm * 1000)
+        self._torque_Nm = 0.0
+        self._now_us: int | None = None
+
+    def state(self, now_us: int) -> MotorState:
+        if self._now_us is not None:
+            self.plant.advance(now_us - self._now_us, self._torque_Nm)
+        self._now_us = now_us
+        return MotorState(self.plant.position_rad, self.plant.velocity_rad_s)
+
+    def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - the plant has no delay
+        self._torque_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
+
+    def reset_fault(self) -> None:
+        """A simulated joint has no fault of its own."""
+
+
+class SimulatedDrive(Cia402Device):
+    """One drive and its joint."""
 
     def __init__(self, node_id: int, joint: JointParameters | None = None) -> None:
         """`joint`: Table 4's motor with a load about 0 rad when None."""
         self.plant = JointPlant(joint or JointParameters())
-        self.slave = Slave(load_eds(CIA402_EDS, node_id))
-        rated_torque_mNm = round(self.plant.parameters.rated_torque_Nm * 1000)
-        self.slave.write(RATED_TORQUE, 0, rated_torque_mNm)
-        self.per_mille_Nm = rated_torque_mNm * 1e-6
-        self.increments_per_rad = self._number(FEED_CONSTANT, 1) / math.tau
-        self._machine = DriveStateMachine()
-        self._last_us: int | None = None
-
-    @property
-    def state(self) -> DriveState:
-        return self._machine.state
-
-    @property
-    def torque_per_mille(self) -> int:
-        """What the motor gives now: the target within 6072h in Operation enabled and torque mode, else 0."""
-        if self.state is not DriveState.OPERATION_ENABLED or not self._in_torque_mode:
-            return 0
-        limit = self._number(MAX_TORQUE)
-        return max(-limit, min(limit, self._number(TARGET_TORQUE)))
-
-    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
-        """Move the joint to `now_us`, serve the frames, act on what they command."""
-        if self._last_us is not None:
-            self.plant.advance(now_us - self._last_us, self.torque_per_mille * self.per_mille_Nm)
-        self._last_us = now_us
-        self._measure()
-        served = self.slave.process(now_us, frames_in)
-        for event in served.events:
-            self._obey(event)
-        self._report()
-        status = self.slave.process(now_us, ())
-        return Output(
-            served.frames_out + status.frames_out, status.next_due_us, served.events + status.events
-        )
-
-    @property
-    def _in_torque_mode(self) -> bool:
-        return self._number(MODE) == CYCLIC_SYNCHRONOUS_TORQUE
-
-    def _measure(self) -> None:
-        """What TPDO 1 says at a SYNC."""
-        self.slave.write(POSITION, 0, round(self.plant.position_rad * self.increments_per_rad))
-        self.slave.write(VELOCITY, 0, round(self.plant.velocity_rad_s * self.increments_per_rad))
-
-    def _obey(self, event: Event) -> None:
-        match event:
-            case RpdoReceived(values=values):
-                if (CONTROLWORD, 0) in values:
-                    self._command(values[CONTROLWORD, 0])
-            case ObjectWritten(index=0x6040, value=int(value)):
-                self._command(value)
-            case RpdoTimedOut():
-                self._lose_command(EmcyCode.RPDO_TIMEOUT)
-            case NmtStateChanged(command=NmtCommand.RESET_NODE):
-                self._machine = DriveStateMachine()
-                self.slave.write(ERROR_CODE, 0, 0)
-            case NmtStateChanged(state=NmtState.OPERATIONAL):
-                self.slave.trigger((STATUS_TPDO,))
-            case NmtStateChanged():
-                self._lose_command(COMMUNICATION_LOST)
-
-    def _command(self, controlword: int) -> None:
-        was = self.state
-        self._machine.command(controlword)
-        if was is DriveState.FAULT and self.state is not DriveState.FAULT:
-            self.slave.emcy.clear(self._number(ERROR_CODE))
-            self.slave.write(ERROR_CODE, 0, 0)
-
-    def _lose_command(self, error_code: int) -> None:
-        """The host no longer commands: a fault where there may be torque, nothing elsewhere."""
-        if self.state in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE):
-            self._machine.fail()
-            self.slave.write(ERROR_CODE, 0, error_code)
-            self.slave.emcy.report(error_code, ErrorRegister.COMMUNICATION)
-
-    def _report(self) -> None:
-        """What TPDO 2 says; a change of the statusword sends it."""
-        torque_per_mille = self.torque_per_mille
-        in_torque_mode = self._in_torque_mode
-        statusword = STATE_BITS[self.state] | VOLTAGE_ENABLED | REMOTE
-        if self.state is DriveState.OPERATION_ENABLED and in_torque_mode:
-            statusword |= FOLLOWS_COMMAND
-            if torque_per_mille != self._number(TARGET_TORQUE):
-                statusword |= INTERNAL_LIMIT
-        if statusword != self._number(STATUSWORD):
-            self.slave.write(STATUSWORD, 0, statusword)
-            self.slave.trigger((STATUS_TPDO,))
-        self.slave.write(MODE_DISPLAY, 0, CYCLIC_SYNCHRONOUS_TORQUE if in_torque_mode else 0)
-        self.slave.write(ACTUAL_TORQUE, 0, torque_per_mille)
-
-    def _number(self, index: int, subindex: int = 0) -> int:
-        return int(self.slave.read(index, subindex))
+        super().__init__(node_id, PlantMotor(self.plant))

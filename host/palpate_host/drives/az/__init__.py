@@ -1,0 +1,1 @@
+"""Oriental Motor AZ drives on RS-485, Modbus RTU."""

@@ -1,0 +1,146 @@
+"""One AZ axis between two sides: the CiA 402 device orders and asks, the port's thread carries it out.
+
+The newest order counts; an older one that was not carried out is forgotten. Pure but for the lock: time comes
+from the caller.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import threading
+from dataclasses import dataclass, replace
+
+from palpate_edge.errors import BusError
+from palpate_host.drives.az import alarms
+from palpate_host.drives.az import motor as az
+from palpate_host.drives.az.motor import AzMotor
+from palpate_host.drives.az.port import AzPort
+from palpate_host.drives.az.registers import Input
+from palpate_host.drives.cia402_device import MotorState
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
+
+ORDER_LIMIT_US = 200_000
+"""An order older than this is not carried out any more: the joint brakes."""
+SILENT_LIMIT = 3
+"""Transactions in a row that may fail before the axis is lost."""
+COMMUNICATION_ERROR = 0x7500  # CiA 402-2, error codes: communication
+MANUFACTURER_ERROR = 0xFF00  # the same: manufacturer specific; the alarm's code is its low byte
+
+
+class TorqueBy(enum.Enum):
+    """How an axis makes a torque.
+
+    CURRENT: the drive's torque operation. ADMITTANCE: the joint turns with torque / B_d, the way a geared
+    stepper, whose friction exceeds what a hand needs, can feel like a compliant joint.
+    """
+
+    CURRENT = "current"
+    ADMITTANCE = "admittance"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSettings:
+    """device_id: Modbus address. torque_limit_Nm: never more, by the operating current."""
+
+    device_id: int
+    motor: AzMotor
+    torque_limit_Nm: float
+    torque_by: TorqueBy = TorqueBy.ADMITTANCE
+    B_d_Nms_rad: float = 0.4
+
+
+class AzAxis:
+    """The Motor of a Cia402Device that an AZ drive moves."""
+
+    def __init__(self, settings: AxisSettings) -> None:
+        self.settings = settings
+        self.rated_torque_mNm = round(settings.motor.torque_Nm * 1000)
+        self.problem = "not heard yet"
+        self._lock = threading.Lock()
+        self._command = JointCommand(DriveGoal.OFF)
+        self._ordered_us: int | None = None
+        self._state = MotorState(0.0, 0.0)
+        self._inputs: Input | None = None
+        self._reset = False
+        self._failures = 0
+        self._is_heard = False
+
+    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the newest answer, whenever it came
+        with self._lock:
+            return self._state
+
+    def order(self, now_us: int, command: JointCommand) -> None:
+        with self._lock:
+            self._command = command
+            self._ordered_us = now_us
+
+    def reset_fault(self) -> None:
+        """Forget the error; the next exchange resets the drive's alarm, and one that stays comes back."""
+        with self._lock:
+            self._reset = True
+            self._failures = 0
+            self._state = replace(self._state, error_code=0)
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether the drive has told where its joint is."""
+        return self._is_heard
+
+    def exchange(self, now_us: int, port: AzPort, ask_health: bool) -> None:
+        """Carry the newest order out and take the answer; a failure is counted and becomes an error."""
+        with self._lock:
+            command, reset, self._reset = self._command, self._reset, False
+            if self._ordered_us is None or now_us - self._ordered_us > ORDER_LIMIT_US:
+                command = JointCommand(DriveGoal.QUICK_STOP)
+        try:
+            if reset:
+                port.command(self.settings.device_id, Input.ALM_RST)
+                self._inputs = None
+            words = self._carry_out(command, port)
+            alarm = port.health(self.settings.device_id).alarm if ask_health or reset else None
+        except BusError as exc:
+            self._failed(str(exc))
+            return
+        self._answered(words, alarm)
+
+    def release(self, port: AzPort) -> None:
+        """Let the joint go at the end; a drive that does not hear it stops by its own timeout."""
+        with contextlib.suppress(BusError):
+            port.command(self.settings.device_id, Input.FREE)
+
+    def _carry_out(self, command: JointCommand, port: AzPort) -> list[int]:
+        device_id, motor = self.settings.device_id, self.settings.motor
+        inputs = {DriveGoal.OFF: Input.FREE, DriveGoal.QUICK_STOP: Input.STOP}.get(command.goal, Input(0))
+        if inputs != self._inputs:
+            self._inputs = None
+            port.command(device_id, inputs)
+            self._inputs = inputs
+        if inputs:
+            return list(port.motion(device_id))
+        limit_Nm = self.settings.torque_limit_Nm
+        torque_Nm = max(-limit_Nm, min(limit_Nm, command.torque_Nm))
+        if self.settings.torque_by is TorqueBy.CURRENT:
+            return list(port.move(device_id, az.torque_operation(motor, torque_Nm)))
+        velocity_rad_s = torque_Nm / self.settings.B_d_Nms_rad
+        return list(port.move(device_id, az.velocity_operation(motor, velocity_rad_s, limit_Nm)))
+
+    def _answered(self, words: list[int], alarm: int | None) -> None:
+        motion = az.motion(self.settings.motor, words)
+        with self._lock:
+            self._is_heard = True
+            self._failures = 0
+            error_code = self._state.error_code
+            if alarm:
+                self.problem, error_code = alarms.text(alarm), MANUFACTURER_ERROR | alarm
+            elif not error_code:
+                self.problem = ""
+            self._state = MotorState(motion.position_rad, motion.velocity_rad_s, error_code)
+
+    def _failed(self, problem: str) -> None:
+        with self._lock:
+            self._inputs = None  # whether they arrived is not known
+            self._failures += 1
+            if self._failures >= SILENT_LIMIT:
+                self.problem = problem
+                self._state = replace(self._state, error_code=COMMUNICATION_ERROR)

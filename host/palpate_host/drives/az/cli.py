@@ -1,0 +1,58 @@
+"""``palpate-host az``: AZ drives on RS-485 as CiA 402 nodes, and simulated ones to try it with."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from palpate_edge.bus import open_bus
+from palpate_edge.stop_signals import stop_event
+from palpate_host.drives.az import config as az_config
+from palpate_host.drives.az.gateway import run_gateway
+
+_CONFIG = click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="az.toml: ports, axes and the nodes they stand for (models/table4-az.toml is one).",
+)
+
+
+@click.group()
+def az() -> None:
+    """Oriental Motor AZ drives on RS-485.
+
+    \b
+    Examples:
+      palpate-host az gateway --config az.toml      # AZ drives become CiA 402 nodes on the bus
+      palpate-host az simulate --config az.toml     # no drives at hand: serves every port of az.toml
+    """
+
+
+@az.command()
+@_CONFIG
+def gateway(config_path: Path) -> None:
+    """Serves each axis as a CiA 402 node until SIGTERM or SIGINT, then lets the joints go."""
+    config = az_config.load(config_path)
+    nodes = ", ".join(str(axis.drive_node) for port in config.ports for axis in port.axes)
+    with stop_event() as stop, open_bus(config.bus, "az gateway") as bus:
+        click.echo(f"az gateway: nodes {nodes} on {len(config.ports)} ports", err=True)
+        run_gateway(bus, config, stop)
+    click.echo("az gateway stopped: joints free", err=True)
+
+
+@az.command()
+@_CONFIG
+def simulate(config_path: Path) -> None:
+    """Serves every port of az.toml with simulated drives, behind a link at its path."""
+    from palpate_host.twin.az.az_server import simulated_port  # noqa: PLC0415 - the twin is no part of a host
+
+    config = az_config.load(config_path)
+    with stop_event() as stop, ExitStack() as stack:
+        for port in config.ports:
+            stack.enter_context(simulated_port(port))
+        click.echo(f"simulated AZ drives: {', '.join(port.path for port in config.ports)}", err=True)
+        stop.wait()

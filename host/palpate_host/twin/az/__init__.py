@@ -1,0 +1,1 @@
+"""Simulated AZ drives: registers behind a real serial line."""

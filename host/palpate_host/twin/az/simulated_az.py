@@ -1,0 +1,172 @@
+"""An AZ drive and its joint as a register file: pure, on the time it is given.
+
+Served at the wire by az_server. Modelled: the three operation types a joint uses, acceleration and current
+limits, the STOP, FREE and ALM-RST inputs, the communication timeout with alarm 85h,
+and alarms that a test raises. Registers outside the table do not exist.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from palpate_host.drives.az import alarms
+from palpate_host.drives.az import registers as az
+from palpate_host.drives.az.motor import FULL_CURRENT, AzMotor
+from palpate_host.drives.az.registers import Input, OperationType, Status, Trigger, from_words, to_words
+from palpate_host.twin.drive_plant import JointParameters, JointPlant
+
+LONGEST_STEP_US = 1_000
+# A stepper keeps step with its command until its torque is spent; chosen: within 2 ms.
+FOLLOWS_WITHIN_S = 0.002
+POSITION_GAIN_per_s = 20.0
+AMBIENT_degC = 30.0
+
+_REGISTERS = (
+    *az.DIRECT_DATA,
+    az.FORWARDING,
+    az.INPUT_COMMAND,
+    az.OUTPUT_STATUS,
+    az.PRESENT_ALARM,
+    az.COMMAND_POSITION,
+    az.FEEDBACK_POSITION,
+    az.FEEDBACK_SPEED_RPM,
+    az.FEEDBACK_SPEED,
+    az.TORQUE,
+    az.DRIVER_TEMPERATURE,
+    az.MOTOR_TEMPERATURE,
+    az.COMMUNICATION_TIMEOUT,
+)
+_WRITABLE = (*az.DIRECT_DATA, az.FORWARDING, az.INPUT_COMMAND, az.COMMUNICATION_TIMEOUT)
+
+
+class SimulatedAz:
+    """One drive; `values` is its register file, address -> signed 32-bit value."""
+
+    def __init__(self, motor: AzMotor | None = None, joint: JointParameters | None = None) -> None:
+        self.motor = motor or AzMotor()
+        self.plant = JointPlant(joint or JointParameters())
+        self.alarm = 0
+        self.values = {register.address: 0 for register in _REGISTERS}
+        self._operation: Mapping[int, int] | None = None
+        self._target_rad_s = 0.0
+        self._torque_Nm = 0.0
+        self._now_us: int | None = None
+        self._heard_us: int | None = None
+
+    @property
+    def torque_Nm(self) -> float:
+        """What the motor gives now, at the joint."""
+        return self._torque_Nm
+
+    def knows(self, address: int, count: int) -> bool:
+        """Whether `count` words from `address` on are whole, known quantities or the gaps between them."""
+        return count % 2 == 0 and address in self.values and address + count - 2 in self.values
+
+    def writable(self, address: int, count: int) -> bool:
+        known = {register.address for register in _WRITABLE}
+        return count % 2 == 0 and all(address + i in known for i in range(0, count, 2))
+
+    def write(self, now_us: int, address: int, words: Sequence[int]) -> None:
+        """Take whole 32-bit registers; the trigger and the input command act at once."""
+        self.advance(now_us)
+        self._heard_us = now_us
+        written = dict(zip(range(address, address + len(words), 2), from_words(words), strict=True))
+        self.values |= written
+        if az.INPUT_COMMAND.address in written:
+            self._take_inputs(Input(written[az.INPUT_COMMAND.address] & 0xFFFF & ~7))
+        if written.get(az.TRIGGER.address) == Trigger.ALL and self._may_move:
+            self._operation = {register.address: self.values[register.address] for register in az.DIRECT_DATA}
+
+    def read(self, now_us: int, address: int, count: int) -> list[int]:
+        """`count` words from `address` on; gaps read as 0."""
+        self.advance(now_us)
+        self._heard_us = now_us
+        self._measure()
+        return to_words([self.values.get(a, 0) for a in range(address, address + count, 2)])
+
+    def raise_alarm(self, code: int) -> None:
+        """Stop with an alarm, current off."""
+        self.alarm = code
+        self._operation = None
+
+    def advance(self, now_us: int) -> None:
+        """Move the joint on; the communication timeout runs in between."""
+        if self._now_us is None:
+            self._now_us = now_us
+        while self._now_us < now_us:
+            step_us = min(LONGEST_STEP_US, now_us - self._now_us)
+            self._now_us += step_us
+            timeout_ms = self.values[az.COMMUNICATION_TIMEOUT.address]
+            heard_us = self._heard_us
+            if timeout_ms > 0 and heard_us is not None and self._now_us - heard_us > timeout_ms * 1000:
+                self._heard_us = None
+                self.raise_alarm(alarms.COMMUNICATION_TIMEOUT)
+            self._torque_Nm = self._motor_torque(step_us * 1e-6)
+            self.plant.advance(step_us, self._torque_Nm)
+
+    @property
+    def _inputs(self) -> Input:
+        return Input(self.values[az.INPUT_COMMAND.address] & 0xFFFF & ~7)
+
+    @property
+    def _may_move(self) -> bool:
+        return not self.alarm and not self._inputs & (Input.FREE | Input.STOP)
+
+    def _take_inputs(self, inputs: Input) -> None:
+        if inputs & Input.ALM_RST:
+            self.alarm = 0
+        if inputs & (Input.FREE | Input.STOP):
+            self._operation = None
+
+    def _motor_torque(self, step_s: float) -> float:
+        """Torque of the operation under way; without one the joint is held, but for FREE or alarm."""
+        if self.alarm or self._inputs & Input.FREE:
+            self._target_rad_s = 0.0
+            return 0.0
+        operation = self._operation or {}
+        limit_Nm = (
+            operation.get(az.OPERATING_CURRENT.address, FULL_CURRENT) * self.motor.torque_Nm / FULL_CURRENT
+        )
+        speed_rad_s = self.motor.to_rad(operation.get(az.SPEED.address, 0))
+        kind = operation.get(az.OPERATION_TYPE.address)
+        if kind == OperationType.CONTINUOUS_TORQUE:
+            wanted_rad_s = speed_rad_s
+        elif kind == OperationType.ABSOLUTE_POSITIONING:
+            error_rad = self.motor.to_rad(operation[az.POSITION.address]) - self.plant.position_rad
+            wanted_rad_s = max(-abs(speed_rad_s), min(abs(speed_rad_s), POSITION_GAIN_per_s * error_rad))
+        else:
+            wanted_rad_s = speed_rad_s if kind == OperationType.CONTINUOUS_SPEED else 0.0
+        rate = self.motor.to_rad(operation.get(az.ACCELERATION.address, 0)) or self.motor.rate_rad_s2
+        step_rad_s = rate * step_s
+        change = max(-step_rad_s, min(step_rad_s, wanted_rad_s - self._target_rad_s))
+        self._target_rad_s += change
+        return max(-limit_Nm, min(limit_Nm, self._torque_to_follow(self._target_rad_s)))
+
+    def _torque_to_follow(self, target_rad_s: float) -> float:
+        joint, plant = self.plant.parameters, self.plant
+        load_Nm = joint.load_stiffness_Nm_rad * (plant.position_rad - joint.grasp_rad)
+        friction_Nm = (joint.friction_Nms_rad + joint.load_damping_Nms_rad) * target_rad_s
+        change_rad_s = target_rad_s - plant.velocity_rad_s
+        return joint.inertia_kgm2 * change_rad_s / FOLLOWS_WITHIN_S + friction_Nm + load_Nm
+
+    def _measure(self) -> None:
+        motor, plant = self.motor, self.plant
+        self.values[az.FEEDBACK_POSITION.address] = motor.to_steps(plant.position_rad)
+        self.values[az.COMMAND_POSITION.address] = motor.to_steps(plant.position_rad)
+        self.values[az.FEEDBACK_SPEED.address] = motor.to_steps(plant.velocity_rad_s)
+        self.values[az.FEEDBACK_SPEED_RPM.address] = round(
+            plant.velocity_rad_s * 60 / math.tau * plant.parameters.gear_ratio
+        )
+        self.values[az.TORQUE.address] = round(self._torque_Nm / motor.torque_Nm * FULL_CURRENT)
+        self.values[az.PRESENT_ALARM.address] = self.alarm
+        for temperature in (az.DRIVER_TEMPERATURE, az.MOTOR_TEMPERATURE):
+            self.values[temperature.address] = round(AMBIENT_degC / temperature.scale)
+        status = Status.HOME_END
+        if self.alarm:
+            status |= Status.ALM_A
+        elif self._operation is not None:
+            status |= Status.MOVE
+        else:
+            status |= Status.READY | Status.IN_POS
+        self.values[az.OUTPUT_STATUS.address] = int(status)

@@ -1,0 +1,34 @@
+"""The simulated drives of a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate_edge.errors import ConfigError
+from palpate_host.hand_config import HandConfig
+from palpate_host.twin.drive_plant import JointParameters
+from palpate_host.twin.simulated_drives import SimulatedDrive
+
+
+def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive]:
+    """One drive for each joint of a hand, at rest in the grasp pose (the same for every finger).
+
+    Raises ConfigError when the pose does not have one angle for each joint of a finger.
+    """
+    drives = []
+    for finger in config.fingers:
+        if len(finger.joints) != len(grasp_pose_rad):
+            raise ConfigError(
+                f"{finger.name} has {len(finger.joints)} joints, the grasp pose {len(grasp_pose_rad)}; "
+                "give --pose-rad one angle for each joint of a finger"
+            )
+        for joint, angle_rad in zip(finger.joints, grasp_pose_rad, strict=True):
+            # q = direction * angle of the drive + offset, hence for the drive's own angle:
+            ends_rad = [joint.direction * (q - joint.zero_offset_rad) for q in (joint.min_rad, joint.max_rad)]
+            parameters = JointParameters(
+                grasp_rad=joint.direction * (angle_rad - joint.zero_offset_rad),
+                min_rad=min(ends_rad),
+                max_rad=max(ends_rad),
+            )
+            drives.append(SimulatedDrive(joint.drive_node, parameters))
+    return drives

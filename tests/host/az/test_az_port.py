@@ -1,0 +1,97 @@
+"""AzPort against simulated drives behind a real serial line (two pseudo terminals)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from palpate_edge.errors import BusError
+from palpate_host.drives.az import alarms, motor
+from palpate_host.drives.az.port import AzPort, Parity
+from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, Input, Status
+from palpate_host.twin.az.az_server import AzServer
+from palpate_host.twin.az.pty_line import pty_line
+from palpate_host.twin.az.simulated_az import SimulatedAz
+from palpate_host.twin.drive_plant import JointParameters
+
+BAUD_RATE = 230_400
+MOTOR = motor.AzMotor()
+FREE_JOINT = JointParameters(load_stiffness_Nm_rad=0.0)
+
+
+@pytest.fixture
+def drives() -> dict[int, SimulatedAz]:
+    return {1: SimulatedAz(MOTOR, FREE_JOINT), 2: SimulatedAz(MOTOR)}
+
+
+@pytest.fixture
+def port(drives: dict[int, SimulatedAz]) -> Iterator[AzPort]:
+    with pty_line(BAUD_RATE) as (host_end, drive_end), AzServer(drives).serve(drive_end, BAUD_RATE):
+        opened = AzPort(host_end, BAUD_RATE, Parity.NONE, reply_timeout_s=2.0)
+        yield opened
+        opened.close()
+
+
+def test_velocity_moves_the_joint_and_is_read_back(port: AzPort) -> None:
+    for _ in range(60):
+        words = port.move(1, motor.velocity_operation(MOTOR, 1.0, 1.0))
+        time.sleep(0.005)
+    answer = motor.motion(MOTOR, words)
+    assert answer.velocity_rad_s == pytest.approx(1.0, abs=0.05)
+    assert answer.position_rad > 0.1
+
+
+def test_position_is_reached(port: AzPort) -> None:
+    deadline = time.monotonic() + 5.0
+    position = math.nan
+    while time.monotonic() < deadline and not abs(position - 0.3) < 0.002:
+        position = motor.motion(MOTOR, port.move(1, motor.position_operation(MOTOR, 0.3, 1.0))).position_rad
+    assert position == pytest.approx(0.3, abs=0.002)
+
+
+def test_torque_bends_the_load_by_its_own_stiffness(port: AzPort) -> None:
+    """k (q - q_g) = tau at rest: 0.4 N m on 4 N m/rad is 0.1 rad."""
+    position = math.nan
+    for _ in range(100):
+        position = motor.motion(MOTOR, port.move(2, motor.torque_operation(MOTOR, -0.4))).position_rad
+    assert position == pytest.approx(-0.1, abs=0.005)
+
+
+def test_own_watchdog_stops_a_drive_that_hears_nothing(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
+    port.watch(1, 100)
+    port.move(1, motor.velocity_operation(MOTOR, 1.0, 1.0))
+    time.sleep(0.3)
+    health = port.health(1)
+    assert health.alarm == alarms.COMMUNICATION_TIMEOUT
+    assert Status.ALM_A in health.status
+    assert drives[1].torque_Nm == 0.0
+    port.command(1, Input.ALM_RST)
+    port.command(1, Input(0))
+    assert port.health(1).alarm == 0
+
+
+def test_stop_holds_and_free_lets_go(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
+    port.move(1, motor.velocity_operation(MOTOR, 1.0, 1.0))
+    port.command(1, Input.STOP)
+    time.sleep(0.2)
+    assert motor.motion(MOTOR, port.motion(1)).velocity_rad_s == pytest.approx(0.0, abs=0.01)
+    port.command(2, Input.FREE)
+    assert drives[2].torque_Nm == 0.0
+
+
+def test_units_of_a_monitor(port: AzPort) -> None:
+    assert port.value(1, MOTOR_TEMPERATURE) == pytest.approx(30.0)
+
+
+def test_missing_drive_is_named(port: AzPort) -> None:
+    with pytest.raises(BusError, match=r"AZ drive 9 on .* does not answer"):
+        port.motion(9)
+    assert port.health(1).alarm == 0  # and the port lives on
+
+
+def test_missing_port_is_named() -> None:
+    with pytest.raises(BusError, match="/dev/no-such-adapter: cannot be opened"):
+        AzPort("/dev/no-such-adapter")
