@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import ModuleType
 
 import can
 import pytest
@@ -91,3 +93,15 @@ def open_edge(tmp_path: Path) -> Iterator[Callable[..., Bus]]:
     config = BusConfig(interface="palpate", channel=str(tmp_path / "hub.sock"))
     with ExitStack() as buses:
         yield lambda name, accept_ids=None: buses.enter_context(open_bus(config, name, accept_ids))
+
+
+@pytest.fixture(scope="session")
+def foreign() -> ModuleType:
+    """foreign.py: a slave and a master that are not ours."""
+    name = "palpate_tests_bus_foreign"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("foreign.py"))
+        assert spec is not None and spec.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]

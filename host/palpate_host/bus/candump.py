@@ -33,6 +33,8 @@ _LINE = re.compile(
     r"\((?P<seconds>[0-9]{1,12})\.(?P<micros>[0-9]{6})\) (?P<channel>[^\s#]+) "
     r"(?P<id>[0-9A-Fa-f]{3})#(?:(?P<remote>R)(?P<dlc>[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?: [RT])?"
 )
+_FOREIGN_LINE = re.compile(r"\([0-9]{1,12}\.[0-9]{6}\) [^\s#]+ (?:[0-9A-Fa-f]{8}#|[0-9A-Fa-f]{3,8}##).*")
+"""29-bit, error and FD frames: the log is sound, CANopen has none of them."""
 _HEADER_LINE = re.compile(r"# (?P<key>[!-9;-~]+): (?P<value>.*)")
 
 
@@ -98,16 +100,24 @@ def parse_record(line: str) -> LogRecord:
     return LogRecord(int(match["seconds"]) * 1_000_000 + int(match["micros"]), frame, match["channel"])
 
 
-def read_log(path: Path) -> BusLog:
+def read_log(path: Path, skip_foreign: bool = False) -> BusLog:
     """Reads a whole log. A log of plain candump, without a header, is read as well.
 
+    skip_foreign: leave 29-bit, error and FD frames out instead of refusing them.
     Raises LogError naming file and line for a garbled line, a last line without its line end, time that
     runs backwards, or a header of another version.
     """
     try:
-        text = path.read_bytes().decode("ascii")
+        data = path.read_bytes()
     except OSError as error:
         raise LogError(f"bus log {path}: {error.strerror}: check the path") from error
+    return parse_log(path, data, skip_foreign)
+
+
+def parse_log(path: Path, data: bytes, skip_foreign: bool = False) -> BusLog:
+    """The log in the bytes of a file; `path` is for messages. As `read_log`."""
+    try:
+        text = data.decode("ascii")
     except UnicodeDecodeError as error:
         raise LogError(
             f"bus log {path}: byte {error.start} is not ASCII: no candump log, or damaged"
@@ -118,6 +128,8 @@ def read_log(path: Path) -> BusLog:
     header, first = _read_header(path, lines)
     records: list[LogRecord] = []
     for number, line in enumerate(lines[first:], start=first + 1):
+        if skip_foreign and _FOREIGN_LINE.fullmatch(line):
+            continue
         try:
             records.append(parse_record(line))
         except ValueError as error:

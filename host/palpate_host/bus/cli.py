@@ -19,6 +19,7 @@ from palpate_host.bus.eds_cli import check_eds
 from palpate_host.bus.fault_cli import fault_rule_options
 from palpate_host.bus.faults import FaultRule
 from palpate_host.bus.hub import Hub
+from palpate_host.bus.monitor_cli import monitor
 from palpate_host.bus.pcap import write_pcap
 from palpate_host.bus.stats_table import stats_table, status_line
 
@@ -168,7 +169,8 @@ def _inject(socket_path: Path, rule: FaultRule) -> None:
     ask(socket_path, Inject(rule))
 
 
-bus.add_command(check_eds)
+for _command in (check_eds, monitor):
+    bus.add_command(_command)
 
 for _command in fault_rule_options(SOCKET, _inject):
     fault.add_command(_command)

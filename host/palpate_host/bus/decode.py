@@ -1,0 +1,172 @@
+"""What a frame of the bus says, in words: CiA 301's services by their identifiers, values by the EDS files.
+
+A decoder remembers only SDO transfers under way, which take several frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from palpate_edge.can_frame import CanFrame
+from palpate_host.bus.candump import LogRecord
+from palpate_host.bus.device import Device, Reading, usual_device
+from palpate_host.bus.emcy_text import emcy_text, register_text
+from palpate_host.bus.lss_text import lss_text
+from palpate_host.bus.sdo_decode import SdoListener
+
+LSS_TO_MASTER, LSS_TO_SLAVE = 0x7E4, 0x7E5
+TIME_ID, SYNC_ID = 0x100, 0x080
+MS_A_DAY = 86_400_000
+
+_NMT_COMMANDS = {
+    1: "start",
+    2: "stop",
+    0x80: "enter pre-operational",
+    0x81: "reset node",
+    0x82: "reset communication",
+}
+_NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 0x7F: "pre-operational"}
+
+
+class Service(Enum):
+    """CiA 301's communication objects."""
+
+    NMT = "nmt"
+    SYNC = "sync"
+    TIME = "time"
+    EMCY = "emcy"
+    TPDO = "tpdo"
+    RPDO = "rpdo"
+    SDO = "sdo"
+    HEARTBEAT = "heartbeat"
+    LSS = "lss"
+    OTHER = "other"
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """One frame. node_id: whose it is, None for all nodes'. text: what it says, without its values."""
+
+    stamp_us: int
+    frame: CanFrame
+    service: Service
+    node_id: int | None
+    device: str
+    text: str
+    readings: tuple[Reading, ...] = ()
+
+
+class Decoder:
+    """Decodes a stream of frames. devices: by node id; other ids are taken for what they usually are."""
+
+    def __init__(
+        self,
+        devices: Mapping[int, Device] | None = None,
+        usual: Callable[[int], Device | None] = usual_device,
+    ) -> None:
+        self._devices: dict[int, Device | None] = dict(devices or {})
+        self._usual = usual
+        self._sdo: dict[int, SdoListener] = {}
+
+    def device(self, node_id: int) -> Device | None:
+        """The node's device; None when nothing is known of it."""
+        if node_id not in self._devices:
+            self._devices[node_id] = self._usual(node_id)
+        return self._devices[node_id]
+
+    def decode(self, record: LogRecord) -> Decoded:
+        """What the frame says. Never raises for what is in it."""
+        frame = record.frame
+        service, node_id = self._service(frame.can_id)
+        device = None if node_id is None else self.device(node_id)
+        name = device.name if device else ("" if node_id is None else f"node 0x{node_id:02X}")
+        readings: tuple[Reading, ...] = ()
+        if frame.remote:
+            text = "remote request"
+        elif service in (Service.TPDO, Service.RPDO):
+            text, readings = _pdo(device, frame)
+        elif service is Service.SDO and node_id is not None:
+            listener = self._sdo.setdefault(node_id, SdoListener(device))
+            text, readings = listener.listen(frame.can_id >= 0x600, frame.data)
+        else:
+            text = self._plain(service, frame.data)
+        return Decoded(record.stamp_us, frame, service, node_id, name, text, readings)
+
+    def _service(self, can_id: int) -> tuple[Service, int | None]:
+        fixed = {0: Service.NMT, SYNC_ID: Service.SYNC, TIME_ID: Service.TIME}
+        fixed |= {LSS_TO_MASTER: Service.LSS, LSS_TO_SLAVE: Service.LSS}
+        if can_id in fixed:
+            return fixed[can_id], None
+        for device in self._devices.values():
+            if device is not None and can_id in device.pdos:
+                label = device.pdos[can_id].label
+                return (Service.TPDO if label.startswith("T") else Service.RPDO), device.node_id
+        node_id, function = can_id & 0x7F, can_id & 0x780
+        if node_id == 0:
+            return Service.OTHER, None
+        if 0x180 <= function <= 0x500:
+            return (Service.TPDO if function & 0x080 else Service.RPDO), node_id
+        services = {0x080: Service.EMCY, 0x580: Service.SDO, 0x600: Service.SDO, 0x700: Service.HEARTBEAT}
+        found = services.get(function, Service.OTHER)
+        return found, None if found is Service.OTHER else node_id
+
+    def _plain(self, service: Service, data: bytes) -> str:
+        try:
+            return _PLAIN[service](self, data)
+        except IndexError:
+            return f"malformed: {len(data)} bytes"
+
+    def _nmt(self, data: bytes) -> str:
+        who = self.device(data[1]) if data[1] else None
+        target = who.name if who else (f"node 0x{data[1]:02X}" if data[1] else "all nodes")
+        return f"{_NMT_COMMANDS.get(data[0], f'unknown command {data[0]:02X}h')} {target}"
+
+
+def _pdo(device: Device | None, frame: CanFrame) -> tuple[str, tuple[Reading, ...]]:
+    function = frame.can_id & 0x780
+    label = f"{'TPDO' if function & 0x080 else 'RPDO'} {((function - 0x100) >> 8) or 1}"
+    pdo = device.pdos.get(frame.can_id) if device else None
+    if device is None or pdo is None:
+        return f"{label} (no EDS): {frame.data.hex(' ')}", ()
+    if len(frame.data) * 8 != (pdo.bits + 7) // 8 * 8:
+        return f"{pdo.label}: malformed: {len(frame.data)} bytes, mapped are {(pdo.bits + 7) // 8}", ()
+    return pdo.label, device.pdo_readings(pdo, frame.data)
+
+
+def _heartbeat(data: bytes) -> str:
+    state = data[0] & 0x7F
+    return _NMT_STATES.get(state, f"unknown state {state:02X}h")
+
+
+def _emcy(data: bytes) -> str:
+    code = data[0] | data[1] << 8
+    rest = f", {data[3:].hex(' ')}" if any(data[3:]) else ""
+    return f"{code:04X}h {emcy_text(code)}; error register {register_text(data[2])}{rest}"
+
+
+def _time(data: bytes) -> str:
+    """TIME_OF_DAY: ms after midnight (28 bits), days since 1984-01-01."""
+    if len(data) != 6:
+        return f"malformed: {len(data)} bytes, a time stamp has 6"
+    ms = int.from_bytes(data[:4], "little") & 0x0FFF_FFFF
+    days = int.from_bytes(data[4:], "little")
+    if ms >= MS_A_DAY:
+        return f"day {days}, {ms} ms: more than a day has"
+    return f"day {days} since 1984-01-01, {ms // 3600000:02d}:{ms // 60000 % 60:02d}:{ms / 1000 % 60:06.3f}"
+
+
+def _sync(data: bytes) -> str:
+    return f"counter {data[0]}" if data else ""
+
+
+_PLAIN: dict[Service, Callable[[Decoder, bytes], str]] = {
+    Service.NMT: Decoder._nmt,
+    Service.SYNC: lambda _, data: _sync(data),
+    Service.TIME: lambda _, data: _time(data),
+    Service.EMCY: lambda _, data: _emcy(data),
+    Service.HEARTBEAT: lambda _, data: _heartbeat(data),
+    Service.LSS: lambda _, data: lss_text(data),
+    Service.OTHER: lambda _, data: data.hex(" "),
+}

@@ -1,0 +1,227 @@
+"""One node as its EDS describes it: names, units, and what its PDOs carry. Reads any vendor's file."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge.errors import ConfigError
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS
+from palpate_host.bus.eds_communication import PDO_KINDS, pdo_numbers
+from palpate_host.bus.eds_objects import Variable, Variables, read_objects
+from palpate_host.bus.eds_text import Findings, parse_sections, read_text
+from palpate_host.bus.eds_values import parse_integer
+from palpate_host.bus.units import Unit, meaning_of, si_unit, unit_of
+from palpate_host.drives.cia402 import CIA402_EDS
+from palpate_host.hand_config import HandConfig
+
+Key = tuple[int, int]
+PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32
+PHYSICAL_UNIT, DECIMAL_DIGITS = 0x6131, 0x6132
+
+FINGERTIP_NODES, DRIVE_NODES = range(0x10, 0x20), range(1, 0x10)
+"""Who a node is when nobody says: the ids of docs/bus.md."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One value of the bus. value: in `unit`; raw: the integer behind it; text: both for a person."""
+
+    name: str
+    value: float | int | str
+    unit: str
+    raw: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pdo:
+    """label: such as ``TPDO 1``. fields: object and its bits, in the order of the frame."""
+
+    label: str
+    can_id: int
+    fields: tuple[tuple[Key, int], ...]
+
+    @property
+    def bits(self) -> int:
+        return sum(bits for _, bits in self.fields)
+
+
+class Device:
+    """A node. `name`: who it is to a person, such as ``finger-1``."""
+
+    def __init__(self, node_id: int, name: str, eds: Path) -> None:
+        """ConfigError when the file cannot be read or describes no object."""
+        sections = parse_sections(read_text(eds), Findings())
+        self.node_id = node_id
+        self.name = name
+        self.eds = eds
+        self._variables: Variables = read_objects(sections, Findings())
+        if not self._variables:
+            raise ConfigError(f"EDS {eds}: describes no object: palpate-host bus check-eds says why")
+        self._containers = {
+            int(section, 16): sections[section].value("ParameterName")
+            for section in {f"{index:04x}" for index, _ in self._variables}
+            if section in sections
+        }
+        device_info = sections.get("deviceinfo")
+        self.product = device_info.value("ProductName") if device_info else ""
+        self.pdos = {pdo.can_id: pdo for pdo in self._read_pdos()}
+
+    def variable(self, key: Key) -> Variable | None:
+        """The object as the EDS describes it."""
+        return self._variables.get(key)
+
+    def keys(self) -> Iterable[Key]:
+        """Every object."""
+        return self._variables.keys()
+
+    def name_of(self, key: Key) -> str:
+        """``7130h:01 AI input PV / Value of contact x``."""
+        label = f"{key[0]:04X}h:{key[1]:02X}"
+        variable = self._variables.get(key)
+        container = self._containers.get(key[0], "")
+        if variable is None:
+            return f"{label} {container}".rstrip() if container else f"{label} (not in {self.eds.name})"
+        return (
+            f"{label} {container}" if variable.name == container else f"{label} {container} / {variable.name}"
+        )
+
+    def find(self, name: str) -> Key:
+        """The object of that name: of the sub-index, of the object, or ``object / sub-index``.
+
+        ConfigError when there is none or more than one.
+        """
+        wanted = _plain(name)
+        found = [key for key in self._variables if wanted in self._names(key)]
+        if len(found) != 1:
+            close = sorted({part for key in self._variables for part in self._names(key) if wanted in part})
+            reason = "has no object" if not found else f"has {len(found)} objects"
+            hint = f"such as {', '.join(close[:5])}" if close else "give its index, such as 1017"
+            raise ConfigError(f"{self.eds.name} {reason} named {name!r}: {hint}")
+        return found[0]
+
+    def unit(self, key: Key) -> Unit | None:
+        """The unit of an object's raw value, if it has one."""
+        index, subindex = key
+        if index in PROCESS_VALUES:
+            code, digits = self._number((PHYSICAL_UNIT, subindex)), self._number((DECIMAL_DIGITS, subindex))
+            if code is not None:
+                return si_unit(code, 0 if index == PROCESS_VALUES[0] else digits or 0)
+        return unit_of(self.product, index, subindex)
+
+    def reading(self, key: Key, data: bytes) -> Reading:
+        """The value in `data` as the EDS types it; an unknown object, or one of another length, as bytes."""
+        variable = self._variables.get(key)
+        name = variable.name if variable else f"{key[0]:04X}h:{key[1]:02X}"
+        info = variable.info if variable else None
+        if info is None:
+            return _bytes(name, data)
+        if info.name == "VISIBLE_STRING":
+            text = data.decode("latin-1").rstrip("\0")
+            return Reading(name, text, "", None, repr(text))
+        if info.is_integer and len(data) == (info.bits + 7) // 8:
+            return self._integer(key, name, int.from_bytes(data, "little", signed=(info.low or 0) < 0))
+        if info.name in ("REAL32", "REAL64") and len(data) == info.bits // 8:
+            value = float(struct.unpack("<f" if info.bits == 32 else "<d", data)[0])
+            unit = self.unit(key)
+            return Reading(
+                name,
+                value,
+                unit.name if unit else "",
+                None,
+                f"{value:g} {unit.name if unit else ''}".rstrip(),
+            )
+        return _bytes(name, data)
+
+    def pdo_readings(self, pdo: Pdo, data: bytes) -> tuple[Reading, ...]:
+        """The values of a PDO whose length is that of its mapping."""
+        whole, offset = int.from_bytes(data, "little"), 0
+        readings = []
+        for key, bits in pdo.fields:
+            part = whole >> offset & ((1 << bits) - 1)
+            offset += bits
+            if key[0] >= 8:  # not a dummy
+                readings.append(self.reading(key, part.to_bytes((bits + 7) // 8, "little")))
+        return tuple(readings)
+
+    def _integer(self, key: Key, name: str, raw: int) -> Reading:
+        meaning = meaning_of(self.product, key[0], raw)
+        unit = self.unit(key)
+        if unit is not None and not (meaning and unit.name == "degC"):
+            return Reading(name, raw * unit.factor, unit.name, raw, unit.text(raw))
+        wide = key[0] in (0x6040, 0x6041) or (key[0] < 0x2000 and raw > 0xFFFF)
+        text = f"0x{raw:X}" if wide else str(raw)
+        return Reading(name, raw, "", raw, f"{text} ({meaning})" if meaning else text)
+
+    def _number(self, key: Key) -> int | None:
+        variable = self._variables.get(key)
+        return variable.number() if variable else None
+
+    def _names(self, key: Key) -> set[str]:
+        container, own = self._containers.get(key[0], ""), self._variables[key].name
+        names = {_plain(own), _plain(f"{container}/{own}")}
+        return names if key[1] else names | {_plain(container)}
+
+    def _read_pdos(self) -> Iterable[Pdo]:
+        for kind in PDO_KINDS:
+            for number in pdo_numbers(self._variables, kind):
+                can_id = self._can_id((kind.communication + number - 1, 1))
+                mapping = kind.mapping + number - 1
+                words = [
+                    self._number((mapping, sub)) or 0
+                    for sub in range(1, (self._number((mapping, 0)) or 0) + 1)
+                ]
+                fields = tuple(((word >> 16, word >> 8 & 0xFF), word & 0xFF) for word in words)
+                if can_id is not None:
+                    yield Pdo(f"{kind.label} {number}", can_id, fields)
+
+    def _can_id(self, key: Key) -> int | None:
+        variable = self._variables.get(key)
+        if variable is None:
+            return None
+        try:
+            value = parse_integer(variable.section.value("DefaultValue"), self.node_id)
+        except ValueError:
+            return None
+        return None if value >> 31 & 1 else value & 0x7FF
+
+
+def _bytes(name: str, data: bytes) -> Reading:
+    return Reading(name, data.hex(), "", None, data.hex(" ") or "(empty)")
+
+
+def _plain(name: str) -> str:
+    return "".join(name.lower().split())
+
+
+def usual_device(node_id: int) -> Device | None:
+    """A node of the usual ids with the EDS it then has."""
+    if node_id in FINGERTIP_NODES:
+        return Device(node_id, f"fingertip 0x{node_id:02X}", FINGERTIP_EDS)
+    if node_id in DRIVE_NODES:
+        return Device(node_id, f"drive {node_id}", CIA402_EDS)
+    return None
+
+
+def devices_of_header(entries: Mapping[str, str]) -> dict[int, Device]:
+    """The nodes that a log's header names (``node.0x10: fingertip:finger-1``)."""
+    devices = {}
+    for key, value in entries.items():
+        kind, _, name = value.partition(":")
+        eds = {"fingertip": FINGERTIP_EDS, "drive": CIA402_EDS}.get(kind)
+        if key.startswith("node.0x") and eds is not None:
+            try:
+                node_id = int(key.removeprefix("node."), 16)
+            except ValueError:
+                continue
+            devices[node_id] = Device(node_id, name, eds)
+    return devices
+
+
+def devices_of_hand(config: HandConfig) -> dict[int, Device]:
+    """The nodes of a hand."""
+    devices = {f.fingertip_node: Device(f.fingertip_node, f.name, FINGERTIP_EDS) for f in config.fingers}
+    return devices | {j.drive_node: Device(j.drive_node, j.name, CIA402_EDS) for j in config.joints}

@@ -1,0 +1,139 @@
+"""Bus logs of any usual format: candump -L (also gzipped), Vector ASC, Vector BLF. They are only read.
+
+ASC and BLF are read by python-can, which stops silently at some damages; what can be told from outside
+(a length, an order of time) is checked here. 29-bit, FD and error frames are left out: CANopen has none.
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+import can
+from can.io.blf import BLFParseError
+
+from palpate_edge.can_frame import MAX_DATA_BYTES, CanFrame
+from palpate_host.bus.candump import BusLog, LogError, LogHeader, LogRecord, parse_log
+
+MAX_LOG_BYTES = 1 << 30
+_RELATIVE_LIMIT_S = 1e6  # ASC without a date counts from zero
+EPOCH_OF_RELATIVE_US = 1_700_000_000_000_000
+"""Where logs are put whose time counts from zero, so that they have an age like others."""
+
+_READ_ERRORS = (ValueError, IndexError, KeyError, TypeError, OverflowError, struct.error, zlib.error, OSError)
+
+
+def read_any_log(path: Path) -> BusLog:
+    """The log, by its name's ending: .asc, .blf, .gz, else candump.
+
+    LogError, naming file and line or byte, when it cannot be read, is damaged or holds no frame.
+    """
+    try:
+        if path.stat().st_size > MAX_LOG_BYTES:
+            raise LogError(f"bus log {path}: larger than {MAX_LOG_BYTES >> 30} GiB: cut it")
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"bus log {path}: {error.strerror}: check the path") from error
+    suffix = path.suffix.lower()
+    if suffix == ".asc":
+        log = BusLog(LogHeader(), _read_asc(path))
+    elif suffix == ".blf":
+        log = BusLog(LogHeader(), _read_blf(path))
+    else:
+        log = parse_log(path, _unzipped(path, data) if suffix == ".gz" else data, skip_foreign=True)
+    if not log.records:
+        raise LogError(f"bus log {path}: holds no frame of CANopen: give another or record it anew")
+    return log
+
+
+def _unzipped(path: Path, data: bytes) -> bytes:
+    try:
+        opened = zlib.decompressobj(wbits=31)
+        plain = opened.decompress(data, MAX_LOG_BYTES)
+    except (gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(f"bus log {path}: no gzip file, or damaged ({error}): pack it anew") from error
+    if not opened.eof:
+        raise LogError(f"bus log {path}: cut off at byte {len(data)}: copy it anew")
+    return plain
+
+
+class _CountedLines:
+    """A text file that knows its line, for python-can's reader."""
+
+    def __init__(self, file: TextIO) -> None:
+        self.number = 0
+        self._file = file
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        line = self._file.readline()
+        if not line:
+            raise StopIteration
+        self.number += 1
+        return line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+def _read_asc(path: Path) -> tuple[LogRecord, ...]:
+    with path.open(encoding="latin-1") as file:
+        lines = _CountedLines(file)
+        try:
+            reader = can.ASCReader(lines)
+            return tuple(_records(path, reader, lambda: f"line {lines.number}"))
+        except _READ_ERRORS as error:
+            raise _damaged(path, f"line {lines.number}", error) from error
+
+
+def _read_blf(path: Path) -> tuple[LogRecord, ...]:
+    with path.open("rb") as file:
+        try:
+            reader = can.BLFReader(file)
+            _check_length(path, reader.file_size)
+            return tuple(_records(path, reader, lambda: _byte(file)))
+        except (*_READ_ERRORS, BLFParseError) as error:
+            raise _damaged(path, _byte(file), error) from error
+
+
+def _byte(file: BinaryIO) -> str:
+    return "the end" if file.closed else f"byte {file.tell()}"
+
+
+def _check_length(path: Path, told: int) -> None:
+    length = path.stat().st_size
+    if length < told:
+        raise LogError(f"bus log {path}, byte {length}: cut off, its header tells {told} bytes: copy it anew")
+
+
+def _damaged(path: Path, place: str, error: Exception) -> LogError:
+    if isinstance(error, LogError):
+        return error
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return LogError(
+        f"bus log {path}, {place}: damaged, or of another format ({reason[:80]}): record it again"
+    )
+
+
+def _records(path: Path, messages: Iterable[can.Message], place: Any) -> Iterator[LogRecord]:
+    """The classic 11-bit data and remote frames, in the order of time."""
+    last_us: int | None = None
+    for message in messages:
+        if message.is_error_frame or message.is_extended_id or message.is_fd:
+            continue
+        data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
+        if not 0 <= message.arbitration_id <= 0x7FF or len(data) > MAX_DATA_BYTES:
+            raise LogError(f"bus log {path}, {place()}: no CAN frame: identifier {message.arbitration_id:X}")
+        stamp_us = round(message.timestamp * 1e6)
+        if message.timestamp < _RELATIVE_LIMIT_S:
+            stamp_us += EPOCH_OF_RELATIVE_US
+        if stamp_us < 0 or (last_us is not None and stamp_us < last_us):
+            raise LogError(f"bus log {path}, {place()}: time runs backwards: sort the log or record again")
+        last_us = stamp_us
+        yield LogRecord(stamp_us, CanFrame(message.arbitration_id, data, message.is_remote_frame))

@@ -1,0 +1,105 @@
+"""``palpate-host bus monitor``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
+
+if TYPE_CHECKING:
+    from palpate_host.bus.candump import LogRecord
+    from palpate_host.bus.device import Device
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+SERVICES = ("nmt", "sync", "time", "emcy", "tpdo", "rpdo", "sdo", "heartbeat", "lss", "other")
+
+
+@click.command()
+@BUS_OPTIONS
+@click.option("--log", "log_path", type=FILE, help="Decode this log (candump, ASC, BLF) instead of a bus.")
+@click.option("--config", "config_path", type=FILE, help="hand.toml: names of the nodes.")
+@click.option("--eds", "eds", multiple=True, metavar="NODE=FILE", help="EDS of a node; may be repeated.")
+@click.option("--node", "nodes", multiple=True, type=NODE, help="Only frames of this node; may be repeated.")
+@click.option("--service", "services", multiple=True, type=click.Choice(SERVICES), help="Only this service.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a frame.")
+@click.option("--count", type=click.IntRange(min=1), help="Stop after so many shown frames.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
+def monitor(
+    log_path: Path | None,
+    config_path: Path | None,
+    eds: tuple[str, ...],
+    nodes: tuple[int, ...],
+    services: tuple[str, ...],
+    as_json: bool,
+    count: int | None,
+    duration_s: float | None,
+    **bus: Any,
+) -> None:
+    """Show the traffic decoded: PDOs as named values with units, EMCY, SDO, NMT, heartbeats in words.
+
+    Names come from the EDS files: a log's header, --config and --eds say which node has which; else nodes
+    0x10 to 0x1F are fingertips and 1 to 15 drives.
+
+    \b
+    palpate-host bus monitor
+    palpate-host bus monitor --node 0x10 --service tpdo --service emcy
+    palpate-host bus monitor --log traffic.log --json | jq .values
+    palpate-host bus monitor --interface socketcan --channel can0 --eds 5=drive.eds
+    """
+    from palpate_host.bus.decode import Decoder, Service  # noqa: PLC0415 - `bus hub` shall not wait for it
+    from palpate_host.bus.monitor import Selection, json_line, line  # noqa: PLC0415
+
+    selection = Selection(frozenset(nodes), frozenset(Service(service) for service in services))
+    shown, begin_us = 0, None
+    with _source(log_path, duration_s, bus) as (header, records):
+        decoder = Decoder(_devices(header, config_path, eds))
+        for record in records:
+            begin_us = record.stamp_us if begin_us is None else begin_us
+            decoded = decoder.decode(record)
+            if selection.shows(decoded):
+                click.echo(json_line(decoded) if as_json else line(decoded, begin_us))
+                shown += 1
+            if shown == count:
+                break
+
+
+def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, ...]) -> dict[int, Device]:
+    from palpate_host.bus.device import Device, devices_of_hand, devices_of_header  # noqa: PLC0415
+    from palpate_host.hand_config import load  # noqa: PLC0415
+
+    devices = devices_of_header(header)
+    if config_path is not None:
+        devices |= devices_of_hand(load(config_path)[0])
+    for entry in eds:
+        match = re.fullmatch(r"(0x[0-9a-fA-F]+|\d+)=(.+)", entry)
+        node_id = int(match[1], 0) if match else 0
+        if match is None or not 1 <= node_id <= 127:
+            raise ConfigError(f"--eds {entry}: write NODE=FILE, such as 0x10=fingertip.eds")
+        devices[node_id] = Device(node_id, f"node 0x{node_id:02X}", Path(match[2]))
+    return devices
+
+
+@contextmanager
+def _source(
+    log_path: Path | None, duration_s: float | None, bus: dict[str, Any]
+) -> Iterator[tuple[dict[str, str], Iterator[LogRecord]]]:
+    """A log's header and its records, or what comes from the bus until a stop."""
+    from palpate_host.bus.log_files import read_any_log  # noqa: PLC0415
+
+    if log_path is not None:
+        log = read_any_log(log_path)
+        end_us = None if duration_s is None else log.records[0].stamp_us + round(duration_s * 1e6)
+        yield (
+            dict(log.header.entries),
+            (record for record in log.records if end_us is None or record.stamp_us < end_us),
+        )
+    else:
+        with open_chosen_bus(bus, "monitor", duration_s) as records:
+            yield {}, records

@@ -1,0 +1,136 @@
+"""Units and meanings of raw values.
+
+A measured value's unit and decimals stand in its EDS, in 6131h and 6132h (CiA 404; codes of CiA 303-2). What
+CiA 301 defines has the unit it says. The rest is bound to our two EDS files by their ProductName and repeats
+what their comments say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from palpate_edge.node.fingertip_objects import ContactFlag, Method
+from palpate_host.drives.cia402 import state_of
+
+FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
+TEMPERATURE_UNKNOWN = 0x7FFF
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """value = raw * factor; decimals: of the value as it is shown."""
+
+    name: str
+    factor: float = 1.0
+    decimals: int = 0
+
+    def text(self, raw: float) -> str:
+        """The value with its unit."""
+        return f"{raw * self.factor:.{self.decimals}f} {self.name}".rstrip()
+
+
+# CiA 303-2: SI prefixes by their exponent of ten, units by their code.
+_PREFIXES = {0xFA: "u", 0xFD: "m", 0xFE: "c", 0xFF: "d", 0x00: "", 0x03: "k", 0x06: "M"}
+_SYMBOLS = {
+    0x01: "m",
+    0x02: "kg",
+    0x03: "s",
+    0x04: "A",
+    0x05: "K",
+    0x10: "rad",
+    0x20: "Hz",
+    0x21: "N",
+    0x22: "Pa",
+    0x23: "J",
+    0x24: "W",
+    0x26: "V",
+    0x2D: "degC",
+    0x41: "deg",
+}
+_NEWTON_MILLIMETRE = 0xFD23_0000  # CiA 303-2 has the joule alone; of a torsion it is the newton metre
+
+_COMMUNICATION: dict[tuple[int, int], Unit] = {
+    (0x1006, 0): Unit("us"),
+    (0x1007, 0): Unit("us"),
+    (0x100C, 0): Unit("ms"),
+    (0x1013, 0): Unit("us"),
+    (0x1015, 0): Unit("ms", 0.1, 1),
+    (0x1017, 0): Unit("ms"),
+}
+_PRODUCT: dict[str, dict[int, Unit]] = {
+    FINGERTIP: {0x2012: Unit("us"), 0x2014: Unit("us"), 0x2020: Unit("degC", 0.1, 1)},
+    JOINT_DRIVE: {
+        0x6064: Unit("deg", 0.001, 3),
+        0x606C: Unit("deg/s", 0.001, 3),
+        0x6071: Unit("%", 0.1, 1),
+        0x6072: Unit("%", 0.1, 1),
+        0x6076: Unit("mN m"),
+        0x6077: Unit("%", 0.1, 1),
+    },
+}
+
+
+def si_unit(code: int, decimals: int) -> Unit | None:
+    """The unit of a value by 6131h and 6132h; None for a code that is not in the table."""
+    prefix, symbol = _PREFIXES.get(code >> 24), _SYMBOLS.get(code >> 16 & 0xFF)
+    if code & 0xFFFF or prefix is None or symbol is None:
+        return None
+    name = "N mm" if code == _NEWTON_MILLIMETRE else prefix + symbol
+    return Unit(name, 10.0**-decimals, decimals)
+
+
+def unit_of(product: str, index: int, subindex: int) -> Unit | None:
+    """The unit of an object without 6131h."""
+    if index in range(0x1400, 0x1600) or index in range(0x1800, 0x1A00):
+        return {3: Unit("ms", 0.1, 1), 5: Unit("ms")}.get(subindex)
+    return _COMMUNICATION.get((index, subindex)) or _PRODUCT.get(product, {}).get(index)
+
+
+def _flags(raw: int) -> str:
+    return " ".join((flag.name or "").lower() for flag in ContactFlag if raw & flag) or "none"
+
+
+def _temperature(raw: int) -> str:
+    return "unknown" if raw == TEMPERATURE_UNKNOWN else ""
+
+
+def _method(raw: int) -> str:
+    return next((method.name.lower() for method in Method if method == raw), "")
+
+
+def _drive_state(raw: int) -> str:
+    state = state_of(raw)
+    return "no state of CiA 402" if state is None else state.value
+
+
+def _mode(raw: int) -> str:
+    modes = {
+        1: "profile position",
+        3: "profile velocity",
+        4: "profile torque",
+        8: "cyclic synchronous position",
+    }
+    return (modes | {9: "cyclic synchronous velocity", 10: "cyclic synchronous torque"}).get(raw, "")
+
+
+_CONTROLWORDS = ((0x80, 0x80, "fault reset"), (0x87, 0x06, "shutdown"), (0x8F, 0x07, "switch on"))
+_MORE_CONTROLWORDS = ((0x82, 0x00, "disable voltage"), (0x86, 0x02, "quick stop"), (0x8F, 0x0F, "enable"))
+
+
+def _controlword(raw: int) -> str:
+    """CiA 402: mask, value, command."""
+    words = (*_CONTROLWORDS, *_MORE_CONTROLWORDS)
+    return next((text for mask, value, text in words if raw & mask == value), "")
+
+
+_MEANINGS: dict[str, dict[int, Callable[[int], str]]] = {
+    FINGERTIP: {0x2000: _method, 0x2010: _flags, 0x2020: _temperature},
+    JOINT_DRIVE: {0x6040: _controlword, 0x6041: _drive_state, 0x6060: _mode, 0x6061: _mode},
+}
+
+
+def meaning_of(product: str, index: int, raw: int) -> str:
+    """What a raw value stands for, in words; empty when it is a number and no more."""
+    known = _MEANINGS.get(product, {}).get(index)
+    return known(raw) if known else ""
