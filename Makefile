@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit kernel-test uml-test accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -25,6 +25,11 @@ unit: $(VENV)/dev.stamp  ## pytest, the real-time demo alone at the end; PYTEST_
 	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
+kernel-test: uml-test  ## the tests that need a kernel with SocketCAN
+
+uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux (also part of make test)
+	$(BIN)/pytest -m uml $(PYTEST_ARGS)
+
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
 
@@ -38,7 +43,7 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## what apt has and some tests use: tshark (needs root or sudo)
+system-deps:  ## what apt has and some tests use: tshark, user-mode Linux (needs root or sudo)
 	sh requirements/system-deps.sh
 
 clean:  ## remove the virtual environment, caches and the demo's output

@@ -1,4 +1,4 @@
-"""A hub in a process of its own, and ports on it."""
+"""A hub in a process of its own, real SocketCAN beside it, and ports on them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import can
 import pytest
 from hypothesis import HealthCheck, settings
 
+from kernel_guest import IN_A_KERNEL
 from palpate_edge.bus import Bus, BusConfig, open_bus
-from palpate_host.bus.client import HubBus
 
 # No test depends on how busy the machine is.
 settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -73,14 +73,31 @@ def hub(start_hub: Callable[..., HubProcess]) -> HubProcess:
     return start_hub("--txqueuelen", "16")
 
 
+@pytest.fixture(params=["hub", *IN_A_KERNEL])
+def any_bus(request: pytest.FixtureRequest) -> BusConfig:
+    """A bus that is there: the hub's, or vcan0 in a kernel that has SocketCAN."""
+    if request.param == "hub":
+        return BusConfig(interface="palpate", channel=str(request.getfixturevalue("hub").path))
+    return BusConfig(interface="socketcan", channel=request.getfixturevalue("vcan").name)
+
+
 @pytest.fixture
-def open_port(tmp_path: Path) -> Iterator[Callable[..., can.BusABC]]:
-    """Opens python-can buses on tmp_path/hub.sock and shuts them down at the end."""
+def bus_config(request: pytest.FixtureRequest, tmp_path: Path) -> BusConfig:
+    """The bus of `any_bus` in a test that uses it, else the hub on tmp_path/hub.sock, running or not."""
+    if "any_bus" in request.fixturenames:
+        return request.getfixturevalue("any_bus")
+    return BusConfig(interface="palpate", channel=str(tmp_path / "hub.sock"))
+
+
+@pytest.fixture
+def open_port(bus_config: BusConfig) -> Iterator[Callable[..., can.BusABC]]:
+    """Opens python-can buses on `bus_config` and shuts them down at the end."""
     with ExitStack() as ports:
 
         def open_one(name: str, **options: object) -> can.BusABC:
-            port = can.Bus(interface="palpate", channel=str(tmp_path / "hub.sock"), name=name, **options)
-            assert isinstance(port, HubBus)
+            if bus_config.interface == "palpate":
+                options["name"] = name
+            port = can.Bus(interface=bus_config.interface, channel=bus_config.channel, **options)
             ports.callback(port.shutdown)
             return port
 
@@ -88,11 +105,10 @@ def open_port(tmp_path: Path) -> Iterator[Callable[..., can.BusABC]]:
 
 
 @pytest.fixture
-def open_edge(tmp_path: Path) -> Iterator[Callable[..., Bus]]:
+def open_edge(bus_config: BusConfig) -> Iterator[Callable[..., Bus]]:
     """The same through palpate_edge.bus."""
-    config = BusConfig(interface="palpate", channel=str(tmp_path / "hub.sock"))
     with ExitStack() as buses:
-        yield lambda name, accept_ids=None: buses.enter_context(open_bus(config, name, accept_ids))
+        yield lambda name, accept_ids=None: buses.enter_context(open_bus(bus_config, name, accept_ids))
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,14 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import can
 import canopen
 import pytest
 
+from kernel_guest import IN_A_KERNEL
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
@@ -66,10 +68,9 @@ def sdo() -> Callable[[Slave, str], str | None]:
 
 
 @contextmanager
-def master_of(process: Process) -> Iterator[canopen.Network]:
+def master_of(process: Process, interface: str, channel: str) -> Iterator[canopen.Network]:
     """A master of the `canopen` package on a bus of its own, with a thread that serves `process`."""
-    channel = uuid.uuid4().hex
-    with can.Bus(channel, interface="virtual") as slave_bus:
+    with can.Bus(channel, interface=interface) as slave_bus:
         stop = threading.Event()
 
         def serve() -> None:
@@ -87,7 +88,7 @@ def master_of(process: Process) -> Iterator[canopen.Network]:
 
         network = canopen.Network()
         network.NOTIFIER_CYCLE = 0.05  # its reader waits this long before it ends
-        network.connect(channel=channel, interface="virtual")
+        network.connect(channel=channel, interface=interface)
         thread = threading.Thread(target=serve)
         thread.start()
         try:
@@ -98,6 +99,9 @@ def master_of(process: Process) -> Iterator[canopen.Network]:
             network.disconnect()
 
 
-@pytest.fixture
-def canopen_master() -> Callable[[Process], object]:
-    return master_of
+@pytest.fixture(params=["virtual", *IN_A_KERNEL])
+def canopen_master(request: pytest.FixtureRequest) -> Callable[[Process], object]:
+    """`master_of` on python-can's in-process bus, and on vcan0 in a kernel that has SocketCAN."""
+    if request.param == "virtual":
+        return partial(master_of, interface="virtual", channel=uuid.uuid4().hex)
+    return partial(master_of, interface="socketcan", channel=request.getfixturevalue("vcan").name)

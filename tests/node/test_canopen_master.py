@@ -109,6 +109,8 @@ def test_remapping_a_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -
 
 def test_reset_gives_boot_up_and_defaults(master: canopen.RemoteNode) -> None:
     master.sdo[0x1017].raw = 0
+    booted = threading.Event()  # wait_for_bootup() misses one that comes before it waits
+    master.network.subscribe(0x710, lambda _id, data, _stamp: data == b"\0" and booted.set())
     master.nmt.send_command(0x82)
-    master.nmt.wait_for_bootup(WAIT_S)
+    assert booted.wait(WAIT_S)
     assert master.sdo[0x1017].raw == 100

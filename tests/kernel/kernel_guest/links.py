@@ -1,0 +1,92 @@
+"""CAN interfaces for the tests inside: a virtual one, and one with a cable that the test itself drains."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import struct
+import subprocess
+import termios
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+N_SLCAN = 17  # linux/tty.h
+
+
+def ip(*words: object) -> None:
+    """``ip`` of iproute2, in one breath: ip("link", "set", "vcan0", "up")."""
+    subprocess.run(["ip", *map(str, words)], check=True)
+
+
+class Link:
+    """A network interface of the kernel."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def up(self) -> None:
+        ip("link", "set", self.name, "up")
+
+    def down(self) -> None:
+        ip("link", "set", self.name, "down")
+
+    def delete(self) -> None:
+        ip("link", "delete", self.name)
+
+    @property
+    def exists(self) -> bool:
+        return Path("/sys/class/net", self.name).exists()
+
+
+class SerialLink(Link):
+    """The kernel's slcan driver on a pseudo terminal: the test is the CAN controller at the other end.
+
+    A frame whose text nobody reads waits in the driver, the next ones in the interface's transmit queue.
+    """
+
+    def __init__(self, txqueuelen: int) -> None:
+        self._wire, self._terminal = pty.openpty()
+        self._unread = b""
+        tty.setraw(self._terminal)
+        fcntl.ioctl(self._terminal, termios.TIOCSETD, struct.pack("i", N_SLCAN))
+        name = fcntl.ioctl(self._terminal, 0x8910, bytes(16))  # SIOCGIFNAME
+        super().__init__(name.rstrip(b"\0").decode())
+        ip("link", "set", self.name, "txqueuelen", txqueuelen, "up")
+
+    def read_lines(self, count: int) -> list[str]:
+        """The next frames on the cable, as slcan text: ``t`` id (3 digits) length data."""
+        while self._unread.count(b"\r") < count:
+            self._unread += os.read(self._wire, 32)
+        *lines, self._unread = self._unread.split(b"\r", count)
+        return [line.decode() for line in lines]
+
+    def write(self, text: bytes) -> None:
+        """What the controller says, as slcan text."""
+        os.write(self._wire, text)
+
+    def close(self) -> None:
+        os.close(self._wire)
+        os.close(self._terminal)
+
+
+@pytest.fixture
+def vcan() -> Iterator[Link]:
+    """A fresh vcan0, up."""
+    ip("link", "add", "vcan0", "type", "vcan")
+    link = Link("vcan0")
+    link.up()
+    yield link
+    if link.exists:
+        link.delete()
+
+
+@pytest.fixture
+def serial_link() -> Iterator[SerialLink]:
+    """A CAN interface with room for 10 frames, whose cable nobody reads but the test."""
+    link = SerialLink(txqueuelen=10)
+    yield link
+    link.close()

@@ -1,0 +1,55 @@
+"""User-mode Linux: Debian's kernel as a process, on a read-only view of this machine's own files.
+
+No image, no root and no KVM: the Python outside is the Python inside. It brings SocketCAN (vcan, slcan),
+network namespaces and I2C stubs; it has no V4L2.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from kernel_guest.run import Inside
+
+INIT = Path(__file__).with_name("user-mode-init.sh")
+SHARED = Path("/run/shared")  # where the init mounts the shared folder
+TEMPORARY = "/run/tmp"
+
+
+class UserModeLinux:
+    """A `Machine`."""
+
+    name = "user-mode-linux"
+    limit_s = 600.0
+
+    def missing(self) -> str | None:
+        for tool, package in (("linux.uml", self.name), ("ip", "iproute2"), ("insmod", "kmod")):
+            if shutil.which(tool, path=_search_path()) is None:
+                return f"{package} is missing: make system-deps"
+        return None
+
+    def inside(self, project: Path, folder: Path) -> Inside:  # noqa: ARG002 - files are where they are outside
+        environment = {
+            "PATH": _search_path(),
+            "HOME": TEMPORARY,
+            "TMPDIR": TEMPORARY,
+            "PYTHONPATH": os.environ.get("PYTHONPATH", ""),
+            "HYPOTHESIS_STORAGE_DIRECTORY": f"{TEMPORARY}/hypothesis",
+        }
+        return Inside(project, SHARED, Path(sys.executable), environment)
+
+    def command(self, folder: Path) -> list[str]:
+        return [
+            "linux.uml",
+            "mem=2G",  # a bound; the kernel takes what it touches
+            *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"),
+            *(f"init={INIT}", f"SHARED={folder}"),  # what the kernel does not know is init's environment
+            *("quiet", "con=null", "con0=null,fd:1"),
+            f"uml_dir={folder}/",
+        ]
+
+
+def _search_path() -> str:
+    return f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/sbin"
