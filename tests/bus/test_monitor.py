@@ -97,6 +97,15 @@ def test_a_fingertips_values_have_names_and_units():
     assert said(0x490, struct.pack("<hHHB", 412, 3, 0, 128).hex()).readings[0].text == "41.2 degC"
 
 
+def test_the_hosts_time_stamp_is_one_frame_for_all_fingertips():
+    """RPDO 1 of every fingertip, 1FFh, carries 1013h."""
+    stamp = said(0x1FF, struct.pack("<I", 123_456_789).hex())
+    assert (stamp.service, stamp.node_id, stamp.text) == (Service.RPDO, None, "RPDO 1")
+    assert [(r.name, r.value, r.unit) for r in stamp.readings] == [
+        ("High resolution time stamp", 123_456_789, "us")
+    ]
+
+
 def test_a_drives_values_have_names_and_units():
     rpdo = said(0x203, struct.pack("<Hbh", 0x0F, 10, -25).hex())
     assert (rpdo.service, rpdo.text) == (Service.RPDO, "RPDO 1")

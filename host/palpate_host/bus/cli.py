@@ -11,6 +11,7 @@ import click
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import ConfigError
 from palpate_edge.stop_signals import on_stop_signal, stop_event
+from palpate_host.bus.budget_cli import budget
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
@@ -169,7 +170,7 @@ def _inject(socket_path: Path, rule: FaultRule) -> None:
     ask(socket_path, Inject(rule))
 
 
-for _command in (check_eds, monitor):
+for _command in (budget, check_eds, monitor):
     bus.add_command(_command)
 
 for _command in fault_rule_options(SOCKET, _inject):

@@ -5,13 +5,13 @@ A decoder remembers only SDO transfers under way, which take several frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from palpate_edge.can_frame import CanFrame
 from palpate_host.bus.candump import LogRecord
-from palpate_host.bus.device import Device, Reading, usual_device
+from palpate_host.bus.device import FINGERTIP_NODES, Device, Reading, usual_device
 from palpate_host.bus.emcy_text import emcy_text, register_text
 from palpate_host.bus.lss_text import lss_text
 from palpate_host.bus.sdo_decode import SdoListener
@@ -69,6 +69,7 @@ class Decoder:
         self._devices: dict[int, Device | None] = dict(devices or {})
         self._usual = usual
         self._sdo: dict[int, SdoListener] = {}
+        self._broadcasts = _broadcasts(self._devices.values()) or _broadcasts([usual(FINGERTIP_NODES[0])])
 
     def device(self, node_id: int) -> Device | None:
         """The node's device; None when nothing is known of it."""
@@ -81,6 +82,10 @@ class Decoder:
         frame = record.frame
         service, node_id = self._service(frame.can_id)
         device = None if node_id is None else self.device(node_id)
+        if service is Service.RPDO and node_id is None:
+            return Decoded(
+                record.stamp_us, frame, service, None, "", *_pdo(self._broadcasts[frame.can_id], frame)
+            )
         name = device.name if device else ("" if node_id is None else f"node 0x{node_id:02X}")
         readings: tuple[Reading, ...] = ()
         if frame.remote:
@@ -99,6 +104,8 @@ class Decoder:
         fixed |= {LSS_TO_MASTER: Service.LSS, LSS_TO_SLAVE: Service.LSS}
         if can_id in fixed:
             return fixed[can_id], None
+        if can_id in self._broadcasts:
+            return Service.RPDO, None
         for device in self._devices.values():
             if device is not None and can_id in device.pdos:
                 label = device.pdos[can_id].label
@@ -122,6 +129,17 @@ class Decoder:
         who = self.device(data[1]) if data[1] else None
         target = who.name if who else (f"node 0x{data[1]:02X}" if data[1] else "all nodes")
         return f"{_NMT_COMMANDS.get(data[0], f'unknown command {data[0]:02X}h')} {target}"
+
+
+def _broadcasts(devices: Iterable[Device | None]) -> dict[int, Device]:
+    """RPDOs whose COB-ID is not their node's: one frame for many, such as the host's time stamp."""
+    return {
+        can_id: device
+        for device in devices
+        if device is not None
+        for can_id, pdo in device.pdos.items()
+        if pdo.label.startswith("R") and can_id & 0x7F != device.node_id
+    }
 
 
 def _pdo(device: Device | None, frame: CanFrame) -> tuple[str, tuple[Reading, ...]]:

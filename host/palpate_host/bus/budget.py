@@ -1,0 +1,211 @@
+"""How much of a bus a hand needs, before anything is bought: every frame that is sent periodically, its bits.
+
+The frames and their lengths are those of the two EDS files. A frame takes 47 + 8 n bits (interframe space
+included) and stuff bits: none at best, floor((34 + 8 n - 1) / 4) at worst (Davis, Burns, Bril, Lukkien,
+Real-Time Systems 35, 2007, 239-272); the mean is counted bit by bit over values that are usual there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from statistics import fmean
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, ObjectDictionary, load_eds
+from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
+from palpate_edge.node.pdo_parameters import pdo_numbers
+from palpate_host.bus.bit_count import frame_bits
+from palpate_host.drives.cia402 import CIA402_EDS
+
+SAMPLES = 200
+FITS_PERCENT = 80.0
+"""Worst-case load up to which a case is said to fit: a fifth is left for what nobody planned, and errors."""
+
+HOST_NODE, FIRST_FINGERTIP, FIRST_DRIVE = 0x7F, 0x10, 1
+NODE_IDS = 127
+
+# What the objects usually carry, as raw values. What is not listed takes the whole range of its type.
+_USUAL: dict[tuple[int, int], tuple[int, int]] = {
+    (0x7130, 1): (-2000, 2000),
+    (0x7130, 2): (-2000, 2000),
+    (0x7130, 3): (1500, 3000),
+    (0x7130, 4): (0, 3000),
+    (0x7130, 5): (-500, 500),
+    (0x7130, 6): (-500, 500),
+    (0x7130, 7): (-500, 500),
+    (0x2010, 0): (4, 5),
+    (0x2011, 0): (200, 255),
+    (0x2014, 0): (2000, 12000),
+    (0x2020, 0): (200, 500),
+    (0x2021, 0): (0, 3),
+    (0x2022, 0): (0, 30),
+    (0x6040, 0): (0x0F, 0x0F),
+    (0x6041, 0): (0x1637, 0x1637),
+    (0x6060, 0): (10, 10),
+    (0x6061, 0): (10, 10),
+    (0x6064, 0): (-60_000, 60_000),
+    (0x606C, 0): (-10_000, 10_000),
+    (0x6071, 0): (-100, 100),
+    (0x6077, 0): (-100, 100),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A hand on a bus. joints: of all fingers together, one drive each.
+
+    sdo_per_s: request and answer, reserved for the master's questions; time_stamps_per_s: 1013h.
+    """
+
+    fingertips: int = 3
+    joints: int = 9
+    frames_per_s: float = 30.0
+    tick_Hz: float = 100.0
+    bitrate: int = 1_000_000
+    heartbeat_ms: float = 100.0
+    time_stamps_per_s: float = 1.0
+    sdo_per_s: float = 20.0
+
+    @property
+    def nodes(self) -> int:
+        return self.fingertips + self.joints + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One kind of frame. per_s: of all senders together; least, mean, worst: bits a frame."""
+
+    name: str
+    length: int
+    per_s: float
+    least: int
+    mean: float
+    worst: int
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """The streams of a case; loads in per cent of the bit rate.
+
+    burst_us: one frame of everything that goes with each tick or camera frame, back to back, at worst.
+    """
+
+    case: Case
+    streams: tuple[Stream, ...]
+    burst_us: float
+
+    @property
+    def mean_percent(self) -> float:
+        return self._percent(stream.per_s * stream.mean for stream in self.streams)
+
+    @property
+    def worst_percent(self) -> float:
+        return self._percent(stream.per_s * stream.worst for stream in self.streams)
+
+    @property
+    def frames_per_s(self) -> float:
+        return sum(stream.per_s for stream in self.streams)
+
+    @property
+    def verdict(self) -> str:
+        """``fits``, ``tight`` (below 100 % at worst) or ``does not fit``."""
+        if self.case.nodes > NODE_IDS or self.worst_percent > 100.0:
+            return "does not fit"
+        in_time = self.burst_us <= 1e6 / self.case.tick_Hz
+        return "fits" if in_time and self.worst_percent <= FITS_PERCENT else "tight"
+
+    def percent_of(self, stream: Stream) -> float:
+        """The stream's mean load."""
+        return self._percent([stream.per_s * stream.mean])
+
+    def _percent(self, bits_per_s: Iterable[float]) -> float:
+        return 100.0 * sum(bits_per_s) / self.case.bitrate
+
+
+def budget(case: Case) -> Budget:
+    """The load of a case."""
+    streams = [
+        *_pdo_streams("fingertip", FINGERTIP_EDS, FIRST_FINGERTIP, case.fingertips, case),
+        *_pdo_streams("drive", CIA402_EDS, FIRST_DRIVE, case.joints, case),
+        _stream("SYNC", 0x080, [b""], case.tick_Hz),
+        _stream("heartbeats", 0x700 + FIRST_FINGERTIP, [b"\x05"], case.nodes * 1000.0 / case.heartbeat_ms),
+    ]
+    dice = Random(0)
+    transfers = [b"\x43" + dice.randbytes(7) for _ in range(SAMPLES)]
+    streams.append(_stream("SDO reserve", 0x600 + FIRST_FINGERTIP, transfers, 2 * case.sdo_per_s))
+    periodic = [stream for stream in streams if stream.name.startswith(("fingertip", "drive", "SYNC"))]
+    fast = [(stream, _senders(stream, case)) for stream in periodic if stream.per_s >= 10.0]
+    burst_us = sum(stream.worst * count for stream, count in fast) * 1e6 / case.bitrate
+    return Budget(case, tuple(stream for stream in streams if stream.per_s), burst_us)
+
+
+def largest_frame_rate(case: Case) -> float:
+    """Camera frames a second at which the worst-case load is FITS_PERCENT; 0 when nothing is left."""
+    none, one = (budget(replace(case, frames_per_s=rate)).worst_percent for rate in (0.0, 1.0))
+    return max(0.0, (FITS_PERCENT - none) / (one - none)) if one > none else 0.0
+
+
+def worst_bits(length: int) -> int:
+    """Bits of a data frame of `length` bytes with as many stuff bits as there can be."""
+    return 47 + 8 * length + (34 + 8 * length - 1) // 4
+
+
+def _senders(stream: Stream, case: Case) -> int:
+    return {"f": case.fingertips, "d": case.joints}.get(stream.name[0], 1)
+
+
+def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: Case) -> list[Stream]:
+    """One stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
+    od, neighbour = load_eds(eds, node_id), load_eds(eds, node_id + 1)
+    streams = []
+    for direction in PdoDirection:
+        for number in pdo_numbers(od, direction):
+            codec = pdo_codec(od, direction, number)
+            name, rate = f"{who} {direction.label} {number}", count * _rate(od, codec, case)
+            if codec.cob_id == pdo_codec(neighbour, direction, number).cob_id:
+                name, rate = "time stamp", case.time_stamps_per_s if count else 0.0
+            streams.append(_stream(name, codec.cob_id, _payloads(codec), rate))
+    return streams
+
+
+def _rate(od: ObjectDictionary, codec: PdoCodec, case: Case) -> float:
+    """Frames a second of one node by the PDO's transmission type and event timer."""
+    index = codec.direction.communication_index + codec.number - 1
+    if codec.direction is PdoDirection.RECEIVE:
+        return case.tick_Hz
+    transmission = od.default_number(index, 2)
+    if 1 <= transmission <= 240:
+        return case.tick_Hz / transmission
+    timer_ms = od.default_number(index, 5) if (index, 5) in od.entries else 0
+    return 1000.0 / timer_ms if timer_ms else case.frames_per_s
+
+
+def _payloads(codec: PdoCodec) -> list[bytes]:
+    dice = Random(0)
+    return [
+        codec.encode({entry.key: dice.randint(*_usual_range(entry)) for entry in codec.layout.entries})
+        for _ in range(SAMPLES)
+    ]
+
+
+def _usual_range(entry: Entry) -> tuple[int, int]:
+    bits = 8 * (entry.size_bytes or 0)
+    signed = entry.data_type.name.startswith("INTEGER")
+    whole = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    return _USUAL.get(entry.key, whole)
+
+
+def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float) -> Stream:
+    length = len(payloads[0])
+    return Stream(
+        name, length, per_s, 47 + 8 * length, _mean_bits(can_id, tuple(payloads)), worst_bits(length)
+    )
+
+
+@cache
+def _mean_bits(can_id: int, payloads: tuple[bytes, ...]) -> float:
+    return fmean(frame_bits(CanFrame(can_id, data)) for data in payloads)

@@ -1,0 +1,66 @@
+"""``palpate-host bus budget``."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+DOES_NOT_FIT = 1
+
+
+@click.command()
+@click.option("--fingertips", type=click.IntRange(0, 100), default=3, show_default=True)
+@click.option("--joints", type=click.IntRange(0, 100), default=3, show_default=True, help="Of each finger.")
+@click.option("--drives", type=click.IntRange(0, 120), help="All drives, instead of --joints.")
+@click.option("--fps", type=click.FloatRange(0, 1000), default=30, show_default=True, help="Camera frames/s.")
+@click.option("--tick", type=click.FloatRange(1, 1000), default=100, show_default=True, help="Host's Hz.")
+@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True)
+@click.option("--heartbeat-ms", type=click.FloatRange(1, 10_000), default=100, show_default=True)
+@click.option(
+    "--time-stamps", type=click.FloatRange(0, 1000), default=1, show_default=True, help="1013h a s."
+)
+@click.option("--sdo", type=click.FloatRange(0, 10_000), default=20, show_default=True, help="Transfers a s.")
+def budget(
+    fingertips: int,
+    joints: int,
+    drives: int | None,
+    fps: float,
+    tick: float,
+    bitrate: int,
+    heartbeat_ms: float,
+    time_stamps: float,
+    sdo: float,
+) -> None:
+    """The bus load of a hand: exact frame lengths, mean and worst-case stuffing, and what fits.
+
+    Exit status 1 when it does not fit.
+
+    \b
+    palpate-host bus budget
+    palpate-host bus budget --joints 5 --fps 120
+    palpate-host bus budget --fingertips 10 --drives 0 --fps 120 --bitrate 500000
+    """
+    from rich.console import Console  # noqa: PLC0415 - no other command of the hub needs it
+
+    from palpate_host.bus.budget import Case  # noqa: PLC0415
+    from palpate_host.bus.budget import budget as budget_of  # noqa: PLC0415
+    from palpate_host.bus.budget_table import show  # noqa: PLC0415
+
+    case = Case(
+        fingertips=fingertips,
+        joints=fingertips * joints if drives is None else drives,
+        frames_per_s=fps,
+        tick_Hz=tick,
+        bitrate=bitrate,
+        heartbeat_ms=heartbeat_ms,
+        time_stamps_per_s=time_stamps,
+        sdo_per_s=sdo,
+    )
+    result = budget_of(case)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 120
+    show(result, console)
+    if result.verdict == "does not fit":
+        sys.exit(DOES_NOT_FIT)

@@ -1,0 +1,109 @@
+"""The budget as pictures in the terminal: a bar for each kind of frame, and a table of usual hands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from palpate_host.bus.budget import FITS_PERCENT, Budget, Case, budget, largest_frame_rate
+
+BAR_WIDTH = 40
+_COLOURS = {"fits": "green", "tight": "yellow", "does not fit": "red"}
+_GROUPS = {"fingertip": "cyan", "drive": "magenta"}
+
+USUAL_CASES = (
+    Case(fingertips=3, joints=9, frames_per_s=30),
+    Case(fingertips=3, joints=9, frames_per_s=120),
+    Case(fingertips=3, joints=15, frames_per_s=30),
+    Case(fingertips=3, joints=15, frames_per_s=120),
+    Case(fingertips=5, joints=15, frames_per_s=120),
+    Case(fingertips=10, joints=0, frames_per_s=120),
+    Case(fingertips=10, joints=9, frames_per_s=120),
+    Case(fingertips=10, joints=15, frames_per_s=120),
+    Case(fingertips=10, joints=30, frames_per_s=120),
+)
+
+
+def breakdown(result: Budget) -> RenderableType:
+    """Each kind of frame of one case, with a bar of its mean load."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("frame")
+    for title in ("bytes", "a second", "bits mean", "worst", "load %"):
+        table.add_column(title, justify="right")
+    table.add_column(f"of {result.case.bitrate / 1000:g} kbit/s", width=BAR_WIDTH)
+    largest = max(result.percent_of(stream) for stream in result.streams)
+    for stream in result.streams:
+        percent = result.percent_of(stream)
+        colour = _GROUPS.get(stream.name.split()[0], "blue")
+        table.add_row(
+            stream.name,
+            str(stream.length),
+            f"{stream.per_s:.0f}",
+            f"{stream.mean:.1f}",
+            str(stream.worst),
+            f"{percent:.2f}",
+            bar(percent, largest, colour),
+        )
+    return Group(table, summary(result))
+
+
+def summary(result: Budget) -> Text:
+    """The sum, and what it means."""
+    case = result.case
+    text = Text(
+        f"{case.fingertips} fingertips at {case.frames_per_s:g} FPS, {case.joints} drives at "
+        f"{case.tick_Hz:g} Hz, {result.frames_per_s:.0f} frames/s: {result.mean_percent:.1f} % mean, "
+        f"{result.worst_percent:.1f} % at worst, "
+    )
+    text.append(result.verdict, style=_COLOURS[result.verdict])
+    text.append(
+        f" (up to {FITS_PERCENT:g} % fits).\nEverything at once takes {result.burst_us / 1000:.1f} ms "
+        f"of a tick of {1000 / case.tick_Hz:g} ms."
+    )
+    if case.fingertips:
+        text.append(f" The cameras may run at up to {largest_frame_rate(case):.0f} FPS.")
+    return text
+
+
+def usual_hands(like: Case) -> Table:
+    """USUAL_CASES with the tick, bit rate and reserves of `like`."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for title in ("fingertips", "drives", "FPS", "frames/s", "mean %", "worst %"):
+        table.add_column(title, justify="right")
+    table.add_column("worst case", width=BAR_WIDTH)
+    table.add_column("verdict")
+    for usual in USUAL_CASES:
+        case = replace(
+            like, fingertips=usual.fingertips, joints=usual.joints, frames_per_s=usual.frames_per_s
+        )
+        result = budget(case)
+        colour = _COLOURS[result.verdict]
+        table.add_row(
+            str(case.fingertips),
+            str(case.joints),
+            f"{case.frames_per_s:g}",
+            f"{result.frames_per_s:.0f}",
+            f"{result.mean_percent:.1f}",
+            f"{result.worst_percent:.1f}",
+            bar(min(result.worst_percent, 100.0), 100.0, colour),
+            Text(result.verdict, style=colour),
+        )
+    return table
+
+
+def bar(value: float, full: float, colour: str) -> Text:
+    """A bar of BAR_WIDTH characters at `full`, to an eighth of a character."""
+    eighths = round(8 * BAR_WIDTH * value / full) if full else 0
+    rest = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
+    return Text("█" * (eighths // 8) + rest, style=colour)
+
+
+def show(result: Budget, console: Console) -> None:
+    """Everything about one case, then the usual hands on the same bus."""
+    console.print(breakdown(result))
+    console.print()
+    console.print(usual_hands(result.case))
