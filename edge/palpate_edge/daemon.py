@@ -103,7 +103,7 @@ def _serve(
 
 
 def _publish(node: FingertipNode, contact: Contact, pixels: PixelThread, clock: Callable[[], int]) -> None:
-    node.report_health(Health(None, pixels.source.dropped, 0))
+    node.report_health(Health(None, pixels.source.dropped, 0, pixels.estimator.health.drift_px))
     node.publish(contact, clock() - contact.exposed_at_us)
 
 
@@ -134,5 +134,6 @@ def _summary(config: FingertipConfig, pixels: PixelThread) -> str:
     health = pixels.estimator.health
     return (
         f"{config.name}: {health.frames} frames, {pixels.source.dropped} dropped, {health.refused} refused, "
-        f"{health.beads_lost} beads lost, {health.searches} whole-image searches"
+        f"{health.beads_lost} beads lost, {health.searches} whole-image searches, "
+        f"{health.drift_px:.2f} px drift"
     )

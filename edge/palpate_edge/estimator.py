@@ -15,6 +15,7 @@ from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_con
 from palpate_edge.contact_type import Contact, Vector3, refused_contact
 from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader
+from palpate_edge.drift import Drift, Skin
 from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion
@@ -50,12 +51,14 @@ NO_TOUCH = _Touch(None, 0.0, (0.0, 0.0, 0.0), None)
 
 @dataclass(frozen=True, slots=True)
 class EstimatorHealth:
-    """Counters since the start: frames seen and refused, beads lost (sum), whole-image searches."""
+    """Counters since the start: frames seen and refused, beads lost (sum), whole-image searches; drift_px:
+    how far the untouched skin has gone since the reference frames or the last tare, root mean square."""
 
     frames: int
     refused: int
     beads_lost: int
     searches: int
+    drift_px: float
 
 
 class Method(Enum):
@@ -73,7 +76,7 @@ def best_method(calibration: Calibration) -> Method:
 class Estimator:
     """One sensor's estimator: beads, then contact and force by the paper's method or by the correction model.
 
-    It keeps the beads' last places and the tare from frame to frame, and nothing else.
+    It keeps the beads' last places, the tare and the drift from frame to frame, and nothing else.
     """
 
     def __init__(self, calibration: Calibration, method: Method | None = None) -> None:
@@ -97,7 +100,9 @@ class Estimator:
     @property
     def health(self) -> EstimatorHealth:
         counters = self._tracker.counters
-        return EstimatorHealth(counters.frames, self._refused, counters.beads_lost, counters.searches)
+        return EstimatorHealth(
+            counters.frames, self._refused, counters.beads_lost, counters.searches, self._drift.total_px
+        )
 
     def tare(self) -> None:
         """Take the mean of the next `TARE_FRAMES` frames as the untouched sensor.
@@ -116,15 +121,19 @@ class Estimator:
             return self._refuse(frame, reason, 0)
         beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
         found = int(beads.found.sum())
+        if self._tare_left and not self._doubt(beads):
+            self._take_tare(beads)
+            return self._refuse(frame, "tare in progress", found)
+        beads = self._drift.settled(beads)
         reason = self._doubt(beads)
         if reason:
             self._tracker.reset()
             return self._refuse(frame, reason, found)
-        if self._tare_left:
-            self._take_tare(beads)
-            return self._refuse(frame, "tare in progress", found)
         motion_px, threshold_px = self._motion.size_px(beads), self._calibration.contact_threshold_px
-        touched = motion_px > threshold_px
+        skin = self._drift.judge(beads, motion_px, frame.exposed_at_us)
+        if skin is Skin.KNOCKED:
+            return self._refuse(frame, "the beads have moved as one: a knocked camera; tare", found)
+        touched = skin is Skin.TOUCHED
         contact = self._contact(beads) if touched else NO_TOUCH
         if contact.novelty > self._max_novelty + NOISE_NOVELTY * (threshold_px / motion_px) ** 2:
             return self._refuse(
@@ -198,6 +207,7 @@ class Estimator:
         """Measure motion and areas from `rest` on."""
         self._rest = rest
         self._motion = SkinMotion(rest)
+        self._drift = Drift(rest, self._calibration.contact_threshold_px)
         self._mesh = VirtualPointMesh(rest.position_px, self._ring_of)
         self._reader = DisplacementReader(rest.position_px, self._view, self._sensor.markers.radius_mm)
 

@@ -105,7 +105,7 @@ def evaluate_dataset(
         with watch.stage("read image"):
             image = read_image(dataset.path(press), grey=grey)
         with watch.stage("estimate"):
-            contact = estimator.estimate(Frame(image, 0, number, press.frame))
+            contact = estimator.estimate(Frame(image, round(1e6 * press.time_s), number, press.frame))
         answers.append(_Answer(press, contact))
         progress(number + 1, len(presses))
     return _figures(folder.resolve().name, split, estimator.method, answers, watch)

@@ -153,17 +153,18 @@ def test_any_contact_fits_the_objects(contact: Contact, latency_us: int) -> None
         assert objects[0x2010, 0] == 0
 
 
-@given(st.builds(Health, st.none() | st.floats(), st.integers(), st.integers()))
+@given(st.builds(Health, st.none() | st.floats(), st.integers(), st.integers(), st.floats(0, None)))
 def test_any_health_fits_the_objects(health: Health) -> None:
     for (index, subindex), value in encode_health(health).items():
         OD.entry(index, subindex).encode(value)
 
 
 def test_health_in_its_units() -> None:
-    assert encode_health(Health(36.64, 70_000, 200)) == {
+    assert encode_health(Health(36.64, 70_000, 200, skin_drift_px=1.234)) == {
         (0x2020, 0): 366,
         (0x2022, 0): 65535,
         (0x2023, 0): 200,
+        (0x2024, 0): 123,
     }
     assert encode_health(Health(None, 0, 0))[0x2020, 0] == 0x7FFF
     assert encode_health(Health(1e9, 0, 0))[0x2020, 0] == 0x7FFE

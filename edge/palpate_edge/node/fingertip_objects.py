@@ -17,6 +17,7 @@ AI_AUTOZERO, AI_STATUS, AI_INPUT = 0x6125, 0x6150, 0x7130
 METHOD, CALIBRATION_HASH = 0x2000, 0x2001
 FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
+SKIN_DRIFT = 0x2024
 
 INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
 TEMPERATURE_UNKNOWN = INT16_MAX
@@ -76,11 +77,13 @@ NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The board's state for TPDO 4. led_level: 0 (off) to 255."""
+    """The board's state for TPDO 4 and 2024h. led_level: 0 (off) to 255; skin_drift_px: how far the untouched
+    skin has gone since the reference frames or the last tare."""
 
     temperature_degC: float | None
     frames_dropped: int
     led_level: int
+    skin_drift_px: float = 0.0
 
 
 def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
@@ -109,7 +112,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
 
 
 def encode_health(health: Health) -> dict[ObjectKey, int]:
-    """The objects of TPDO 4 but 2021h, which goes with the contact."""
+    """The objects of TPDO 4 but 2021h, which goes with the contact, and 2024h."""
     temperature = TEMPERATURE_UNKNOWN
     if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
         temperature = clamp(10 * health.temperature_degC, INT16_MIN, TEMPERATURE_UNKNOWN - 1)
@@ -117,6 +120,7 @@ def encode_health(health: Health) -> dict[ObjectKey, int]:
         (TEMPERATURE, 0): temperature,
         (FRAMES_DROPPED, 0): clamp(health.frames_dropped, 0, UINT16_MAX),
         (LED_LEVEL, 0): clamp(health.led_level, 0, UINT8_MAX),
+        (SKIN_DRIFT, 0): clamp(100 * health.skin_drift_px, 0, UINT16_MAX),
     }
 
 

@@ -1,0 +1,143 @@
+"""Slow drift: where the untouched skin has gone in the image since the reference frames or the last tare.
+
+Warming moves the camera against the dome, changes its focal length and swells the silicone; all of it moves
+the image's beads nearly as one: a shift, a turn, a zoom and two tilts. No press does: at least a quarter of
+its motion is a dent that those six cannot make. So a frame tells drift from touch by itself:
+
+- the skin moved less than the contact threshold: nothing touches, and the drift is followed;
+- it moved more, as one, and no farther than drift can have gone since it was last seen untouched: the same
+  (a touch held the drift back and has ended);
+- it moved much more, as one: the camera was knocked. That is no contact, but no frame to believe either until
+  the drift has caught up; only the first frames ever may be any way off, as the calibration may be old;
+- anything else is a touch, and the drift stands still however long it lasts.
+
+A touch that grows too slowly for the threshold loses at most its part that looks like drift: the dent that
+remains beside it is followed up to one threshold and no farther.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.tracking import Beads, Reference, distances
+
+Array = NDArray[np.float64]
+
+MAX_RATE_PX_S = 0.05  # 3 pixels in a minute
+MAX_TOTAL_PX = 6.0  # about a quarter of the beads' spacing
+SETTLING_S = 0.2  # time constant; lags the fastest drift by half a contact threshold
+DENT_SETTLING_S = 2.0
+DENT_SPACINGS = 1.4  # of the neighbourhood that a dent is averaged over
+MAX_DENT_NOISE = 0.5  # of a motion as one, in contact thresholds; frames of the sample stay below 0.41
+MAX_DENT_SHARE = 0.06  # of a motion as one: parallax and swelling leave up to 0.053, a press 0.25 or more
+MOTIONS = 6
+KNOCKED = 4.0  # contact thresholds: no press of this size can be taken for a motion as one
+
+
+class Skin(Enum):
+    """What a frame says of the whole skin."""
+
+    UNTOUCHED = "untouched"
+    TOUCHED = "touched"
+    KNOCKED = "knocked"
+
+
+class Drift:
+    """Follows one sensor's drift; time is each frame's exposure time."""
+
+    def __init__(self, rest: Reference, threshold_px: float) -> None:
+        """rest: the untouched beads; threshold_px: skin motion above which something touches."""
+        self._rest_px = rest.position_px
+        self._threshold_px = threshold_px
+        near = distances(rest.position_px, rest.position_px) / rest.spacing_px[:, None]
+        self._around = np.exp(-0.5 * (near / DENT_SPACINGS) ** 2)
+        self._modes = camera_motions(rest.position_px)
+        self._fit = np.linalg.pinv(self._modes.reshape(-1, MOTIONS))
+        self._whole_px = np.zeros_like(rest.position_px)
+        self._dent_px = np.zeros_like(rest.position_px)
+        self._followed_at_us: int | None = None
+        self._catching_up = False
+
+    @property
+    def total_px(self) -> float:
+        """Root mean square of the drift over the beads."""
+        return _rms(self._whole_px + self._dent_px)
+
+    def settled(self, beads: Beads) -> Beads:
+        """The beads as they would be seen without the drift."""
+        return Beads(beads.position_px - self._whole_px - self._dent_px, beads.found, beads.searched)
+
+    def judge(self, beads: Beads, motion_px: float, at_us: int) -> Skin:
+        """Whether something touches, and the drift followed when nothing does.
+
+        beads: settled; motion_px: their SkinMotion.size_px; at_us: exposure time.
+        """
+        touched = motion_px > self._threshold_px
+        whole_px, dent_px = self._split(beads)
+        skin = Skin.UNTOUCHED
+        if touched:
+            skin = self._moved_as_one(motion_px, whole_px, self._size(dent_px, beads.found), at_us)
+        self._catching_up = skin is Skin.KNOCKED
+        if skin is not Skin.TOUCHED:
+            self._follow(whole_px, dent_px, at_us)
+        return skin
+
+    def _moved_as_one(self, motion_px: float, whole_px: Array, dent_size_px: float, at_us: int) -> Skin:
+        """What a motion above the threshold is."""
+        if dent_size_px > MAX_DENT_NOISE * self._threshold_px + MAX_DENT_SHARE * motion_px:
+            return Skin.TOUCHED
+        if _rms(whole_px) <= min(MAX_RATE_PX_S * self._elapsed_s(at_us), self._room_px()):
+            return Skin.UNTOUCHED
+        knocked = self._catching_up or motion_px > KNOCKED * self._threshold_px
+        return Skin.KNOCKED if knocked else Skin.TOUCHED
+
+    def _follow(self, whole_px: Array, dent_px: Array, at_us: int) -> None:
+        elapsed_s = self._elapsed_s(at_us)
+        self._followed_at_us = at_us
+        size_px = max(_rms(whole_px), 1e-12)
+        share = min(1.0 - np.exp(-elapsed_s / SETTLING_S), MAX_RATE_PX_S * elapsed_s / size_px)
+        self._whole_px = self._whole_px + min(share, self._room_px() / size_px) * whole_px
+        self._dent_px = self._dent_px + (1.0 - np.exp(-elapsed_s / DENT_SETTLING_S)) * dent_px
+        limit_px = self._threshold_px + MAX_DENT_SHARE * _rms(self._whole_px)
+        self._dent_px *= min(1.0, limit_px / max(_rms(self._dent_px), 1e-12))
+
+    def _elapsed_s(self, at_us: int) -> float:
+        """Since the drift was last followed; before that, as long as one likes."""
+        if self._followed_at_us is None:
+            return np.inf
+        return max(0.0, 1e-6 * (at_us - self._followed_at_us))
+
+    def _room_px(self) -> float:
+        return max(0.0, MAX_TOTAL_PX - _rms(self._whole_px))
+
+    def _split(self, beads: Beads) -> tuple[Array, Array]:
+        """The beads' motion (n, 2) as one, and what is beside it: 0 for beads that were not found."""
+        seen, moved = beads.found, beads.position_px - self._rest_px
+        if seen.all():
+            whole = self._modes @ (self._fit @ moved.ravel())
+            return whole, moved - whole
+        modes = self._modes[seen].reshape(-1, MOTIONS)
+        whole = self._modes @ np.linalg.solve(modes.T @ modes, modes.T @ moved[seen].ravel())
+        return whole, np.where(seen[:, None], moved - whole, 0.0)
+
+    def _size(self, dent_px: Array, seen: NDArray[np.bool_]) -> float:
+        """Root mean square, over the found beads, of the dent averaged over each one's neighbourhood."""
+        weight = self._around if seen.all() else self._around[np.ix_(seen, seen)]
+        return _rms(weight @ dent_px[seen] / weight.sum(axis=1, keepdims=True))
+
+
+def camera_motions(position_px: Array) -> Array:
+    """(n, 2, 6): motion of beads at (n, 2) by a shift in x and in y, a turn, a zoom and two tilts."""
+    centred = position_px - position_px.mean(axis=0)
+    x, y = (centred / np.abs(centred).max()).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    motions = (one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)
+    return np.stack([np.stack(motion, axis=1) for motion in motions], axis=2)
+
+
+def _rms(motion_px: Array) -> float:
+    """Of (n, 2) vectors."""
+    return float(np.sqrt((motion_px**2).sum(axis=1).mean())) if len(motion_px) else 0.0
