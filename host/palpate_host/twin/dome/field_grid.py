@@ -41,6 +41,16 @@ def ring_directions() -> Array:
     return np.concatenate(rows)
 
 
+def mirror_order() -> NDArray[np.intp]:
+    """(361,): which of :func:`ring_directions` is the mirror image, y -> -y, of each."""
+    first, order = 1, [0]
+    for ring in range(1, RINGS):
+        count = POINTS_A_RING * ring
+        order += [first + (-point) % count for point in range(count)]
+        first += count
+    return np.array(order, dtype=np.intp)
+
+
 def largest_depth_mm(theta_rad: float | Array, probe: Probe, outer_radius_mm: float = 30.0) -> Array:
     """How deep the library goes: DEEPEST_MM, less (and smoothly so) where a plate comes near the base."""
     theta_rad = np.asarray(theta_rad, dtype=np.float64)

@@ -78,18 +78,23 @@ class FieldLibrary:
         directions: (q, 3) unit vectors in F of points on the bead sphere. Raises ConfigError outside of the
         grid: theta above 75 deg, depth above :meth:`largest_depth_mm`, a slide above 0.4 of the depth.
         """
+        solved = self.solved(theta_rad, depth_mm, shear_mm, probe)
+        moved = ring_weights(_turned(directions, -azimuth_rad)) @ solved.displacement_mm
+        return Field(_turned(moved, azimuth_rad), _turned(solved.force_per_mu_mm2, azimuth_rad))
+
+    def solved(
+        self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe = Probe.PLATE
+    ) -> Field:
+        """:meth:`field` on the library's own directions (d, 3) with the contact at azimuth 0."""
         rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
         needed = (plain != 0) | (mirrored != 0)
         rows, plain, mirrored = rows[needed], plain[needed], mirrored[needed]
-        solved = self.displacement_mm[rows]
-        there = ring_weights(_turned(directions, -azimuth_rad))
-        moved = there @ np.tensordot(plain, solved, 1)
-        force = plain @ self.force_per_mu_mm2[rows]
+        fields, forces = self.displacement_mm[rows], self.force_per_mu_mm2[rows]
+        moved, force = np.tensordot(plain, fields, 1), plain @ forces
         if mirrored.any():
-            image = ring_weights(_turned(directions, -azimuth_rad) * MIRROR)
-            moved = moved + (image @ np.tensordot(mirrored, solved, 1)) * MIRROR
-            force = force + (mirrored @ self.force_per_mu_mm2[rows]) * MIRROR
-        return Field(_turned(moved, azimuth_rad), _turned(force, azimuth_rad))
+            moved = moved + np.tensordot(mirrored, fields, 1)[grid.mirror_order()] * MIRROR
+            force = force + (mirrored @ forces) * MIRROR
+        return Field(moved, force)
 
     def _row_weights(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe

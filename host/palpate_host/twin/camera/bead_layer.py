@@ -1,0 +1,58 @@
+"""Beads drawn into one plane: how much of each pixel they cover, exact to a fraction of a per cent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.uint8]
+
+WHOLE = 200  # a pixel wholly on a bead; above it, up to 255, the highlight on the bead
+SMOOTHSTEP_SIGMA = 0.2236  # standard deviation of the smooth step's slope, over its width: sqrt(1/20)
+PIXEL_VARIANCE = 1 / 12
+HIGHLIGHT_RADIUS = 0.3  # of the bead
+
+
+class BeadLayer:
+    """Draws ellipses as smooth steps as wide as the pixels' size and the lens's blur make an edge."""
+
+    def __init__(self, width: int, height: int, softness_px: float, highlight: float) -> None:
+        self._width, self._height = width, height
+        self._edge = np.float32(np.sqrt(PIXEL_VARIANCE + softness_px**2) / SMOOTHSTEP_SIGMA)
+        self._highlight = np.float32(highlight * (255 - WHOLE))
+        self._plane = np.zeros((height, width), dtype=np.uint8)
+
+    def draw(self, centre_px: Array, shape: Array) -> Plane:
+        """centre_px (n, 2), shape (n, 2, 2) of the outlines -> (height, width), valid until the next call."""
+        self._plane[:] = 0
+        extent = float(np.sqrt(max(shape[:, 0, 0].max(), shape[:, 1, 1].max()))) if len(shape) else 0.0
+        reach = int(np.ceil(extent + 0.5 * self._edge)) + 1
+        pixel = np.rint(centre_px).astype(np.intp)
+        far = np.array([self._width, self._height]) + reach
+        near = ((pixel >= -reach) & (pixel < far)).all(axis=1)
+        pixel = pixel[near]
+        patches = self._patches(centre_px[near] - pixel, np.asarray(np.linalg.inv(shape[near])), reach)
+        for (x, y), patch in zip(pixel.tolist(), patches, strict=True):
+            left, right = max(x - reach, 0), min(x + reach + 1, self._width)
+            top, bottom = max(y - reach, 0), min(y + reach + 1, self._height)
+            part = patch[top - y + reach : bottom - y + reach, left - x + reach : right - x + reach]
+            target = self._plane[top:bottom, left:right]
+            np.maximum(target, part, out=target)
+        return self._plane
+
+    def _patches(self, shift_px: Array, inverse: Array, reach: int) -> NDArray[np.uint8]:
+        """(n, side, side) of ellipses shift_px (n, 2) off the middle of their patch."""
+        span = np.arange(-reach, reach + 1, dtype=np.float32)
+        x = span[None, None, :] - shift_px[:, 0, None, None].astype(np.float32)
+        y = span[None, :, None] - shift_px[:, 1, None, None].astype(np.float32)
+        a, b, c = (inverse[:, i, j, None, None].astype(np.float32) for i, j in ((0, 0), (0, 1), (1, 1)))
+        by_x, by_y = a * x + b * y, b * x + c * y
+        radius = np.sqrt(x * by_x + y * by_y) + np.float32(1e-6)  # 1 on the outline
+        slope = np.sqrt(by_x * by_x + by_y * by_y) + np.float32(1e-9)  # its gradient's size, times it
+        inwards_px = (1 - radius) * radius / slope
+        step = np.clip(inwards_px / self._edge + np.float32(0.5), 0, 1)
+        covered = step * step * (3 - 2 * step) * np.float32(WHOLE)
+        if self._highlight:
+            covered += self._highlight * np.clip(1 - radius / np.float32(HIGHLIGHT_RADIUS), 0, 1)
+        return np.asarray(covered + np.float32(0.5)).astype(np.uint8)

@@ -1,0 +1,51 @@
+"""Bead layouts of the sensors that the twin makes up: rings, and a TacTip's hexagonal pins."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import Ring
+
+Array = NDArray[np.float64]
+
+# 85 beads each, as the press dataset's specification names them: (theta_deg, count) ring by ring.
+RINGS: dict[str, tuple[tuple[float, int], ...]] = {
+    "1+6+12+18+24+24": ((0, 1), (15, 6), (30, 12), (45, 18), (60, 24), (75, 24)),
+    "1+6x14": ((0, 1), *((5.7 * ring, 6) for ring in range(1, 15))),
+    "1+7x12": ((0, 1), *((11.4 * ring, 12) for ring in range(1, 8))),
+}
+# 1 + 3 s (s + 1) pins in s shells: (s, polar angle between shells in deg).
+HEXAGONAL = {"tactip-127": (6, 12.0), "tactip-331": (10, 7.3)}
+DIAMETER_MM = {"1+6x14": 2.0, "1+7x12": 2.0, "tactip-127": 2.4, "tactip-331": 1.6}  # where beads stand close
+USUAL_DIAMETER_MM = 3.0
+NAMES = (*RINGS, *HEXAGONAL)
+
+
+def rings(name: str, turn_deg: float) -> tuple[Ring, ...]:
+    """Rings of a layout turned about the apex; none for a hexagonal one.
+
+    Neighbouring rings of equally many beads stand half a spacing apart.
+    """
+    layout = RINGS.get(name, ())
+    found: list[Ring] = []
+    for number, (theta_deg, count) in enumerate(layout):
+        staggered = number % 2 and count == layout[-1][1]
+        found.append(
+            Ring(float(theta_deg), count, round(turn_deg + (180.0 / count if staggered else 0.0), 3))
+        )
+    return tuple(found)
+
+
+def hexagonal_directions(shells: int, step_deg: float, turn_deg: float) -> Array:
+    """(1 + 3 s (s + 1), 3) unit vectors: a flat hexagonal lattice laid on the sphere, distance from the
+    middle becoming polar angle.
+    """
+    span = np.arange(-shells, shells + 1)
+    i, j = (axis.ravel() for axis in np.meshgrid(span, span, indexing="ij"))
+    inside = np.abs(i + j) <= shells
+    flat = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=1)[inside]
+    theta = np.radians(step_deg) * np.linalg.norm(flat, axis=1)
+    phi = np.arctan2(flat[:, 1], flat[:, 0]) + np.radians(turn_deg)
+    across = np.sin(theta)
+    return np.stack([across * np.cos(phi), across * np.sin(phi), np.cos(theta)], axis=1)

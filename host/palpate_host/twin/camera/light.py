@@ -1,0 +1,132 @@
+"""Light on the dome's inner skin: the LEDs' from inside, the room's through the skin; at rest and pressed.
+
+Light varies slowly over the picture, so it lives on every eighth pixel (`STEP`) of every eighth row.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import Sensor, View
+from palpate_host.twin.camera.deformation import AZIMUTHS, skin_directions
+from palpate_host.twin.camera.look import Look
+from palpate_host.twin.dome import field_grid as grid
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+STEP = 8
+LEAST_GAIN, MOST_GAIN = 0.4, 1.8
+BLOCKING_MM = 0.5  # a skin pushed in by so much has something on it that keeps half the room's light out
+PATCH_RADIUS_PX = (60.0, 160.0)
+WRAP = 2  # columns of the polar grid that are repeated on either side
+
+
+class SkinLight:
+    """Light over a camera's picture, 1 where the LEDs' is fullest at rest: (height/8, width/8, 3), BGR."""
+
+    def __init__(self, sensor: Sensor, view: View, look: Look) -> None:
+        rng = np.random.default_rng([look.seed, 1])
+        self._inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
+        self._directions = skin_directions()
+        self._leds_mm, self._led_power = _leds(view, look, rng)
+        self._rest = self._irradiance(self._inner_mm * self._directions, self._inner_mm * self._directions)
+        x, y = _coarse_pixels(sensor.camera.width, sensor.camera.height)
+        theta, phi = _polar_coordinates(view, self._inner_mm, x, y)
+        self._ring = (theta / np.radians(grid.RING_STEP_DEG)).astype(np.float32)
+        self._turn = (phi % (2 * np.pi) * AZIMUTHS / (2 * np.pi) + WRAP).astype(np.float32)
+        lens = _vignetting(view, look.vignetting, x, y)
+        leds = self._on_picture(self._rest.astype(np.float32)[..., None]) * lens
+        self._leds: Floats = leds / leds.max() * np.ones(3, dtype=np.float32)
+        self._ambient: Floats = _ambient(x, y, look, rng) * lens
+
+    def at_rest(self) -> Floats:
+        return self._leds + self._ambient
+
+    def pressed(self, skin_mm: Array) -> Floats:
+        """skin_mm: the displacement of the polar grid (:class:`Deformation`)."""
+        rest_mm = self._inner_mm * self._directions
+        moved = rest_mm + skin_mm
+        gain = self._irradiance(moved, _normals(moved)) / self._rest
+        gain[0] = gain[1].mean()  # all of row 0 is the pole, where the grid has no normal
+        inward_mm = np.clip(-(skin_mm * self._directions).sum(axis=2), 0, None)
+        shade = 1 / (1 + (inward_mm / BLOCKING_MM) ** 2)
+        both = np.stack([np.clip(gain, LEAST_GAIN, MOST_GAIN), shade], axis=2).astype(np.float32)
+        picture = self._on_picture(both)
+        return np.asarray(self._leds * picture[..., :1] + self._ambient * picture[..., 1:])
+
+    def _irradiance(self, points_mm: Array, outward: Array) -> Array:
+        """(rings, azimuths) of Lambert's law for skin and LEDs, which are points that look along +z."""
+        total = np.zeros(points_mm.shape[:2])
+        length = np.maximum(np.sqrt(np.einsum("raj,raj->ra", outward, outward)), 1e-9)
+        for led_mm, power in zip(self._leds_mm, self._led_power, strict=True):
+            way = points_mm - led_mm
+            distance2 = np.einsum("raj,raj->ra", way, way)
+            # cos at the skin times cos at the LED over distance^2; way's length cancels into one square.
+            cosine = np.einsum("raj,raj->ra", way, outward) / length
+            total += power * np.maximum(cosine * way[..., 2], 0.05 * distance2) / distance2**2
+        return total
+
+    def _on_picture(self, polar: Floats) -> Floats:
+        """(rings, azimuths, k) -> (height/8, width/8, k)."""
+        wrapped = np.concatenate([polar[:, -WRAP:], polar, polar[:, : WRAP + 1]], axis=1)
+        border = cv2.BORDER_REPLICATE
+        mapped = cv2.remap(wrapped, self._turn, self._ring, cv2.INTER_CUBIC, borderMode=border)
+        return np.asarray(mapped.reshape(*self._ring.shape, -1), dtype=np.float32)
+
+
+def _leds(view: View, look: Look, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Places (k, 3) in F and powers (k,)."""
+    angle = 2 * np.pi * (np.arange(look.leds) + rng.uniform()) / look.leds
+    ring = look.led_ring_mm * np.stack([np.cos(angle), np.sin(angle), np.zeros(look.leds)], axis=1)
+    places = view.position_mm + ring + np.array([0.0, 0.0, look.led_ahead_mm])
+    return places, 1 - look.led_unevenness * rng.uniform(0, 1, look.leds)
+
+
+def _normals(points_mm: Array) -> Array:
+    """Outward normals (rings, azimuths, 3) of a polar grid of points, of any length."""
+    along = np.empty_like(points_mm)
+    along[1:-1] = points_mm[2:] - points_mm[:-2]
+    along[0] = along[1]
+    along[-1] = points_mm[-1] - points_mm[-2]
+    around = np.roll(points_mm, -1, axis=1) - np.roll(points_mm, 1, axis=1)
+    return np.cross(along, around)
+
+
+def _coarse_pixels(width: int, height: int) -> tuple[Array, Array]:
+    """Pixel coordinates of every eighth pixel, each (height/8, width/8), as cv2.resize places them."""
+    x = STEP * np.arange(-(-width // STEP)) + (STEP - 1) / 2
+    y = STEP * np.arange(-(-height // STEP)) + (STEP - 1) / 2
+    columns, rows = np.meshgrid(x, y)
+    return columns, rows
+
+
+def _polar_coordinates(view: View, radius_mm: float, x: Array, y: Array) -> tuple[Array, Array]:
+    """Polar angle and azimuth, each as x, of the inner skin behind pixels; beside the dome: its rim."""
+    points = view.onto_sphere(np.stack([x.ravel(), y.ravel()], axis=1), radius_mm)
+    theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
+    theta = np.where(np.isnan(theta), np.pi / 2, np.minimum(theta, np.pi / 2))
+    phi = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]))
+    return theta.reshape(x.shape), phi.reshape(x.shape)
+
+
+def _vignetting(view: View, power: float, x: Array, y: Array) -> Floats:
+    """(height/8, width/8, 1) how much light of each direction the lens lets through."""
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+    axis = view.rays(pixels.mean(axis=0, keepdims=True))[0]
+    cosine = np.clip(view.rays(pixels) @ axis, 0.05, 1)
+    return np.asarray(cosine**power, dtype=np.float32).reshape(*x.shape, 1)
+
+
+def _ambient(x: Array, y: Array, look: Look, rng: np.random.Generator) -> Floats:
+    """The room's light through the skin: even, and patches of lamps and windows, each of its colour."""
+    light = np.full((*x.shape, 3), 0.5 * look.ambient)
+    for _ in range(look.ambient_patches):
+        middle = rng.uniform([150, 60], [490, 420])
+        radius = rng.uniform(*PATCH_RADIUS_PX)
+        colour = look.ambient * rng.uniform(0.5, 1.5, 3)
+        distance2 = (x - middle[0]) ** 2 + (y - middle[1]) ** 2
+        light += colour * np.exp(-distance2 / (2 * radius**2))[..., None]
+    return light.astype(np.float32)

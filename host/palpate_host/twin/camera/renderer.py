@@ -1,0 +1,113 @@
+"""The frame that a sensor's camera sees: skin, light, beads, what lies over them, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import View
+from palpate_host.twin.camera.bead_ellipse import BeadProjector
+from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
+from palpate_host.twin.camera.deformation import DeformableDome, Deformation, ProbePress
+from palpate_host.twin.camera.light import SkinLight
+from palpate_host.twin.camera.look import TwinSensor
+from palpate_host.twin.camera.noise import NoiseField
+from palpate_host.twin.camera.still import dome_mask, overlay, skin_picture
+from palpate_host.twin.dome.library import FieldLibrary
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+FULL_LIGHT = 128  # of a light picture: 255 is twice as bright
+
+
+class CameraView:
+    """Renders one sensor. The same sensor, press and generator state give the same bytes.
+
+    Beads keep their size and turn with nothing: a 3 mm glass bead in soft silicone; what is drawn of the skin
+    (print, dust) and the LEDs' mirror images stay where they are at rest. Silicone does not refract.
+    """
+
+    def __init__(self, twin: TwinSensor, library: FieldLibrary) -> None:
+        """Raises ConfigError for a dome whose fields the library does not have."""
+        camera, look = twin.sensor.camera, twin.look
+        self.twin = twin
+        self._bead_mm = np.array(twin.bead_mm)
+        self._normal = self._bead_mm / np.linalg.norm(self._bead_mm, axis=1, keepdims=True)
+        self._across_mm = 0.5 * twin.sensor.markers.diameter_mm * np.array(twin.bead_size)
+        self.dome = DeformableDome(library, twin.sensor.dome, self._normal)
+        view = View(camera, twin.pose)
+        self._projector = BeadProjector(camera, twin.pose)
+        self._light = SkinLight(twin.sensor, view, look)
+        self._layer = BeadLayer(camera.width, camera.height, look.softness_px, look.highlight)
+        self._skin = skin_picture(twin.sensor, view, look)
+        self._opening = np.rint(255 * dome_mask(twin.sensor, view, look)).astype(np.uint8)
+        self._over = overlay(twin.sensor, view, look)
+        self._noise = NoiseField(camera.height, camera.width, look.noise_grey, look.seed)
+        self._bead_colour = _colour_table(look.bead_bgr)
+        self._size = (camera.width, camera.height)
+        # Made once: fresh pages cost more than the pixels' arithmetic.
+        self._fine_light, self._beads = np.empty_like(self._skin), np.empty_like(self._skin)
+
+    def frame(
+        self,
+        press: ProbePress | None,
+        rng: np.random.Generator,
+        *,
+        hidden: Collection[int] = (),
+        exposure: float = 1.0,
+    ) -> tuple[Image, Array]:
+        """A fresh image (height, width, 3) and the force (3,) on the dome in F, N; None: nothing touches.
+
+        hidden: numbers of beads that do not show; exposure: multiplies the light; rng: flicker and noise.
+        """
+        if press is None or press.depth_mm <= 0:
+            return self.render(None, rng, hidden=hidden, exposure=exposure), np.zeros(3)
+        deformation = self.dome.press(press)
+        image = self.render(deformation, rng, hidden=hidden, exposure=exposure)
+        return image, deformation.force_per_mu_mm2 * self.twin.shear_modulus_N_mm2
+
+    def outlines(self, deformation: Deformation | None) -> tuple[Array, Array]:
+        """Centres (n, 2) in pixels and shapes (n, 2, 2) of the beads' ellipses, of `twin.bead_mm`'s order."""
+        moved = self._bead_mm if deformation is None else self._bead_mm + deformation.bead_mm
+        return self._projector.outlines(moved, self._normal, self._across_mm, self.twin.look.bead_flatness)
+
+    def render(
+        self,
+        deformation: Deformation | None,
+        rng: np.random.Generator,
+        *,
+        hidden: Collection[int] = (),
+        exposure: float = 1.0,
+    ) -> Image:
+        """As :meth:`frame`, of a deformation that is known."""
+        light = self._light.at_rest() if deformation is None else self._light.pressed(deformation.skin_mm)
+        flicker = max(0.0, 1 + self.twin.look.flicker * float(rng.standard_normal()))
+        coarse = cv2.convertScaleAbs(light, alpha=FULL_LIGHT * exposure * flicker)
+        cv2.resize(coarse, self._size, self._fine_light, interpolation=cv2.INTER_LINEAR)
+        centre_px, shape = self.outlines(deformation)
+        if hidden:
+            shown = np.setdiff1d(np.arange(len(centre_px)), np.fromiter(hidden, dtype=np.intp))
+            centre_px, shape = centre_px[shown], shape[shown]
+        covered = self._layer.draw(centre_px, shape)
+        cv2.multiply(covered, self._opening, covered, scale=1 / 255)
+        bare = cv2.bitwise_not(cv2.convertScaleAbs(covered, alpha=255 / WHOLE))
+        image: Image = np.empty_like(self._skin)
+        cv2.cvtColor(bare, cv2.COLOR_GRAY2BGR, image)
+        cv2.multiply(self._skin, image, image, scale=1 / 255)
+        cv2.add(image, cv2.applyColorMap(covered, self._bead_colour, self._beads), image)
+        cv2.multiply(image, self._fine_light, image, scale=1 / FULL_LIGHT)
+        cv2.add(image, self._over, image)
+        self._noise.add(image, rng)
+        return image
+
+
+def _colour_table(bead_bgr: tuple[float, float, float]) -> Image:
+    """(256, 1, 3) by a bead plane's value: the bead's part of a pixel."""
+    value = np.arange(256.0)[:, None, None]
+    spot = np.clip((value - WHOLE) / (255 - WHOLE), 0, 1)
+    colour = np.minimum(value / WHOLE, 1.0) * np.asarray(bead_bgr) * (1 - spot) + 255 * spot
+    return np.asarray(np.rint(colour), dtype=np.uint8)

@@ -1,0 +1,93 @@
+"""What is the same in every frame of a sensor: the skin's own picture, the dome's rim, what lies over it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.sensor import Sensor, View
+from palpate_host.twin.camera.look import Look
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+TEXT_BLUR_PX = 2.5  # silicone between the print and the camera
+MOTTLE_PX = 9.0
+MOTTLE = 0.02  # relative standard deviation of the skin's brightness
+GLINT_SIGMA_PX = 1.8
+OUTSIDE_MOTTLE_GREY = 2.0
+
+
+def skin_picture(sensor: Sensor, view: View, look: Look) -> Image:
+    """(height, width, 3) the skin under full light: mottled, with print and dust; black beside the dome."""
+    rng = np.random.default_rng([look.seed, 2])
+    height, width = sensor.camera.height, sensor.camera.width
+    relative: Array = 1 + _mottle(rng, height, width, MOTTLE)
+    if look.text:
+        relative = relative * (1 - look.text_contrast * _print(look.text, height, width, rng))
+    for _ in range(look.dust):
+        middle = rng.uniform([0.3 * width, 0.2 * height], [0.7 * width, 0.8 * height])
+        relative = relative * (1 - rng.uniform(0.05, 0.25) * _spot(middle, rng.uniform(1, 2), height, width))
+    bgr = relative[..., None] * np.asarray(look.skin_bgr) * dome_mask(sensor, view, look)[..., None]
+    return np.asarray(np.clip(np.rint(bgr), 0, 255), dtype=np.uint8)
+
+
+def dome_mask(sensor: Sensor, view: View, look: Look) -> Array:
+    """(height, width) 1 where the camera looks into the dome, 0 beside it: the base's opening, as seen."""
+    inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
+    phi = 2 * np.pi * np.arange(360) / 360
+    rim = view.project(inner_mm * np.stack([np.cos(phi), np.sin(phi), np.zeros(360)], axis=1))
+    mask = np.zeros((sensor.camera.height, sensor.camera.width), dtype=np.uint8)
+    bits = 4
+    cv2.fillPoly(mask, [np.rint(rim * 2**bits).astype(np.int32)], 255, cv2.LINE_AA, bits)
+    soft = cv2.GaussianBlur(mask.astype(np.float64) / 255, (0, 0), max(look.softness_px, 0.3))
+    return np.asarray(soft, dtype=np.float64)
+
+
+def overlay(sensor: Sensor, view: View, look: Look) -> Image:
+    """(height, width, 3) light that no bead hides: mirror images of the LEDs, glare, and what is outside."""
+    rng = np.random.default_rng([look.seed, 3])
+    height, width = sensor.camera.height, sensor.camera.width
+    outside = (1 - dome_mask(sensor, view, look)) * (
+        look.outside_grey + _mottle(rng, height, width, OUTSIDE_MOTTLE_GREY)
+    )
+    light: Array = outside
+    inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
+    # A concave mirror of radius r shows a lamp beside the camera, at distance d from its middle, where the
+    # normal halves the angle between lamp and camera: about r / (2 d) of the lamp's offset from the axis.
+    reach_mm = 0.5 * look.led_ring_mm * inner_mm / abs(float(view.position_mm[2]))
+    for angle in 2 * np.pi * (np.arange(look.leds) + rng.uniform()) / look.leds:
+        place = inner_mm * np.array([0.0, 0.0, 1.0]) + reach_mm * np.array([np.cos(angle), np.sin(angle), 0])
+        size = GLINT_SIGMA_PX * rng.uniform(0.6, 1.2)
+        light = light + 255 * look.glints * _spot(view.project(place[None])[0], size, height, width)
+    if look.glare:
+        middle = rng.uniform([0.3 * width, 0.2 * height], [0.7 * width, 0.8 * height])
+        light = light + 255 * look.glare * _spot(middle, rng.uniform(10, 25), height, width)
+    return np.clip(np.rint(np.repeat(light[..., None], 3, axis=2)), 0, 255).astype(np.uint8)
+
+
+def _print(text: str, height: int, width: int, rng: np.random.Generator) -> Array:
+    """(height, width) 0 to 1: a line of print across the dome, turned, as blurred as the wall makes it."""
+    canvas = np.zeros((height, width), dtype=np.uint8)
+    size = float(rng.uniform(1.5, 3.0))
+    (long, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 6)
+    corner = ((width - long) // 2, (height + high) // 2)
+    cv2.putText(canvas, text, corner, cv2.FONT_HERSHEY_SIMPLEX, size, 255, 6, cv2.LINE_AA)
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), float(rng.uniform(0, 360)), 1.0)
+    turn[:, 2] = turn[:, 2] + rng.uniform(-80, 80, 2)
+    turned = cv2.warpAffine(canvas, turn, (width, height))
+    return cv2.GaussianBlur(turned, (0, 0), TEXT_BLUR_PX).astype(np.float64) / 255
+
+
+def _mottle(rng: np.random.Generator, height: int, width: int, deviation: float) -> Array:
+    """Smooth noise (height, width) of the given standard deviation."""
+    noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), MOTTLE_PX)
+    return np.asarray(noise * (deviation / noise.std()))
+
+
+def _spot(middle: Array, sigma_px: float, height: int, width: int) -> Array:
+    """(height, width) a Gaussian spot of height 1."""
+    x = np.exp(-((np.arange(width) - middle[0]) ** 2) / (2 * sigma_px**2))
+    y = np.exp(-((np.arange(height) - middle[1]) ** 2) / (2 * sigma_px**2))
+    return np.outer(y, x)

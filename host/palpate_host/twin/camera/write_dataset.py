@@ -1,0 +1,172 @@
+"""A press dataset of one sensor, as docs/press-dataset.md has it, with the sensor's truth beside it."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.dataset import COLUMNS
+from palpate_edge.errors import DatasetError
+from palpate_edge.sensor import Sensor
+from palpate_host.twin.camera.deformation import ProbePress
+from palpate_host.twin.camera.look import TWIN_FILE, save_twin
+from palpate_host.twin.camera.random_presses import moving_press, random_press
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.dome.probe import Probe
+
+Array = NDArray[np.float64]
+
+UNTOUCHED = 0.1  # frames without touch, of the presses
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One frame to be: its split, its time, what presses, and the beads that do not show."""
+
+    split: str
+    time_s: float
+    press: ProbePress | None
+    hidden: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How many presses to train and to test with (and a tenth more frames without touch), with which
+    probes; hide: the most beads hidden in a frame; references: untouched frames first.
+    """
+
+    train: int
+    test: int
+    probes: tuple[Probe, ...] = (Probe.PLATE,)
+    hide: int = 0
+    references: int = 8
+
+
+def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
+    """Presses at random, train then test, the untouched ones last in each."""
+    rng = np.random.default_rng([seed, 5])
+    shots: list[Shot] = []
+    for split, count in (("train", plan.train), ("test", plan.test)):
+        presses: list[ProbePress | None] = [random_press(view.dome, plan.probes, rng) for _ in range(count)]
+        presses += [None] * round(UNTOUCHED * count)
+        for press in presses:
+            hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
+            shots.append(Shot(split, len(shots) / view.twin.sensor.camera.fps, press, hidden))
+    return shots
+
+
+def one_sequence(view: CameraView, plan: Plan, duration_s: float, seed: int) -> list[Shot]:
+    """A moving contact, frame by frame, all of it test."""
+    rng = np.random.default_rng([seed, 6])
+    fps = view.twin.sensor.camera.fps
+    beads = len(view.twin.bead_mm)
+    times = [number / fps for number in range(round(duration_s * fps))]
+    return [
+        Shot("test", at_s, moving_press(view.dome, plan.probes, at_s, seed), _hidden(beads, plan.hide, rng))
+        for at_s in times
+    ]
+
+
+def write_dataset(
+    folder: Path,
+    view: CameraView,
+    shots: Sequence[Shot],
+    references: int,
+    seed: int,
+    progress: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the whole dataset into a new folder; `progress` is called after each image.
+
+    It takes the folder's name when it is whole. Raises DatasetError where it cannot be written.
+    """
+    fresh = folder.with_name(folder.name + ".new")
+    if folder.exists():
+        raise DatasetError(f"{folder} exists: remove it or give another folder")
+    try:
+        shutil.rmtree(fresh, ignore_errors=True)
+        (fresh / "reference").mkdir(parents=True)
+        (fresh / "frames").mkdir()
+        (fresh / "sensor.toml").write_text(sensor_toml(view.twin.sensor), encoding="utf-8")
+        save_twin(view.twin, fresh / TWIN_FILE)
+        rng = np.random.default_rng([seed, 7])
+        for number in range(references):
+            image, _ = view.frame(None, rng)
+            _save(fresh / "reference" / f"{number:03d}.png", image, view.twin.look.jpeg_quality)
+            progress()
+        with (fresh / "truth.csv").open("w", newline="", encoding="utf-8") as file:
+            truth = csv.writer(file, lineterminator="\n")
+            truth.writerow(COLUMNS)
+            for row in _rows(fresh / "frames", view, shots, rng):
+                truth.writerow(row)
+                progress()
+        fresh.replace(folder)
+    except OSError as error:
+        raise DatasetError(f"{folder} cannot be written: {error.strerror}") from None
+
+
+def sensor_toml(sensor: Sensor) -> str:
+    """The description that a user of the sensor would write."""
+    dome, markers, camera = sensor.dome, sensor.markers, sensor.camera
+    rings = "".join(
+        f"  {{theta_deg = {ring.theta_deg:g}, count = {ring.count}, phi0_deg = {ring.phi0_deg:g}}},\n"
+        for ring in markers.rings
+    )
+    lines = [
+        "[dome]",
+        f"outer_radius_mm = {dome.outer_radius_mm}",
+        f"wall_mm = {dome.wall_mm}",
+        "",
+        "[markers]",
+        f"radius_mm = {markers.radius_mm}",
+        f"diameter_mm = {markers.diameter_mm}",
+        *([f"rings = [\n{rings}]"] if rings else []),
+        "",
+        "[camera]",
+        f'model = "{camera.model}"',
+        f"width = {camera.width}",
+        f"height = {camera.height}",
+        f"matrix = {list(camera.matrix)}",
+        f"distortion = {list(camera.distortion)}",
+        f"position_mm = {list(camera.position_mm)}",
+        f"fps = {camera.fps}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(
+    folder: Path, view: CameraView, shots: Sequence[Shot], rng: np.random.Generator
+) -> Iterator[list[str]]:
+    """Writes each frame and gives its row of truth.csv."""
+    radius_mm = view.twin.sensor.dome.outer_radius_mm
+    for number, shot in enumerate(shots):
+        image, force_N = view.frame(shot.press, rng, hidden=shot.hidden)
+        name = f"{shot.split}_{number:05d}.jpg"
+        _save(folder / name, image, view.twin.look.jpeg_quality)
+        start = [name, shot.split, f"{shot.time_s:.4f}"]
+        if shot.press is None:
+            yield [*start, "", "", "", "0", "0", "0", "0", "none", str(len(shot.hidden))]
+            continue
+        outward = shot.press.outward
+        numbers = [*(f"{value:.4f}" for value in radius_mm * outward), f"{max(0.0, -force_N @ outward):.5f}"]
+        numbers += [f"{value:.5f}" for value in force_N]
+        yield [*start, *numbers, shot.press.probe.label, str(len(shot.hidden))]
+
+
+def _hidden(beads: int, most: int, rng: np.random.Generator) -> tuple[int, ...]:
+    if not most:
+        return ()
+    return tuple(rng.choice(beads, int(rng.integers(0, most + 1)), replace=False).tolist())
+
+
+def _save(path: Path, image: NDArray[np.uint8], jpeg_quality: int) -> None:
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if path.suffix == ".jpg" else []
+    ok, data = cv2.imencode(path.suffix, image, options)
+    assert ok
+    path.write_bytes(data.tobytes())
