@@ -160,11 +160,16 @@ def test_any_health_fits_the_objects(health: Health) -> None:
 
 
 def test_health_in_its_units() -> None:
-    assert encode_health(Health(36.64, 70_000, 200, skin_drift_px=1.234)) == {
+    health = Health(36.64, 70_000, 200, 1.234, 3, 4, 2**32 + 5)
+    assert encode_health(health) == {
         (0x2020, 0): 366,
         (0x2022, 0): 65535,
         (0x2023, 0): 200,
         (0x2024, 0): 123,
+        (0x2041, 3): 70_000,
+        (0x2041, 4): 3,
+        (0x2041, 5): 4,
+        (0x2041, 6): 5,
     }
     assert encode_health(Health(None, 0, 0))[0x2020, 0] == 0x7FFF
     assert encode_health(Health(1e9, 0, 0))[0x2020, 0] == 0x7FFE

@@ -8,7 +8,7 @@ import pytest
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_edge.node.events import ObjectWritten, RpdoReceived, RpdoTimedOut
+from palpate_edge.node.events import ObjectWritten, RpdoReceived, RpdoTimedOut, SyncReceived
 from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.slave import Slave
 
@@ -126,9 +126,10 @@ def test_a_synchronous_rpdo_acts_at_the_next_sync(slave: Slave, kind: int) -> No
     slave.process(1, (write(0x1400, 2, "<B", kind), START, CanFrame(0x210, COMMAND)))
     assert slave.read(0x6071) == 0
     assert slave.process(2, (SYNC,)).events == (
+        SyncReceived(2, None),
         RpdoReceived(1, {(0x6040, 0): 15, (0x6060, 0): 10, (0x6071, 0): -250}),
     )
-    assert slave.process(3, (SYNC,)).events == ()
+    assert slave.process(3, (SYNC,)).events == (SyncReceived(3, None),)
 
 
 def test_a_short_rpdo_is_not_taken_and_reported_once(slave: Slave) -> None:

@@ -132,13 +132,6 @@ def test_a_toggle_bit_that_does_not_alternate(
     assert sdo(slave, segment) == f"80 {key} 00 00 03 05"
 
 
-@pytest.mark.parametrize("request_", ["a0 08 10 00 00 00 00 00", "c2 17 10 00 02 00 00 00"])
-def test_block_transfer_is_refused(slave: Slave, sdo: Ask, request_: str) -> None:
-    answer = sdo(slave, request_)
-    assert answer is not None
-    assert (answer[:2], answer[-11:]) == ("80", "01 00 04 05")
-
-
 def test_an_abandoned_transfer_times_out(slave: Slave, sdo: Ask) -> None:
     sdo(slave, "40 08 10 00 00 00 00 00")
     timeout = CanFrame(0x590, bytes.fromhex("80 08 10 00 00 00 04 05"))

@@ -1,26 +1,40 @@
 """The emergency producer (CiA 301, 7.2.7): error code, error register 1001h, five bytes of the manufacturer.
 
-An error is reported once when it appears and once when it goes (code 0x0000). What appears while the node may
-not send (INITIALISING, STOPPED) is sent when it may again.
+An error is reported once when it appears and once when it goes (code 0x0000); 1003h keeps the last ones. What
+appears while the node may not send (INITIALISING, STOPPED, 1014h not valid, within the inhibit time 1015h)
+is sent when it may again; of a storm the newest :data:`LONGEST_QUEUE` are.
 """
 
 from __future__ import annotations
 
 import struct
+from collections import deque
 from enum import IntEnum, IntFlag
 
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
 from palpate_edge.node.nmt import SDO_STATES, NmtState
-from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.object_dictionary import Entry
+from palpate_edge.node.object_store import ERROR_HISTORY, ObjectStore
+from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
+COB_ID, INHIBIT_TIME = 0x1014, 0x1015
 ERROR_RESET = 0x0000
+LONGEST_QUEUE = 32
+INFO_BYTES = 5
 
 
 class EmcyCode(IntEnum):
-    """The codes of CiA 301 that the core itself reports."""
+    """The codes of CiA 301 that the core itself reports, and those of a bus that came back."""
 
+    DATA_SET = 0x6300
+    OVERRUN = 0x8110
+    ERROR_PASSIVE = 0x8120
+    HEARTBEAT = 0x8130
+    BUS_OFF_RECOVERED = 0x8140
     PDO_LENGTH = 0x8210
     PDO_LENGTH_EXCEEDED = 0x8220
+    SYNC_LENGTH = 0x8240
     RPDO_TIMEOUT = 0x8250
 
 
@@ -37,44 +51,88 @@ class ErrorRegister(IntFlag):
 
 
 class EmergencyProducer:
-    """Keeps the active errors and 1001h."""
+    """Keeps the active errors, 1001h and 1003h. An error is its code with its `info`, at most five bytes."""
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
-        self._active: dict[int, ErrorRegister] = {}
-        self._unsent: list[CanFrame] = []
+        self._active: dict[tuple[int, bytes], ErrorRegister] = {}
+        self._unsent: deque[bytes] = deque(maxlen=LONGEST_QUEUE)
+        self._inhibited_until_us = 0
+        self._due_us: int | None = None
+        self._history_length = sum(index == ERROR_HISTORY for index, _ in store.od.entries) - 1
 
     def reset(self) -> None:
         """After an NMT reset nothing is active."""
         self._active.clear()
         self._unsent.clear()
+        self._inhibited_until_us = 0
+        self._due_us = None
         self._update_register()
 
-    def report(self, code: int, register: ErrorRegister) -> None:
+    def report(self, code: int, register: ErrorRegister, info: bytes = b"") -> None:
         """An error has appeared; does nothing while it is already active."""
-        if code not in self._active:
-            self._active[code] = register
-            self._queue(code)
+        if (code, info) not in self._active:
+            self._active[code, info] = register
+            self._queue(code, info)
+            self._remember(code, info)
 
-    def clear(self, code: int) -> None:
+    def clear(self, code: int, info: bytes = b"") -> None:
         """An error has gone; does nothing when it was not active."""
-        if self._active.pop(code, None) is not None:
-            self._queue(ERROR_RESET)
+        if self._active and self._active.pop((code, info), None) is not None:
+            self._queue(ERROR_RESET, b"")
 
-    def poll(self, state: NmtState) -> list[CanFrame]:
-        if state not in SDO_STATES:
+    def check_write(self, entry: Entry, value: int) -> None:
+        """Raises SdoAbortError: 1003h:00 takes 0 only, 1014h no other id while it is valid."""
+        if entry.index == ERROR_HISTORY and value != 0:
+            raise SdoAbortError(AbortCode.VALUE_INVALID)
+        if entry.index == COB_ID:
+            check_cob_id(value, flags=NOT_VALID)
+            old = self._store.number(COB_ID)
+            if not (old | value) & NOT_VALID and old != value:
+                raise SdoAbortError(AbortCode.VALUE_INVALID)
+
+    def can_id(self) -> int | None:
+        """The identifier that this node alone sends emergencies with."""
+        cob_id = self._store.number(COB_ID)
+        return None if cob_id & NOT_VALID else cob_id & CAN_ID_MASK
+
+    def due_us(self) -> int | None:
+        """When the inhibit time lets the next message go."""
+        return self._due_us
+
+    def poll(self, now_us: int, state: NmtState) -> list[CanFrame]:
+        self._due_us = None
+        can_id = self.can_id() if self._unsent and state in SDO_STATES else None
+        if can_id is None:
             return []
-        frames, self._unsent = self._unsent, []
+        frames = []
+        if now_us >= self._inhibited_until_us:
+            inhibit_us = 100 * self._store.optional_number(INHIBIT_TIME)
+            count = 1 if inhibit_us else len(self._unsent)
+            frames = [CanFrame(can_id, self._unsent.popleft()) for _ in range(count)]
+            self._inhibited_until_us = now_us + inhibit_us
+        if self._unsent:
+            self._due_us = self._inhibited_until_us
         return frames
 
-    def _queue(self, code: int) -> None:
+    def _queue(self, code: int, info: bytes) -> None:
         register = self._update_register()
-        can_id = self._store.number(0x1014) & 0x7FF
-        self._unsent.append(CanFrame(can_id, struct.pack("<HB5x", code, register)))
+        self._unsent.append(struct.pack("<HB5s", code, register, info[:INFO_BYTES]))
+
+    def _remember(self, code: int, info: bytes) -> None:
+        """The newest error becomes 1003h:01; its upper half is the first two bytes of the manufacturer."""
+        if self._history_length < 1:
+            return
+        fields = [self._store.number(ERROR_HISTORY, sub) for sub in range(1, self._history_length)]
+        newest = code | int.from_bytes(info[:2], "little") << 16
+        for subindex, field in enumerate([newest, *fields], 1):
+            self._store.values[ERROR_HISTORY, subindex] = field
+        count = min(self._history_length, self._store.number(ERROR_HISTORY) + 1)
+        self._store.values[ERROR_HISTORY, 0] = count
 
     def _update_register(self) -> ErrorRegister:
         register = ErrorRegister(0)
         for bits in self._active.values():
             register |= bits | ErrorRegister.GENERIC
-        self._store.write(0x1001, 0, int(register))
+        self._store.values[0x1001, 0] = int(register)
         return register

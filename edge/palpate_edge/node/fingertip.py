@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 
 from palpate_edge.can_frame import CanFrame
@@ -9,45 +10,84 @@ from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip_objects import (
     AI_AUTOZERO,
     CALIBRATION_HASH,
+    COUNTERS,
+    LATENCY_BINS_US,
+    LATENCY_HISTOGRAM,
+    LOCATION,
     METHOD,
+    MODEL_HASH,
+    UINT32_MAX,
+    BusClockState,
+    Counter,
     Health,
     Method,
+    encode_bus_clock,
     encode_contact,
     encode_health,
 )
 from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, ObjectKey, Value, load_eds
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Output, Slave
+from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
 CONTACT_TPDOS = (1, 2, 3)
 AUTOZERO_SIGNATURE = int.from_bytes(b"zero", "little")
-CALIBRATION_HASH_DIGITS = 16
+HASH_DIGITS = 16
+LOCATION_CHARACTERS = 64
+SERIAL_NUMBER = (0x1018, 4)
 
 
 class FingertipNode:
     """The slave of one fingertip.
 
-    An ObjectWritten event for 6125h in its output asks the application to tare (CiA 404, AI autozero).
+    An ObjectWritten event for 6125h in its output asks the application to tare (CiA 404, AI autozero), one
+    for 2030h to set the LED level.
     """
 
-    def __init__(self, node_id: int, method: Method, calibration_hash: str) -> None:
-        """Raises ConfigError when `node_id` is not in 1..127."""
-        self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), check_write)
-        self.slave.write(METHOD, 0, int(method))
-        self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:CALIBRATION_HASH_DIGITS])
+    def __init__(
+        self,
+        node_id: int,
+        method: Method,
+        calibration_hash: str,
+        *,
+        model_hash: str = "",
+        serial_number: int = 0,
+        kept: StoredParameters = NOTHING_STORED,
+    ) -> None:
+        """kept: what the node stored; a node id in it goes before `node_id`, which may be 255 (given by LSS).
 
-    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
+        Raises ConfigError when `node_id` is not in 1..127 or 255.
+        """
+        self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), check_write, kept)
+        self.slave.write(METHOD, 0, int(method))
+        self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:HASH_DIGITS])
+        self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
+        self.slave.write(*SERIAL_NUMBER, serial_number)
+
+    def process(
+        self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
+    ) -> Output:
         """See :meth:`Slave.process`."""
-        return self.slave.process(now_us, frames_in)
+        return self.slave.process(now_us, frames_in, arrived_us)
 
     def publish(self, contact: Contact, latency_us: int) -> None:
         """Have TPDO 1 to 3 sent by the next :meth:`process`; see :func:`encode_contact` for the clocks."""
         self._write(encode_contact(contact, latency_us))
+        self._count(COUNTERS, Counter.FRAMES_ESTIMATED if contact.valid else Counter.FRAMES_REFUSED)
+        self._count(LATENCY_HISTOGRAM, 1 + bisect_right(LATENCY_BINS_US, latency_us))
         self.slave.trigger(CONTACT_TPDOS)
 
     def report_health(self, health: Health) -> None:
         """Set what TPDO 4 sends when its event timer asks."""
         self._write(encode_health(health))
+
+    def report_bus_clock(self, state: BusClockState, drift_ppb: float, standard_error_us: float) -> None:
+        """Set 2042h."""
+        self._write(encode_bus_clock(state, drift_ppb, standard_error_us))
+
+    def _count(self, index: int, subindex: int) -> None:
+        count = self.slave.read(index, subindex)
+        self.slave.write(index, subindex, (int(count) + 1) & UINT32_MAX)
 
     def _write(self, objects: Mapping[ObjectKey, int]) -> None:
         for (index, subindex), value in objects.items():
@@ -55,6 +95,8 @@ class FingertipNode:
 
 
 def check_write(entry: Entry, value: Value) -> None:
-    """Autozero takes its signature only."""
+    """Autozero takes its signature only, the location is short."""
     if entry.index == AI_AUTOZERO and value != AUTOZERO_SIGNATURE:
         raise SdoAbortError(AbortCode.NOT_STORED)
+    if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:
+        raise SdoAbortError(AbortCode.TOO_LONG)

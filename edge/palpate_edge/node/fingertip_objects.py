@@ -14,12 +14,15 @@ from palpate_edge.contact_type import Contact, Vector3
 from palpate_edge.node.object_dictionary import ObjectKey
 
 AI_AUTOZERO, AI_STATUS, AI_INPUT = 0x6125, 0x6150, 0x7130
-METHOD, CALIBRATION_HASH = 0x2000, 0x2001
+METHOD, CALIBRATION_HASH, MODEL_HASH, LOCATION = 0x2000, 0x2001, 0x2002, 0x2003
 FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
 SKIN_DRIFT = 0x2024
+LED_SET_POINT, CAMERA_EXPOSURE = 0x2030, 0x2031
+LATENCY_HISTOGRAM, COUNTERS, BUS_CLOCK = 0x2040, 0x2041, 0x2042
 
 INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
+INT32_MIN, INT32_MAX, UINT32_MAX = -0x8000_0000, 0x7FFF_FFFF, 0xFFFF_FFFF
 TEMPERATURE_UNKNOWN = INT16_MAX
 
 
@@ -30,6 +33,25 @@ class Method(IntEnum):
     CORRECTED = 1
 
 
+class Counter(IntEnum):
+    """Sub-indices of 2041h."""
+
+    FRAMES_ESTIMATED = 1
+    FRAMES_REFUSED = 2
+    FRAMES_DROPPED = 3
+    WHOLE_IMAGE_SEARCHES = 4
+    TRANSMIT_RETRIES = 5
+    BUS_RESTARTS = 6
+
+
+class BusClockState(IntEnum):
+    """Object 2042h:01."""
+
+    NONE = 0
+    LOCKED = 1
+    FREE_RUNNING = 2
+
+
 class ContactFlag(IntFlag):
     """Object 2010h. SLIP stays 0 while no estimator tells slip."""
 
@@ -38,12 +60,13 @@ class ContactFlag(IntFlag):
     VALID = 0x04
 
 
-class ChannelStatus(IntFlag):
-    """Object 6150h (CiA 404, AI status); 0 is good."""
+class ChannelStatus(IntEnum):
+    """Object 6150h (CiA 404, AI status); 0 is good. An overload is not valid either."""
 
+    GOOD = 0x00
     NOT_VALID = 0x01
-    POSITIVE_OVERLOAD = 0x02
-    NEGATIVE_OVERLOAD = 0x04
+    POSITIVE_OVERLOAD = 0x03
+    NEGATIVE_OVERLOAD = 0x05
 
 
 class Channel(IntEnum):
@@ -72,18 +95,27 @@ INCREMENTS_PER_UNIT = {
 OPTIONAL_CHANNELS = frozenset({Channel.SHEAR_X, Channel.SHEAR_Y, Channel.TORSION})
 """A method may give none of these without the contact being in doubt."""
 
+LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
+"""Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
+
 NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The board's state for TPDO 4 and 2024h. led_level: 0 (off) to 255; skin_drift_px: how far the untouched
-    skin has gone since the reference frames or the last tare."""
+    """The board's state for TPDO 4, 2024h and 2041h; counters since the start.
+
+    led_level: 0 (off) to 255; skin_drift_px: how far the untouched skin has gone since the reference frames or
+    the last tare.
+    """
 
     temperature_degC: float | None
     frames_dropped: int
     led_level: int
     skin_drift_px: float = 0.0
+    whole_image_searches: int = 0
+    transmit_retries: int = 0
+    bus_restarts: int = 0
 
 
 def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
@@ -96,7 +128,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     for channel, value in channel_values(contact).items():
         increments, status = encode_channel(value, INCREMENTS_PER_UNIT[channel])
         not_given = value is None and channel in OPTIONAL_CHANNELS
-        doubt = doubt or (bool(status) and not not_given)
+        doubt = doubt or (status is not ChannelStatus.GOOD and not not_given)
         objects[AI_INPUT, channel] = increments
         objects[AI_STATUS, channel] = status
     flags = ContactFlag(0)
@@ -112,7 +144,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
 
 
 def encode_health(health: Health) -> dict[ObjectKey, int]:
-    """The objects of TPDO 4 but 2021h, which goes with the contact, and 2024h."""
+    """The objects of TPDO 4 but 2021h, which goes with the contact, 2024h and the health's part of 2041h."""
     temperature = TEMPERATURE_UNKNOWN
     if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
         temperature = clamp(10 * health.temperature_degC, INT16_MIN, TEMPERATURE_UNKNOWN - 1)
@@ -121,6 +153,21 @@ def encode_health(health: Health) -> dict[ObjectKey, int]:
         (FRAMES_DROPPED, 0): clamp(health.frames_dropped, 0, UINT16_MAX),
         (LED_LEVEL, 0): clamp(health.led_level, 0, UINT8_MAX),
         (SKIN_DRIFT, 0): clamp(100 * health.skin_drift_px, 0, UINT16_MAX),
+        (COUNTERS, Counter.FRAMES_DROPPED): health.frames_dropped & UINT32_MAX,
+        (COUNTERS, Counter.WHOLE_IMAGE_SEARCHES): health.whole_image_searches & UINT32_MAX,
+        (COUNTERS, Counter.TRANSMIT_RETRIES): health.transmit_retries & UINT32_MAX,
+        (COUNTERS, Counter.BUS_RESTARTS): health.bus_restarts & UINT32_MAX,
+    }
+
+
+def encode_bus_clock(
+    state: BusClockState, drift_ppb: float, standard_error_us: float
+) -> dict[ObjectKey, int]:
+    """The objects of 2042h; drift against the board's own clock in 1e-9."""
+    return {
+        (BUS_CLOCK, 1): state,
+        (BUS_CLOCK, 2): clamp(drift_ppb, INT32_MIN, INT32_MAX),
+        (BUS_CLOCK, 3): clamp(standard_error_us, 0, UINT32_MAX),
     }
 
 
@@ -161,7 +208,7 @@ def encode_channel(value: float | None, increments_per_unit: int) -> tuple[int, 
         return INT16_MAX, ChannelStatus.POSITIVE_OVERLOAD
     if increments < INT16_MIN - 0.5:
         return INT16_MIN, ChannelStatus.NEGATIVE_OVERLOAD
-    return round(increments), ChannelStatus(0)
+    return round(increments), ChannelStatus.GOOD
 
 
 def clamp(value: float, low: int, high: int) -> int:

@@ -6,6 +6,8 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.node.nmt import ERROR_CONTROL_ID, NmtState
 from palpate_edge.node.object_store import ObjectStore
 
+PRODUCER_TIME = 0x1017
+
 
 class HeartbeatProducer:
     """Sends the NMT state every 1017h milliseconds; silent while 1017h is 0."""
@@ -36,4 +38,4 @@ class HeartbeatProducer:
         return CanFrame(ERROR_CONTROL_ID + self._store.od.node_id, bytes([state]))
 
     def _period_us(self) -> int:
-        return self._store.number(0x1017) * 1000
+        return self._store.number(PRODUCER_TIME) * 1000

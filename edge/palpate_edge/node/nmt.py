@@ -29,6 +29,8 @@ class NmtCommand(IntEnum):
     RESET_COMMUNICATION = 0x82
 
 
+COMMANDS = {int(command): command for command in NmtCommand}
+
 STATE_AFTER = {
     NmtCommand.START: NmtState.OPERATIONAL,
     NmtCommand.STOP: NmtState.STOPPED,
@@ -37,15 +39,18 @@ STATE_AFTER = {
     NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
 }
 
+STATE_AFTER_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
+"""1029h:01: where a communication error leads to from OPERATIONAL; 1 is no change."""
+
 SDO_STATES = frozenset({NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL})
-"""SDO and EMCY are served in these states only."""
+"""SDO, EMCY, SYNC and TIME are served in these states only."""
 
 
 def command_for(node_id: int, data: bytes) -> NmtCommand | None:
     """The command that an NMT message gives this node; None when it is for another or none is known."""
-    if len(data) != 2 or data[1] not in (0, node_id) or data[0] not in tuple(NmtCommand):
+    if len(data) != 2 or data[1] not in (0, node_id):
         return None
-    return NmtCommand(data[0])
+    return COMMANDS.get(data[0])
 
 
 def boot_up(node_id: int) -> CanFrame:

@@ -7,9 +7,10 @@ themselves into bytes. Values that change while a node runs live in ``object_sto
 from __future__ import annotations
 
 import configparser
+import hashlib
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from pathlib import Path
 
@@ -21,6 +22,9 @@ from palpate_edge.errors import BusError, ConfigError
 Value = int | str
 ObjectKey = tuple[int, int]
 """Index and sub-index."""
+
+UNCONFIGURED_NODE_ID = 255
+"""What LSS (CiA 305) calls the node id of a node that has none yet."""
 
 FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
 
@@ -45,6 +49,7 @@ STRUCT_CODES = {
     DataType.UNSIGNED16: "H",
     DataType.UNSIGNED32: "I",
 }
+STRUCTS = {data_type: struct.Struct("<" + code) for data_type, code in STRUCT_CODES.items()}
 
 
 class Access(Enum):
@@ -68,7 +73,11 @@ class Access(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One sub-index of one object. `low` and `high` bound what SDO may write; None: the type's own range."""
+    """One sub-index of one object.
+
+    low, high: bounds of what SDO may write; None: the type's own range. follows_node_id: the default is a
+    ``$NODEID`` formula.
+    """
 
     index: int
     subindex: int
@@ -79,6 +88,7 @@ class Entry:
     low: int | None
     high: int | None
     pdo_mappable: bool
+    follows_node_id: bool
 
     @property
     def key(self) -> ObjectKey:
@@ -87,8 +97,8 @@ class Entry:
     @property
     def size_bytes(self) -> int | None:
         """Bytes on the bus; None where the length varies (strings)."""
-        code = STRUCT_CODES.get(self.data_type)
-        return None if code is None else struct.calcsize("<" + code)
+        packer = STRUCTS.get(self.data_type)
+        return None if packer is None else packer.size
 
     def encode(self, value: Value) -> bytes:
         """The value's bytes, little endian.
@@ -98,7 +108,7 @@ class Entry:
         try:
             if self.data_type is DataType.VISIBLE_STRING:
                 return str(value).encode("ascii")
-            return struct.pack("<" + STRUCT_CODES[self.data_type], value)
+            return STRUCTS[self.data_type].pack(value)
         except (struct.error, UnicodeEncodeError):
             raise BusError(
                 f"object {self}: {value!r} does not fit {self.data_type.name}; give a value in its range"
@@ -113,7 +123,7 @@ class Entry:
                 f"object {self}: {len(data)} bytes, but {self.data_type.name} has {self.size_bytes}; "
                 "check that both sides use the same EDS"
             )
-        value: int = struct.unpack("<" + STRUCT_CODES[self.data_type], data)[0]
+        value: int = STRUCTS[self.data_type].unpack(data)[0]
         return value
 
     def __str__(self) -> str:
@@ -122,12 +132,28 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class ObjectDictionary:
-    """Every entry of one device, with ``$NODEID`` formulas worked out for `node_id`."""
+    """Every entry of one device, with ``$NODEID`` formulas worked out for `node_id`.
+
+    checksum: 16 hexadecimal digits that name the file's content. bit_rates_kbit_s: of [DeviceInfo].
+    """
 
     node_id: int
     source: str
+    checksum: str
     entries: Mapping[ObjectKey, Entry]
     indices: frozenset[int]
+    bit_rates_kbit_s: frozenset[int]
+
+    def for_node(self, node_id: int) -> ObjectDictionary:
+        """The same device with another node id."""
+        shift = node_id - self.node_id
+        entries = {
+            key: replace(entry, default=entry.default + shift)
+            if entry.follows_node_id and isinstance(entry.default, int)
+            else entry
+            for key, entry in self.entries.items()
+        }
+        return replace(self, node_id=node_id, entries=entries)
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
         """The entry. Raises BusError naming the file when there is none."""
@@ -147,14 +173,15 @@ class ObjectDictionary:
 
 
 def load_eds(path: Path, node_id: int) -> ObjectDictionary:
-    """Read an EDS for the node `node_id` (1-127).
+    """Read an EDS for the node `node_id`: 1-127, or 255 for a node that LSS has yet to name.
 
     Raises ConfigError, naming the file and the object, when it cannot be read or describes what these
     nodes cannot serve.
     """
-    if not 1 <= node_id <= 127:
+    if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
         raise ConfigError(f"node id {node_id} is not in 1..127; set `node_id` to a free number of the bus")
     try:
+        content = path.read_bytes()
         parsed = canopen.import_od(str(path), node_id=node_id)
     except OSError as error:
         raise ConfigError(f"EDS {path} cannot be read: {error.strerror}; check the path") from error
@@ -167,7 +194,14 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
         entries[entry.key] = entry
     if not entries:
         raise ConfigError(f"EDS {path} describes no object; give a CiA 306 file")
-    return ObjectDictionary(node_id, path.name, entries, frozenset(index for index, _ in entries))
+    return ObjectDictionary(
+        node_id=node_id,
+        source=path.name,
+        checksum=hashlib.sha256(content).hexdigest()[:16],
+        entries=entries,
+        indices=frozenset(index for index, _ in entries),
+        bit_rates_kbit_s=frozenset(rate // 1000 for rate in parsed.device_information.allowed_baudrates),
+    )
 
 
 def _variables(parsed: canopen.ObjectDictionary) -> Iterator[ODVariable]:
@@ -202,6 +236,7 @@ def _entry(path: Path, variable: ODVariable) -> Entry:
         low=variable.min,
         high=variable.max,
         pdo_mappable=bool(variable.pdo_mappable),
+        follows_node_id=variable.relative,
     )
     try:
         entry.encode(default)

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 
 from palpate_edge.errors import BusError
 from palpate_edge.node.object_dictionary import DataType, Entry, ObjectDictionary, ObjectKey, Value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
+ERROR_HISTORY = 0x1003
+
 
 class ObjectStore:
-    """One value for each entry of `od`, the defaults at first."""
+    """One value for each entry of `od`, the defaults at first.
+
+    saved: what a reset gives in place of a default (1010h).
+    """
 
     def __init__(self, od: ObjectDictionary) -> None:
         self.od = od
         self.values: dict[ObjectKey, Value] = {key: entry.default for key, entry in od.entries.items()}
+        self.saved: Mapping[ObjectKey, Value] = {}
+        self._writable = [key for key, entry in od.entries.items() if entry.access.writable]
+
+    def set_node_id(self, node_id: int) -> None:
+        """Take over another node id: defaults that follow it move, and values that still are defaults."""
+        if node_id == self.od.node_id:
+            return
+        old, self.od = self.od, self.od.for_node(node_id)
+        for key, entry in old.entries.items():
+            if self.values[key] == entry.default:
+                self.values[key] = self.od.entries[key].default
 
     def number(self, index: int, subindex: int = 0) -> int:
         """The value of a numeric entry. Raises BusError when there is none."""
@@ -23,17 +39,26 @@ class ObjectStore:
             raise BusError(f"{self.od.source} has no number {index:04X}h:{subindex:02X}; correct the EDS")
         return value
 
+    def optional_number(self, index: int, subindex: int = 0) -> int:
+        """The value of a numeric entry that an EDS may leave out: 0 then."""
+        value = self.values.get((index, subindex), 0)
+        return value if isinstance(value, int) else 0
+
+    def has(self, index: int) -> bool:
+        return index in self.od.indices
+
     def write(self, index: int, subindex: int, value: Value) -> None:
         """The application's write: any access type, but only what fits the data type (else BusError)."""
         entry = self.od.entry(index, subindex)
         entry.encode(value)
         self.values[entry.key] = value
 
-    def restore_defaults(self, indices: Container[int]) -> None:
-        """Undo what a master wrote to objects in `indices`; what only the application writes stays."""
-        for key, entry in self.od.entries.items():
-            if entry.access.writable and entry.index in indices:
-                self.values[key] = entry.default
+    def restore(self, indices: Container[int]) -> None:
+        """Objects in `indices` as at power-on: saved or default; what only the application writes stays."""
+        entries, saved = self.od.entries, self.saved
+        for key in self._writable:
+            if key[0] in indices:
+                self.values[key] = saved[key] if key in saved else entries[key].default
 
     def sdo_entry(self, index: int, subindex: int) -> Entry:
         """The entry that an SDO names. Raises SdoAbortError when there is none."""
@@ -48,6 +73,8 @@ class ObjectStore:
         entry = self.sdo_entry(index, subindex)
         if not entry.access.readable:
             raise SdoAbortError(AbortCode.WRITE_ONLY)
+        if index == ERROR_HISTORY and subindex > self.number(ERROR_HISTORY):
+            raise SdoAbortError(AbortCode.NO_DATA)
         return entry.encode(self.values[entry.key])
 
     def sdo_writable_entry(self, index: int, subindex: int) -> Entry:

@@ -13,10 +13,8 @@ from enum import Enum
 
 from palpate_edge.can_frame import MAX_DATA_BYTES
 from palpate_edge.errors import BusError
+from palpate_edge.node.cob_ids import CAN_ID_MASK
 from palpate_edge.node.object_dictionary import STRUCT_CODES, Entry, ObjectDictionary, ObjectKey, Value
-
-COB_ID_MASK = 0x7FF
-COB_ID_NOT_VALID = 1 << 31
 
 
 class PdoDirection(Enum):
@@ -47,17 +45,17 @@ class MappingFault(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PdoLayout:
-    """The entries of one PDO in order, and the packer for them."""
+    """The entries of one PDO in order, their keys, and the packer for them."""
 
     entries: tuple[Entry, ...]
+    keys: tuple[ObjectKey, ...]
     packer: struct.Struct
 
     def pack(self, values: Mapping[ObjectKey, Value]) -> bytes:
-        return self.packer.pack(*(values[entry.key] for entry in self.entries))
+        return self.packer.pack(*[values[key] for key in self.keys])
 
     def unpack(self, data: bytes) -> dict[ObjectKey, int]:
-        numbers = self.packer.unpack(data)
-        return {entry.key: number for entry, number in zip(self.entries, numbers, strict=True)}
+        return dict(zip(self.keys, self.packer.unpack(data), strict=True))
 
 
 def layout_of(
@@ -73,7 +71,7 @@ def layout_of(
     packer = struct.Struct("<" + "".join(STRUCT_CODES[entry.data_type] for entry in entries))
     if packer.size > MAX_DATA_BYTES:
         return MappingFault.TOO_LONG
-    return PdoLayout(tuple(entries), packer)
+    return PdoLayout(tuple(entries), tuple(entry.key for entry in entries), packer)
 
 
 def _carries(entry: Entry, direction: PdoDirection) -> bool:
@@ -136,4 +134,4 @@ def pdo_codec(od: ObjectDictionary, direction: PdoDirection, number: int) -> Pdo
         raise BusError(
             f"{od.source}: {direction.label} {number} maps {layout.value}; correct {mapping_index:04X}h"
         )
-    return PdoCodec(od.node_id, direction, number, cob_id & COB_ID_MASK, layout)
+    return PdoCodec(od.node_id, direction, number, cob_id & CAN_ID_MASK, layout)

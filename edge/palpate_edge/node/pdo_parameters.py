@@ -6,19 +6,14 @@ always a PDO that can be served.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate_edge.errors import ConfigError
-from palpate_edge.node.object_dictionary import Entry, ObjectDictionary, Value
+from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, SYNC_ID, check_cob_id
+from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.object_store import ObjectStore
-from palpate_edge.node.pdo_codec import (
-    COB_ID_MASK,
-    COB_ID_NOT_VALID,
-    MappingFault,
-    PdoDirection,
-    PdoLayout,
-    layout_of,
-)
+from palpate_edge.node.pdo_codec import MappingFault, PdoDirection, PdoLayout, layout_of
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 MAX_PDOS = 512
@@ -26,17 +21,7 @@ COB_ID_NO_RTR = 1 << 30
 HIGHEST_SYNC_TYPE = 240
 EVENT_DRIVEN = (254, 255)
 
-COB_ID_SUB, TYPE_SUB, INHIBIT_SUB, EVENT_TIMER_SUB = 1, 2, 3, 5
-
-RESTRICTED_IDS = (
-    range(0x080),
-    range(0x080, 0x081),
-    range(0x101, 0x181),
-    range(0x581, 0x600),
-    range(0x601, 0x680),
-    range(0x6E0, 0x800),
-)
-"""Identifiers that no configurable object may use (CiA 301, restricted CAN-IDs), with SYNC's."""
+COB_ID_SUB, TYPE_SUB, INHIBIT_SUB, EVENT_TIMER_SUB, SYNC_START_SUB = 1, 2, 3, 5, 6
 
 ABORT_OF_FAULT = {
     MappingFault.NOT_MAPPABLE: AbortCode.NOT_MAPPABLE,
@@ -46,7 +31,11 @@ ABORT_OF_FAULT = {
 
 @dataclass(frozen=True, slots=True)
 class PdoParameters:
-    """One PDO as it is configured now. event_us: event timer (TPDO) or deadline (RPDO); 0 is off."""
+    """One PDO as it is configured now.
+
+    event_us: event timer (TPDO) or deadline (RPDO); 0 is off. sync_start: the SYNC counter that a synchronous
+    TPDO counts from; 0 is any.
+    """
 
     number: int
     can_id: int
@@ -54,6 +43,7 @@ class PdoParameters:
     transmission_type: int
     inhibit_us: int
     event_us: int
+    sync_start: int
     layout: PdoLayout
 
     @property
@@ -77,22 +67,27 @@ def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) ->
     cob_id = store.number(index, COB_ID_SUB)
     return PdoParameters(
         number=number,
-        can_id=cob_id & COB_ID_MASK,
-        valid=not cob_id & COB_ID_NOT_VALID,
+        can_id=cob_id & CAN_ID_MASK,
+        valid=not cob_id & NOT_VALID,
         transmission_type=store.number(index, TYPE_SUB),
-        inhibit_us=100 * _optional_number(store, index, INHIBIT_SUB),
-        event_us=1000 * _optional_number(store, index, EVENT_TIMER_SUB),
+        inhibit_us=100 * store.optional_number(index, INHIBIT_SUB),
+        event_us=1000 * store.optional_number(index, EVENT_TIMER_SUB),
+        sync_start=store.optional_number(index, SYNC_START_SUB),
         layout=layout,
     )
 
 
-def check_pdo_write(store: ObjectStore, entry: Entry, value: Value) -> None:
+def valid_can_ids(store: ObjectStore, direction: PdoDirection, numbers: Sequence[int]) -> set[int]:
+    """The identifiers of those PDOs that are valid now."""
+    base = direction.communication_index - 1
+    cob_ids = (store.number(base + number, COB_ID_SUB) for number in numbers)
+    return {cob_id & CAN_ID_MASK for cob_id in cob_ids if not cob_id & NOT_VALID}
+
+
+def check_pdo_write(store: ObjectStore, entry: Entry, value: int) -> None:
     """Refuse a master's write to a PDO parameter with SdoAbortError; other objects pass."""
-    if not isinstance(value, int):
-        return
     for direction in PdoDirection:
-        offset = entry.index - direction.communication_index
-        if 0 <= offset < MAX_PDOS:
+        if 0 <= entry.index - direction.communication_index < MAX_PDOS:
             _check_communication(store, direction, entry, value)
         offset = entry.index - direction.mapping_index
         if 0 <= offset < MAX_PDOS:
@@ -102,21 +97,21 @@ def check_pdo_write(store: ObjectStore, entry: Entry, value: Value) -> None:
 def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Entry, value: int) -> None:
     cob_id = store.number(entry.index, COB_ID_SUB)
     if entry.subindex == COB_ID_SUB:
-        _check_cob_id(direction, cob_id, value)
+        _check_pdo_cob_id(direction, cob_id, value)
     elif entry.subindex == TYPE_SUB:
+        # 252 and 253 are sent on a remote request only, which nobody may make of this node (no RTR).
         if value > HIGHEST_SYNC_TYPE and value not in EVENT_DRIVEN:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
-    elif entry.subindex == INHIBIT_SUB and not cob_id & COB_ID_NOT_VALID:
+    elif entry.subindex in (INHIBIT_SUB, SYNC_START_SUB) and not cob_id & NOT_VALID:
         raise SdoAbortError(AbortCode.DEVICE_STATE)
 
 
-def _check_cob_id(direction: PdoDirection, old: int, new: int) -> None:
-    can_id = new & COB_ID_MASK
-    known_bits = COB_ID_NOT_VALID | COB_ID_NO_RTR | COB_ID_MASK
+def _check_pdo_cob_id(direction: PdoDirection, old: int, new: int) -> None:
+    check_cob_id(new, flags=NOT_VALID | COB_ID_NO_RTR)
+    can_id = new & CAN_ID_MASK
     answers_rtr = direction is PdoDirection.TRANSMIT and not new & COB_ID_NO_RTR
-    moves_while_valid = not (old | new) & COB_ID_NOT_VALID and can_id != old & COB_ID_MASK
-    restricted = any(can_id in ids for ids in RESTRICTED_IDS)
-    if new & ~known_bits or answers_rtr or moves_while_valid or restricted:
+    moves_while_valid = not (old | new) & NOT_VALID and can_id != old & CAN_ID_MASK
+    if answers_rtr or moves_while_valid or can_id == SYNC_ID:
         raise SdoAbortError(AbortCode.VALUE_INVALID)
 
 
@@ -124,7 +119,7 @@ def _check_mapping(
     store: ObjectStore, direction: PdoDirection, offset: int, entry: Entry, value: int
 ) -> None:
     cob_id = store.number(direction.communication_index + offset, COB_ID_SUB)
-    if not cob_id & COB_ID_NOT_VALID:
+    if not cob_id & NOT_VALID:
         raise SdoAbortError(AbortCode.DEVICE_STATE)
     if entry.subindex == 0:
         words = [store.number(entry.index, 1 + slot) for slot in range(value)]
@@ -139,7 +134,3 @@ def _check_mapping(
 
 def _mapping_words(store: ObjectStore, mapping_index: int) -> list[int]:
     return [store.number(mapping_index, 1 + slot) for slot in range(store.number(mapping_index, 0))]
-
-
-def _optional_number(store: ObjectStore, index: int, subindex: int) -> int:
-    return store.number(index, subindex) if (index, subindex) in store.values else 0

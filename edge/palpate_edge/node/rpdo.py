@@ -1,5 +1,8 @@
 """Receive PDOs (CiA 301, 7.2.2): types 0-240 take effect at the next SYNC, 254/255 at once.
 
+A synchronous one that comes after the window of its SYNC (1007h) is not taken. One that carries 1013h tells
+the bus's time.
+
 Too short: not taken, EMCY 0x8210. Too long: the mapped bytes are taken, EMCY 0x8220. The event timer of an
 RPDO is a deadline, watched from the first reception on: EMCY 0x8250. Each error goes with the next good PDO.
 """
@@ -10,27 +13,31 @@ from dataclasses import dataclass
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
-from palpate_edge.node.events import RpdoReceived, RpdoTimedOut
+from palpate_edge.node.events import RpdoReceived, RpdoTimedOut, TimeStampReceived
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.pdo_codec import PdoDirection
-from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters
+from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters, valid_can_ids
+from palpate_edge.node.sync import SyncConsumer
+
+TIME_STAMP = (0x1013, 0)
 
 
 @dataclass(slots=True)
 class Rpdo:
-    """One RPDO in OPERATIONAL. waiting: data of a synchronous RPDO until the next SYNC."""
+    """One RPDO in OPERATIONAL. waiting: data of a synchronous RPDO and its arrival, until the next SYNC."""
 
     parameters: PdoParameters
-    waiting: bytes | None = None
+    waiting: tuple[int, bytes] | None = None
     deadline_us: int | None = None
 
 
 class RpdoService:
     """All RPDOs of a node; they exist from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
 
-    def __init__(self, store: ObjectStore, emcy: EmergencyProducer) -> None:
+    def __init__(self, store: ObjectStore, emcy: EmergencyProducer, sync: SyncConsumer) -> None:
         self._store = store
         self._emcy = emcy
+        self._sync = sync
         self._numbers = pdo_numbers(store.od, PdoDirection.RECEIVE)
         self._rpdos: tuple[Rpdo, ...] = ()
         for number in self._numbers:
@@ -45,27 +52,28 @@ class RpdoService:
 
     def can_ids(self) -> set[int]:
         """The identifiers that this node wants to receive."""
-        parameters = (read_parameters(self._store, PdoDirection.RECEIVE, number) for number in self._numbers)
-        return {one.can_id for one in parameters if one.valid}
+        return valid_can_ids(self._store, PdoDirection.RECEIVE, self._numbers)
 
     def due_us(self) -> int | None:
         return min((rpdo.deadline_us for rpdo in self._rpdos if rpdo.deadline_us is not None), default=None)
 
-    def receive(self, now_us: int, frame: CanFrame) -> list[RpdoReceived]:
+    def receive(
+        self, now_us: int, arrived_us: int, frame: CanFrame
+    ) -> list[RpdoReceived | TimeStampReceived]:
         """Take one frame, if it is an RPDO of this node."""
         return [
             event
             for rpdo in self._rpdos
             if rpdo.parameters.can_id == frame.can_id
-            for event in self._accept(now_us, rpdo, frame.data)
+            for event in self._accept(now_us, arrived_us, rpdo, frame.data)
         ]
 
-    def sync(self) -> list[RpdoReceived]:
+    def sync(self) -> list[RpdoReceived | TimeStampReceived]:
         """The synchronous RPDOs take effect."""
         events = []
         for rpdo in self._rpdos:
             if rpdo.waiting is not None:
-                events.append(self._apply(rpdo, rpdo.waiting))
+                events += self._apply(rpdo, *rpdo.waiting)
                 rpdo.waiting = None
         return events
 
@@ -79,7 +87,9 @@ class RpdoService:
                 events.append(RpdoTimedOut(rpdo.parameters.number))
         return events
 
-    def _accept(self, now_us: int, rpdo: Rpdo, data: bytes) -> list[RpdoReceived]:
+    def _accept(
+        self, now_us: int, arrived_us: int, rpdo: Rpdo, data: bytes
+    ) -> list[RpdoReceived | TimeStampReceived]:
         parameters = rpdo.parameters
         length_bytes = parameters.layout.packer.size
         if len(data) < length_bytes:
@@ -93,11 +103,15 @@ class RpdoService:
         self._emcy.clear(EmcyCode.RPDO_TIMEOUT)
         rpdo.deadline_us = now_us + parameters.event_us if parameters.event_us else None
         if parameters.event_driven:
-            return [self._apply(rpdo, data[:length_bytes])]
-        rpdo.waiting = data[:length_bytes]
+            return self._apply(rpdo, arrived_us, data[:length_bytes])
+        if self._sync.in_window(arrived_us):
+            rpdo.waiting = arrived_us, data[:length_bytes]
         return []
 
-    def _apply(self, rpdo: Rpdo, data: bytes) -> RpdoReceived:
+    def _apply(self, rpdo: Rpdo, arrived_us: int, data: bytes) -> list[RpdoReceived | TimeStampReceived]:
         values = rpdo.parameters.layout.unpack(data)
         self._store.values.update(values)
-        return RpdoReceived(rpdo.parameters.number, values)
+        received = RpdoReceived(rpdo.parameters.number, values)
+        if TIME_STAMP not in values:
+            return [received]
+        return [received, TimeStampReceived(arrived_us, values[TIME_STAMP])]

@@ -1,184 +1,201 @@
-"""The SDO server (CiA 301, 7.2.4): expedited and segmented transfers in both directions, one at a time.
+"""The SDO server (CiA 301, 7.2.4): expedited, segmented and block transfers both ways, one at a time.
 
-Block transfer is refused with 0504 0001h, which tells a client to use segments.
+A new request ends an unfinished transfer silently; a client that leaves one for a second is told so.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import IntEnum
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore, check_length, sdo_value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
+from palpate_edge.node.sdo_block import KNOWS_CRC, MAX_BLOCK_SEGMENTS, BlockDownload, BlockUpload
+from palpate_edge.node.sdo_segmented import SegmentedDownload, SegmentedUpload, check_room
 
 TIMEOUT_US = 1_000_000
-MAX_DOWNLOAD_BYTES = 1024
-SEGMENT_BYTES = 7
 SDO_FRAME_BYTES = 8
 
 EXPEDITED = 0x02
 SIZE_INDICATED = 0x01
-TOGGLE = 0x10
-LAST_SEGMENT = 0x01
+BLOCK_SIZE_INDICATED = 0x02
+BLOCK_SUBCOMMANDS = 0x03
+ABORT = 0x80
+
+Transfer = SegmentedDownload | SegmentedUpload | BlockDownload | BlockUpload
 
 
-class ClientCommand(IntEnum):
-    """Client command specifier, bits 7-5 of the first byte."""
+class Initiate(IntEnum):
+    """Client command specifiers (bits 7-5) that begin a transfer; those of blocks have sub-command 0."""
 
-    DOWNLOAD_SEGMENT = 0
-    INITIATE_DOWNLOAD = 1
-    INITIATE_UPLOAD = 2
-    UPLOAD_SEGMENT = 3
-    ABORT = 4
-
-
-@dataclass(slots=True)
-class Download:
-    """A segmented write under way. size_bytes: what the client announced, if it did."""
-
-    entry: Entry
-    size_bytes: int | None
-    toggle: int
-    data: bytearray
-
-
-@dataclass(slots=True)
-class Upload:
-    """A segmented read under way."""
-
-    index: int
-    subindex: int
-    toggle: int
-    rest: bytes
+    DOWNLOAD = 1
+    UPLOAD = 2
+    BLOCK_UPLOAD = 5
+    BLOCK_DOWNLOAD = 6
 
 
 class SdoServer:
-    """Answers one client. `commit` takes an admitted value, or raises SdoAbortError to refuse it."""
+    """Answers one client.
 
-    def __init__(self, store: ObjectStore, commit: Callable[[Entry, Value], None]) -> None:
+    `commit` takes an admitted value, or raises SdoAbortError to refuse it; False says that the answer waits
+    for :meth:`confirm`.
+    """
+
+    def __init__(self, store: ObjectStore, commit: Callable[[Entry, Value], bool]) -> None:
         self._store = store
         self._commit = commit
-        self.request_id = store.number(0x1200, 1) & 0x7FF
-        self.response_id = store.number(0x1200, 2) & 0x7FF
-        self._transfer: Download | Upload | None = None
+        self._transfer: Transfer | None = None
         self._deadline_us: int | None = None
+        self._held: tuple[int, int, bytes] | None = None
+        self.request_id = self.response_id = 0
+        self.start()
+
+    def start(self) -> None:
+        """After a reset: the identifiers of 1200h, and no transfer."""
+        self.request_id = self._store.number(0x1200, 1) & 0x7FF
+        self.response_id = self._store.number(0x1200, 2) & 0x7FF
+        self.cancel()
 
     def cancel(self) -> None:
         """Forget a transfer under way (reset, STOPPED)."""
         self._transfer = None
         self._deadline_us = None
+        self._held = None
+
+    def confirm(self, stored: bool) -> list[CanFrame]:
+        """The answer that waited for the application's storage."""
+        if self._held is None:
+            return []
+        index, subindex, answer = self._held
+        self._held = None
+        return [self._frame(answer)] if stored else [self._abort(index, subindex, AbortCode.HARDWARE)]
 
     def due_us(self) -> int | None:
         return self._deadline_us
 
-    def poll(self, now_us: int) -> CanFrame | None:
-        """The abort of a transfer that the client left unfinished for :data:`TIMEOUT_US`."""
-        if self._deadline_us is None or now_us < self._deadline_us:
-            return None
-        return self._abort(*self._transfer_key(), AbortCode.TIMED_OUT)
+    def poll(self, now_us: int) -> list[CanFrame]:
+        """The abort of a transfer that the client left unfinished."""
+        if self._transfer is None or self._deadline_us is None or now_us < self._deadline_us:
+            return []
+        return [self._abort(*self._transfer.key, AbortCode.TIMED_OUT)]
 
-    def receive(self, now_us: int, data: bytes) -> CanFrame | None:
-        """The answer to one request; None for an abort or a frame that is not 8 bytes long."""
+    def receive(self, now_us: int, data: bytes) -> list[CanFrame]:
+        """The answers to one request; none for an abort or a frame that is not 8 bytes long."""
         if len(data) != SDO_FRAME_BYTES:
-            return None
-        command = data[0] >> 5
-        if command == ClientCommand.ABORT:
+            return []
+        command = data[0]
+        transfer = self._transfer
+        if command == ABORT:
             self.cancel()
-            return None
-        index, subindex = self._transfer_key()
-        if command not in (ClientCommand.DOWNLOAD_SEGMENT, ClientCommand.UPLOAD_SEGMENT):
+            return []
+        if transfer is not None and transfer.expects(command):
+            index, subindex = transfer.key
+        elif begins_transfer(command):
             index, subindex = struct.unpack_from("<HB", data, 1)
+        else:
+            index, subindex = (0, 0) if transfer is None else transfer.key
+            return [self._abort(index, subindex, AbortCode.COMMAND_UNKNOWN)]
         try:
-            answer = self._serve(command, index, subindex, data)
+            if transfer is not None and transfer.expects(command):
+                answers = self._go_on(transfer, data)
+            else:
+                answers = [self._initiate(command, index, subindex, data)]
         except SdoAbortError as refusal:
-            return self._abort(index, subindex, refusal.code)
+            return [self._abort(index, subindex, refusal.code)]
         self._deadline_us = None if self._transfer is None else now_us + TIMEOUT_US
-        return CanFrame(self.response_id, answer)
+        if self._held is not None:
+            return []
+        return [self._frame(answer) for answer in answers]
 
-    def _serve(self, command: int, index: int, subindex: int, data: bytes) -> bytes:
-        match command:
-            case ClientCommand.INITIATE_DOWNLOAD:
+    def _go_on(self, transfer: Transfer, data: bytes) -> list[bytes]:
+        answers = transfer.receive(data)
+        if transfer.finished:
+            self._transfer = None
+            if transfer.held:
+                self._held = (*transfer.key, answers[0])
+        return answers
+
+    def _initiate(self, command: int, index: int, subindex: int, data: bytes) -> bytes:
+        if self._held is not None:
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
+        self._transfer = None
+        match command >> 5:
+            case Initiate.DOWNLOAD:
                 return self._initiate_download(index, subindex, data)
-            case ClientCommand.DOWNLOAD_SEGMENT:
-                return self._download_segment(data)
-            case ClientCommand.INITIATE_UPLOAD:
-                return self._initiate_upload(index, subindex)
-            case ClientCommand.UPLOAD_SEGMENT:
-                return self._upload_segment(data)
+            case Initiate.UPLOAD:
+                return self._initiate_upload(index, subindex, self._store.sdo_upload(index, subindex))
+            case Initiate.BLOCK_DOWNLOAD:
+                return self._initiate_block_download(index, subindex, data)
             case _:
-                raise SdoAbortError(AbortCode.COMMAND_UNKNOWN)
+                return self._initiate_block_upload(index, subindex, data)
 
     def _initiate_download(self, index: int, subindex: int, data: bytes) -> bytes:
-        self.cancel()
         entry = self._store.sdo_writable_entry(index, subindex)
         has_size = bool(data[0] & SIZE_INDICATED)
+        answer = struct.pack("<BHB4x", 0x60, index, subindex)
         if data[0] & EXPEDITED:
             length_bytes = 4 - (data[0] >> 2 & 3) if has_size else min(4, entry.size_bytes or 4)
-            self._commit(entry, sdo_value(entry, data[4 : 4 + length_bytes]))
+            if not self._complete(entry, data[4 : 4 + length_bytes]):
+                self._held = (index, subindex, answer)
         else:
-            size_bytes = struct.unpack_from("<I", data, 4)[0] if has_size else None
-            if size_bytes is not None:
-                check_length(entry, size_bytes)
-                if size_bytes > MAX_DOWNLOAD_BYTES:
-                    raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
-            self._transfer = Download(entry, size_bytes, 0, bytearray())
-        return struct.pack("<BHB4x", 0x60, index, subindex)
+            size_bytes = announced_size(entry, data) if has_size else None
+            self._transfer = SegmentedDownload(entry, size_bytes, self._complete)
+        return answer
 
-    def _download_segment(self, data: bytes) -> bytes:
-        transfer = self._transfer
-        if not isinstance(transfer, Download):
-            raise SdoAbortError(AbortCode.COMMAND_UNKNOWN)
-        toggle = data[0] & TOGGLE
-        if toggle != transfer.toggle:
-            raise SdoAbortError(AbortCode.TOGGLE_BIT)
-        transfer.toggle ^= TOGGLE
-        transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
-        if len(transfer.data) > MAX_DOWNLOAD_BYTES:
-            raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
-        if data[0] & LAST_SEGMENT:
-            if transfer.size_bytes not in (None, len(transfer.data)):
-                raise SdoAbortError(AbortCode.LENGTH_MISMATCH)
-            self._commit(transfer.entry, sdo_value(transfer.entry, bytes(transfer.data)))
-            self.cancel()
-        return struct.pack("<B7x", 0x20 | toggle)
+    def _initiate_upload(self, index: int, subindex: int, content: bytes) -> bytes:
+        if 1 <= len(content) <= 4:
+            command = 0x40 | (4 - len(content)) << 2 | EXPEDITED | SIZE_INDICATED
+            return struct.pack("<BHB4s", command, index, subindex, content)
+        self._transfer = SegmentedUpload((index, subindex), content)
+        return struct.pack("<BHBI", 0x40 | SIZE_INDICATED, index, subindex, len(content))
 
-    def _initiate_upload(self, index: int, subindex: int) -> bytes:
-        self.cancel()
-        data = self._store.sdo_upload(index, subindex)
-        if 1 <= len(data) <= 4:
-            command = 0x40 | (4 - len(data)) << 2 | EXPEDITED | SIZE_INDICATED
-            return struct.pack("<BHB4s", command, index, subindex, data)
-        self._transfer = Upload(index, subindex, 0, data)
-        return struct.pack("<BHBI", 0x40 | SIZE_INDICATED, index, subindex, len(data))
+    def _initiate_block_download(self, index: int, subindex: int, data: bytes) -> bytes:
+        entry = self._store.sdo_writable_entry(index, subindex)
+        size_bytes = announced_size(entry, data) if data[0] & BLOCK_SIZE_INDICATED else None
+        self._transfer = BlockDownload(entry, size_bytes, bool(data[0] & KNOWS_CRC), self._complete)
+        return struct.pack("<BHBB3x", 0xA0 | KNOWS_CRC, index, subindex, MAX_BLOCK_SEGMENTS)
 
-    def _upload_segment(self, data: bytes) -> bytes:
-        transfer = self._transfer
-        if not isinstance(transfer, Upload):
-            raise SdoAbortError(AbortCode.COMMAND_UNKNOWN)
-        toggle = data[0] & TOGGLE
-        if toggle != transfer.toggle:
-            raise SdoAbortError(AbortCode.TOGGLE_BIT)
-        transfer.toggle ^= TOGGLE
-        segment, transfer.rest = transfer.rest[:SEGMENT_BYTES], transfer.rest[SEGMENT_BYTES:]
-        command = toggle | (SEGMENT_BYTES - len(segment)) << 1
-        if not transfer.rest:
-            command |= LAST_SEGMENT
-            self.cancel()
-        return struct.pack("<B7s", command, segment)
+    def _initiate_block_upload(self, index: int, subindex: int, data: bytes) -> bytes:
+        content = self._store.sdo_upload(index, subindex)
+        block_segments, switch_threshold_bytes = data[4], data[5]
+        transfer = BlockUpload((index, subindex), content, block_segments)
+        if switch_threshold_bytes and len(content) <= switch_threshold_bytes:
+            # The client prefers segments for what is this short (protocol switch threshold).
+            return self._initiate_upload(index, subindex, content)
+        self._transfer = transfer
+        return struct.pack("<BHBI", 0xC0 | KNOWS_CRC | BLOCK_SIZE_INDICATED, index, subindex, len(content))
 
-    def _transfer_key(self) -> tuple[int, int]:
-        match self._transfer:
-            case Download(entry=entry):
-                return entry.key
-            case Upload(index=index, subindex=subindex):
-                return index, subindex
-            case _:
-                return 0, 0
+    def _complete(self, entry: Entry, data: bytes) -> bool:
+        return self._commit(entry, sdo_value(entry, data))
+
+    def _frame(self, answer: bytes) -> CanFrame:
+        return CanFrame(self.response_id, answer)
 
     def _abort(self, index: int, subindex: int, code: AbortCode) -> CanFrame:
-        self.cancel()
-        return CanFrame(self.response_id, struct.pack("<BHBI", 0x80, index, subindex, code))
+        self._transfer = None
+        self._deadline_us = None
+        return self._frame(struct.pack("<BHBI", 0x80, index, subindex, code))
+
+
+def begins_transfer(command: int) -> bool:
+    """Whether a request's first byte is that of a new transfer."""
+    match command >> 5:
+        case Initiate.DOWNLOAD | Initiate.UPLOAD:
+            return True
+        case Initiate.BLOCK_UPLOAD:
+            return command & BLOCK_SUBCOMMANDS == 0
+        case Initiate.BLOCK_DOWNLOAD:
+            return command & 1 == 0
+        case _:
+            return False
+
+
+def announced_size(entry: Entry, data: bytes) -> int:
+    """The length that a client announces. Raises SdoAbortError when the entry cannot have it."""
+    size_bytes: int = struct.unpack_from("<I", data, 4)[0]
+    check_length(entry, size_bytes)
+    check_room(size_bytes)
+    return size_bytes

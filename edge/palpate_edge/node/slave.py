@@ -1,4 +1,4 @@
-"""The CANopen slave: CiA 301 services around one object dictionary, without clock, thread or bus.
+"""The CANopen slave: CiA 301 and 305 around one object dictionary, without clock, thread or bus.
 
 Frames and the time go in, frames and events come out; the same input gives the same output. The time may be
 any counter of microseconds that does not go back.
@@ -10,32 +10,44 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.node.emcy import EmergencyProducer
-from palpate_edge.node.events import Event, NmtStateChanged, NodeIdConflict, ObjectWritten
-from palpate_edge.node.heartbeat import HeartbeatProducer
+from palpate_edge.node import lss
+from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
+from palpate_edge.node.events import (
+    AcceptIdsChanged,
+    BitRateActivated,
+    Event,
+    HeartbeatLost,
+    NmtStateChanged,
+    NodeIdConflict,
+    ObjectWritten,
+    SyncReceived,
+)
 from palpate_edge.node.nmt import (
-    ERROR_CONTROL_ID,
     NMT_ID,
     SDO_STATES,
     STATE_AFTER,
+    STATE_AFTER_ERROR,
     NmtCommand,
     NmtState,
     boot_up,
     command_for,
 )
-from palpate_edge.node.object_dictionary import Entry, ObjectDictionary, Value
+from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, Entry, ObjectDictionary, Value
 from palpate_edge.node.object_store import ObjectStore
-from palpate_edge.node.pdo_parameters import check_pdo_write
-from palpate_edge.node.rpdo import RpdoService
-from palpate_edge.node.sdo_server import SdoServer
-from palpate_edge.node.tpdo import TpdoService
+from palpate_edge.node.parameter_keeper import ParameterKeeper
+from palpate_edge.node.services import Services
+from palpate_edge.node.stored_parameters import (
+    COMMUNICATION,
+    NOTHING_STORED,
+    SIGNATURES,
+    StoredParameters,
+    fits,
+)
 
 IDLE_US = 1_000_000
 """A slave asks to be called at least this often."""
 
-COMMUNICATION_PROFILE = range(0x1000, 0x2000)
-RPDO_PARAMETERS = range(0x1400, 0x1800)
-TPDO_PARAMETERS = range(0x1800, 0x1C00)
+ERROR_BEHAVIOUR = 0x1029
 ALL_OBJECTS = range(0x10000)
 
 WriteCheck = Callable[[Entry, Value], None]
@@ -56,23 +68,47 @@ class Output:
 
 
 class Slave:
-    """One node. The first call of :meth:`process` sends the boot-up and enters PRE-OPERATIONAL."""
+    """One node. The first call of :meth:`process` sends the boot-up and enters PRE-OPERATIONAL.
 
-    def __init__(self, od: ObjectDictionary, check_write: WriteCheck = allow_write) -> None:
-        self.node_id = od.node_id
+    A node id of 255 (or 255 stored by LSS) waits for LSS instead. kept: what was stored before.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        check_write: WriteCheck = allow_write,
+        kept: StoredParameters = NOTHING_STORED,
+    ) -> None:
         self.state = NmtState.INITIALISING
-        self._check_write = check_write
-        self._store = ObjectStore(od)
-        self.emcy = EmergencyProducer(self._store)
-        self._heartbeat = HeartbeatProducer(self._store)
-        self._sdo = SdoServer(self._store, self._commit)
-        self._tpdo = TpdoService(self._store)
-        self._rpdo = RpdoService(self._store, self.emcy)
-        self._sync_id = self._store.number(0x1005) & 0x7FF
-        self._own_ids = self._ids_only_this_node_sends()
         self._now_us = 0
+        self._silent_until_us = 0
         self._frames: list[CanFrame] = []
         self._events: list[Event] = []
+        self._check_write = check_write
+        self._store = ObjectStore(od)
+        self._keeper = ParameterKeeper(self._store, kept)
+        if kept.node_id is not None:
+            self._store.set_node_id(kept.node_id)
+        self._first_node_id = self.node_id
+        usable = fits(self._store, kept)
+        if usable:
+            self._store.saved = kept.objects
+            self._store.restore(ALL_OBJECTS)
+        self._services = Services(self._store, self._commit)
+        self._lss = lss.LssSlave(self._store, self._store_lss, self._activate_bit_rate)
+        self._handlers: dict[int, Callable[[CanFrame, int], None]] = {}
+        self._connect()
+        if not usable:
+            self.emcy.report(EmcyCode.DATA_SET, ErrorRegister.GENERIC)
+
+    @property
+    def node_id(self) -> int:
+        return self._store.od.node_id
+
+    @property
+    def emcy(self) -> EmergencyProducer:
+        """For errors of the application."""
+        return self._services.emcy
 
     def read(self, index: int, subindex: int = 0) -> Value:
         """An object's value, for the application. Raises BusError when the EDS has none."""
@@ -84,103 +120,186 @@ class Slave:
 
     def trigger(self, numbers: Sequence[int]) -> None:
         """Send these TPDOs in the next call of :meth:`process`, with the values they have then."""
-        self._tpdo.trigger(numbers)
+        self._services.tpdo.trigger(numbers)
 
     def accept_ids(self) -> tuple[int, ...]:
         """The identifiers to let through a receive filter: what is served and what reveals a conflict."""
-        served = {NMT_ID, self._sync_id, self._sdo.request_id, *self._rpdo.can_ids()}
-        return tuple(sorted(served | self._own_ids))
+        return tuple(sorted(self._handlers))
 
-    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
-        """Serve the frames that came and the timers that ran out by `now_us`."""
+    def communication_error(self, code: int, info: bytes = b"") -> None:
+        """The bus failed (bus-off, overrun ...): an emergency, and the state that 1029h:01 asks for.
+
+        Call ``emcy.clear(code)`` when it is well again.
+        """
+        self.emcy.report(code, ErrorRegister.COMMUNICATION, info)
+        self._behave_on_error()
+
+    def store_finished(self, stored: bool) -> None:
+        """The answer to StoreRequested; a master is told by the next :meth:`process`."""
+        self._frames += self._keeper.finished(stored)
+
+    def process(
+        self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
+    ) -> Output:
+        """Serve the frames that came and the timers that ran out by `now_us`.
+
+        arrived_us: when each frame came, on the clock of `now_us`; None: now. SYNC and time stamps are told
+        with it, and the SYNC window is measured by it.
+        """
         self._now_us = now_us
-        self._frames, self._events = [], []
-        if self.state is NmtState.INITIALISING:
+        if now_us < self._silent_until_us:
+            return Output((), min(self._silent_until_us, now_us + IDLE_US), ())
+        if self.state is NmtState.INITIALISING and self.node_id != UNCONFIGURED_NODE_ID:
             self._boot_up(None)
-        for frame in frames_in:
-            if not frame.remote:
-                self._receive(frame)
-        self._poll()
-        return Output(tuple(self._frames), self._next_due_us(), tuple(self._events))
+        for number, frame in enumerate(frames_in):
+            handler = self._handlers.get(frame.can_id)
+            if handler is not None and not frame.remote:
+                handler(frame, now_us if arrived_us is None else arrived_us[number])
+        if self.state is not NmtState.INITIALISING:
+            self._poll()
+        frames, self._frames = tuple(self._frames), []
+        events, self._events = tuple(self._events), []
+        return Output(frames, min([*self._services.due_us(), now_us + IDLE_US]), events)
 
-    def _receive(self, frame: CanFrame) -> None:
-        if frame.can_id == NMT_ID:
-            command = command_for(self.node_id, frame.data)
-            if command is not None:
-                self._obey(command)
-        elif frame.can_id == self._sync_id:
-            self._events += self._rpdo.sync()
-            self._frames += self._tpdo.sync(self._now_us)
-        elif frame.can_id == self._sdo.request_id:
-            if self.state in SDO_STATES:
-                self._send(self._sdo.receive(self._now_us, frame.data))
-        elif frame.can_id in self._own_ids:
-            self._events.append(NodeIdConflict(frame.can_id))
-        else:
-            self._events += self._rpdo.receive(self._now_us, frame)
+    def _connect(self) -> None:
+        """Who serves which identifier; where two want one, the later line has it."""
+        services = self._services
+        handlers: dict[int, Callable[[CanFrame, int], None]] = {}
+        if self.node_id != UNCONFIGURED_NODE_ID:
+            handlers |= dict.fromkeys(services.rpdo.can_ids(), self._on_rpdo)
+            handlers |= dict.fromkeys(services.watch.can_ids(), self._on_heartbeat)
+            handlers |= dict.fromkeys(services.own_ids(), self._on_conflict)
+            if services.time.can_id is not None:
+                handlers[services.time.can_id] = self._on_time
+            handlers[services.sync.can_id] = self._on_sync
+            handlers[services.sdo.request_id] = self._on_sdo
+            handlers[NMT_ID] = self._on_nmt
+        handlers[lss.MASTER_ID] = self._on_lss
+        if self._handlers and handlers.keys() != self._handlers.keys():
+            self._events.append(AcceptIdsChanged(tuple(sorted(handlers))))
+        self._handlers = handlers
+
+    def _on_nmt(self, frame: CanFrame, _arrived_us: int) -> None:
+        command = command_for(self.node_id, frame.data)
+        if command is None:
+            return
+        state = STATE_AFTER[command]
+        if state is NmtState.INITIALISING:
+            self._reset(command)
+        elif state is not self.state:
+            self._enter(state, command)
+
+    def _on_sync(self, frame: CanFrame, arrived_us: int) -> None:
+        sync = self._services.sync
+        if self.state not in SDO_STATES or not sync.accept(arrived_us, frame.data):
+            return
+        counter = frame.data[0] if frame.data else None
+        self._events.append(SyncReceived(arrived_us, counter))
+        if self.state is NmtState.OPERATIONAL:
+            self._events += self._services.rpdo.sync()
+            if sync.in_window(self._now_us):
+                self._frames += self._services.tpdo.sync(self._now_us, counter)
+
+    def _on_time(self, frame: CanFrame, arrived_us: int) -> None:
+        event = self._services.time.receive(arrived_us, frame.data)
+        if event is not None and self.state in SDO_STATES:
+            self._events.append(event)
+
+    def _on_sdo(self, frame: CanFrame, _arrived_us: int) -> None:
+        if self.state in SDO_STATES:
+            self._frames += self._services.sdo.receive(self._now_us, frame.data)
+
+    def _on_rpdo(self, frame: CanFrame, arrived_us: int) -> None:
+        self._events += self._services.rpdo.receive(self._now_us, arrived_us, frame)
+
+    def _on_heartbeat(self, frame: CanFrame, _arrived_us: int) -> None:
+        self._services.watch.receive(self._now_us, frame.can_id)
+
+    def _on_conflict(self, frame: CanFrame, _arrived_us: int) -> None:
+        self._events.append(NodeIdConflict(frame.can_id))
+
+    def _on_lss(self, frame: CanFrame, _arrived_us: int) -> None:
+        answer = self._lss.receive(frame.data)
+        if answer is not None:
+            self._frames.append(answer)
+        if self._lss.leaves_unconfigured:
+            self._start_over(None)
 
     def _poll(self) -> None:
-        self._events += self._rpdo.poll(self._now_us)
-        self._send(self._sdo.poll(self._now_us))
-        self._frames += self.emcy.poll(self.state)
-        self._frames += self._tpdo.poll(self._now_us)
-        self._send(self._heartbeat.poll(self._now_us, self.state))
+        now_us, services = self._now_us, self._services
+        self._events += services.rpdo.poll(now_us)
+        for node_id in services.watch.poll(now_us):
+            self._events.append(HeartbeatLost(node_id))
+            self._behave_on_error()
+        self._frames += self._keeper.poll(now_us)
+        self._frames += services.sdo.poll(now_us)
+        self._frames += services.emcy.poll(now_us, self.state)
+        self._frames += services.tpdo.poll(now_us)
+        heartbeat = services.heartbeat.poll(now_us, self.state)
+        if heartbeat is not None:
+            self._frames.append(heartbeat)
 
-    def _send(self, frame: CanFrame | None) -> None:
-        if frame is not None:
-            self._frames.append(frame)
+    def _behave_on_error(self) -> None:
+        state = STATE_AFTER_ERROR.get(self._store.optional_number(ERROR_BEHAVIOUR, 1))
+        if self.state is NmtState.OPERATIONAL and state is not None:
+            self._enter(state, None)
 
-    def _next_due_us(self) -> int:
-        services = (self._heartbeat, self._sdo, self._tpdo, self._rpdo)
-        due = [at_us for service in services if (at_us := service.due_us()) is not None]
-        return min([*due, self._now_us + IDLE_US])
-
-    def _obey(self, command: NmtCommand) -> None:
-        state = STATE_AFTER[command]
-        if state is self.state:
-            return
-        if state is not NmtState.INITIALISING:
-            self._enter(state, command)
-            return
+    def _reset(self, command: NmtCommand) -> None:
         node = command is NmtCommand.RESET_NODE
-        self._store.restore_defaults(ALL_OBJECTS if node else COMMUNICATION_PROFILE)
-        self._own_ids = self._ids_only_this_node_sends()
-        self.emcy.reset()
-        self._boot_up(command)
+        if node:
+            self._lss.pending_node_id = self._keeper.kept.node_id or self._first_node_id
+        self._store.restore(ALL_OBJECTS if node else COMMUNICATION)
+        self._start_over(command)
+
+    def _start_over(self, command: NmtCommand | None) -> None:
+        """Through INITIALISING with the node id that LSS has given meanwhile."""
+        self._store.set_node_id(self._lss.pending_node_id)
+        self._services.restart()
+        self._connect()
+        if self.node_id == UNCONFIGURED_NODE_ID:
+            self._enter(NmtState.INITIALISING, command)
+        else:
+            self._boot_up(command)
 
     def _boot_up(self, command: NmtCommand | None) -> None:
-        self._send(boot_up(self.node_id))
-        self._heartbeat.start(self._now_us)
-        self._sdo.cancel()
+        self._frames.append(boot_up(self.node_id))
+        self._services.heartbeat.start(self._now_us)
         self._enter(NmtState.PRE_OPERATIONAL, command)
 
     def _enter(self, state: NmtState, command: NmtCommand | None) -> None:
         self.state = state
-        self._tpdo.stop()
-        self._rpdo.stop()
+        services = self._services
+        services.tpdo.stop()
+        services.rpdo.stop()
         if state is NmtState.OPERATIONAL:
-            self._tpdo.start(self._now_us)
-            self._rpdo.start()
+            services.tpdo.start(self._now_us)
+            services.rpdo.start()
         elif state is NmtState.STOPPED:
-            self._sdo.cancel()
+            services.sdo.cancel()
         self._events.append(NmtStateChanged(state, command))
 
-    def _commit(self, entry: Entry, value: Value) -> None:
-        """Take over what a master wrote by SDO, or raise SdoAbortError."""
-        check_pdo_write(self._store, entry, value)
+    def _commit(self, entry: Entry, value: Value) -> bool:
+        """Take over what a master wrote by SDO, or raise SdoAbortError. False: the rim is storing it."""
+        if entry.index in SIGNATURES:
+            confirm = self._services.sdo.confirm
+            self._events.append(self._keeper.write(self._now_us, entry, value, confirm))
+            return False
+        self._services.check_write(entry, value)
         self._check_write(entry, value)
         self._store.values[entry.key] = value
         self._events.append(ObjectWritten(entry.index, entry.subindex, value))
-        if entry.index == 0x1017:
-            self._heartbeat.reconfigure(self._now_us)
-        elif entry.index in RPDO_PARAMETERS and self.state is NmtState.OPERATIONAL:
-            self._rpdo.start()
-        elif entry.index in TPDO_PARAMETERS:
-            self._own_ids = self._ids_only_this_node_sends()
-            if self.state is NmtState.OPERATIONAL:
-                self._tpdo.start(self._now_us)
+        if entry.index in COMMUNICATION:
+            self._services.written(self._now_us, self.state, entry)
+            self._connect()
+        return True
 
-    def _ids_only_this_node_sends(self) -> set[int]:
-        error_control_id = ERROR_CONTROL_ID + self.node_id
-        emcy_id = self._store.number(0x1014) & 0x7FF
-        return {error_control_id, emcy_id, self._sdo.response_id, *self._tpdo.can_ids()}
+    def _store_lss(self, node_id: int, bit_rate_kbit_s: int | None) -> bool:
+        confirm = self._lss.confirm_store
+        request = self._keeper.keep_lss(self._now_us, node_id, bit_rate_kbit_s, confirm)
+        if request is not None:
+            self._events.append(request)
+        return request is not None
+
+    def _activate_bit_rate(self, bit_rate_kbit_s: int, delay_us: int) -> None:
+        self._silent_until_us = self._now_us + 2 * delay_us
+        self._events.append(BitRateActivated(bit_rate_kbit_s, delay_us))

@@ -1,4 +1,7 @@
-"""Transmit PDOs (CiA 301, 7.2.2): event types 254/255 with inhibit time and event timer, SYNC types 0-240."""
+"""Transmit PDOs (CiA 301, 7.2.2): event types 254/255 with inhibit time and event timer, SYNC types 0-240.
+
+A SYNC start value makes the SYNC with that counter the first of those that are counted.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,20 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.pdo_codec import PdoDirection
-from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters
+from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters, valid_can_ids
+from palpate_edge.node.sync import COUNTER_OVERFLOW
 
 
 @dataclass(slots=True)
 class Tpdo:
-    """One TPDO in OPERATIONAL. requested: the application has triggered it since it was sent."""
+    """One TPDO in OPERATIONAL.
+
+    requested: the application has triggered it since it was sent. awaits_start: the SYNC with its start value
+    has not come yet.
+    """
 
     parameters: PdoParameters
+    awaits_start: bool = False
     requested: bool = False
     syncs: int = 0
     inhibited_until_us: int = 0
@@ -32,13 +41,16 @@ class Tpdo:
             return None
         return max(self.event_due_us, self.inhibited_until_us)
 
-    def count_sync(self) -> bool:
+    def count_sync(self, counter: int | None) -> bool:
         """True when this SYNC is one to answer."""
         kind = self.parameters.transmission_type
         if self.parameters.event_driven or not self.parameters.valid:
             return False
         if kind == 0:
             return self.requested
+        if self.awaits_start and counter != self.parameters.sync_start:
+            return False
+        self.awaits_start = False
         self.syncs += 1
         return self.syncs >= kind
 
@@ -65,17 +77,21 @@ class TpdoService:
 
     def start(self, now_us: int) -> None:
         for number in self._numbers:
-            parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
-            self._tpdos[number] = tpdo = Tpdo(parameters)
-            tpdo.start_event_timer(now_us)
+            self.reconfigure(now_us, number)
+
+    def reconfigure(self, now_us: int, number: int) -> None:
+        """After a write to one of the parameters of TPDO `number`."""
+        parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
+        counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
+        self._tpdos[number] = tpdo = Tpdo(parameters, awaits_start=counted and parameters.sync_start != 0)
+        tpdo.start_event_timer(now_us)
 
     def stop(self) -> None:
         self._tpdos.clear()
 
     def can_ids(self) -> set[int]:
         """The identifiers that this node alone sends its valid TPDOs with."""
-        parameters = (read_parameters(self._store, PdoDirection.TRANSMIT, number) for number in self._numbers)
-        return {one.can_id for one in parameters if one.valid}
+        return valid_can_ids(self._store, PdoDirection.TRANSMIT, self._numbers)
 
     def trigger(self, numbers: Iterable[int]) -> None:
         """Ask for these TPDOs; without effect outside OPERATIONAL. Raises BusError for an unknown one."""
@@ -91,9 +107,9 @@ class TpdoService:
         due = [tpdo.due_us() for tpdo in self._tpdos.values() if tpdo.parameters.valid]
         return min((at_us for at_us in due if at_us is not None), default=None)
 
-    def sync(self, now_us: int) -> list[CanFrame]:
-        """What one SYNC asks for."""
-        return [self._send(tpdo, now_us) for tpdo in self._tpdos.values() if tpdo.count_sync()]
+    def sync(self, now_us: int, counter: int | None) -> list[CanFrame]:
+        """What one SYNC asks for. counter: that it carries, None for a SYNC without one."""
+        return [self._send(tpdo, now_us) for tpdo in self._tpdos.values() if tpdo.count_sync(counter)]
 
     def poll(self, now_us: int) -> list[CanFrame]:
         """The event-driven TPDOs that are due, in order of their numbers."""

@@ -1,0 +1,77 @@
+"""The heartbeat consumer (CiA 301, 7.2.8.3.2; object 1016h): who must be heard, and within how long.
+
+Watching a node begins with its first message. Its silence is EMCY 0x8130 with its node id in the first
+manufacturer byte, and what 1029h says; its next message takes the error back.
+"""
+
+from __future__ import annotations
+
+from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
+from palpate_edge.node.nmt import ERROR_CONTROL_ID
+from palpate_edge.node.object_dictionary import Entry
+from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
+
+CONSUMER_TIMES = 0x1016
+HIGHEST_NODE_ID = 127
+
+
+class HeartbeatConsumer:
+    """The nodes of 1016h with the times until which each must be heard again."""
+
+    def __init__(self, store: ObjectStore, emcy: EmergencyProducer) -> None:
+        self._store = store
+        self._emcy = emcy
+        self._times_us: dict[int, int] = {}
+        self._deadlines_us: dict[int, int] = {}
+        self.start()
+
+    def start(self) -> None:
+        """After a reset or a write to 1016h: every node waits for its first message again."""
+        entries = [self._entry(sub) for sub in range(1, 1 + self._store.optional_number(CONSUMER_TIMES))]
+        self._times_us = {node_id: time_us for node_id, time_us in entries if time_us}
+        self._deadlines_us.clear()
+
+    def check_write(self, entry: Entry, value: int) -> None:
+        """Raises SdoAbortError for reserved bits, and for a node that another sub-index watches."""
+        if value >> 24:
+            raise SdoAbortError(AbortCode.VALUE_INVALID)
+        node_id, time_us = consumer_entry(value)
+        others = (
+            self._entry(sub)
+            for sub in range(1, 1 + self._store.number(CONSUMER_TIMES))
+            if sub != entry.subindex
+        )
+        if time_us and any(time and node == node_id for node, time in others):
+            raise SdoAbortError(AbortCode.PARAMETER_CLASH)
+
+    def can_ids(self) -> set[int]:
+        return {ERROR_CONTROL_ID + node_id for node_id in self._times_us}
+
+    def due_us(self) -> int | None:
+        return min(self._deadlines_us.values()) if self._deadlines_us else None
+
+    def receive(self, now_us: int, can_id: int) -> None:
+        """A message of a watched node: whatever its state, it lives."""
+        node_id = can_id - ERROR_CONTROL_ID
+        self._deadlines_us[node_id] = now_us + self._times_us[node_id]
+        self._emcy.clear(EmcyCode.HEARTBEAT, bytes([node_id]))
+
+    def poll(self, now_us: int) -> list[int]:
+        """The nodes that have fallen silent; each is told once."""
+        if not self._deadlines_us:
+            return []
+        lost = [node_id for node_id, deadline_us in self._deadlines_us.items() if deadline_us <= now_us]
+        for node_id in lost:
+            del self._deadlines_us[node_id]
+            self._emcy.report(EmcyCode.HEARTBEAT, ErrorRegister.COMMUNICATION, bytes([node_id]))
+        return lost
+
+    def _entry(self, subindex: int) -> tuple[int, int]:
+        return consumer_entry(self._store.number(CONSUMER_TIMES, subindex))
+
+
+def consumer_entry(value: int) -> tuple[int, int]:
+    """Node id and time in us of one sub-index of 1016h; time 0 when it is not used."""
+    node_id, time_ms = value >> 16 & 0xFF, value & 0xFFFF
+    return node_id, time_ms * 1000 if 1 <= node_id <= HIGHEST_NODE_ID else 0

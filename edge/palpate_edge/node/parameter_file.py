@@ -1,0 +1,160 @@
+"""The file behind 1010h, 1011h and LSS's store: the only part of the node that touches a disk.
+
+A save is written beside, flushed, read back, and only then takes the name of the last one, which stays as
+``NAME.previous``. Whenever the power goes, one of the two is whole. A checksum tells a torn file from a whole
+one. The file is text: a line with the checksum, then JSON.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from palpate_edge.errors import ConfigError
+from palpate_edge.node.events import Event, StoreRequested
+from palpate_edge.node.object_dictionary import Value
+from palpate_edge.node.slave import Slave
+from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
+
+TITLE = b"palpate parameters 1 crc32 "
+
+
+class Files(Protocol):
+    """What the store needs of a file system; each raises OSError."""
+
+    def read(self, path: Path) -> bytes: ...
+
+    def write(self, path: Path, content: bytes) -> None:
+        """Contents, not yet safe from a loss of power."""
+
+    def flush(self, path: Path) -> None:
+        """Return when a file, or the names in a folder, are on the disk."""
+
+    def replace(self, path: Path, target: Path) -> None: ...
+
+
+class Disk:
+    """The real file system."""
+
+    def read(self, path: Path) -> bytes:
+        return path.read_bytes()
+
+    def write(self, path: Path, content: bytes) -> None:
+        path.write_bytes(content)
+
+    def flush(self, path: Path) -> None:
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def replace(self, path: Path, target: Path) -> None:
+        path.replace(target)
+
+
+class _Content(msgspec.Struct, forbid_unknown_fields=True):
+    """The JSON; the keys of objects are index and sub-index as in ``1017:00``."""
+
+    eds: str
+    node_id: int | None
+    bit_rate_kbit_s: int | None
+    objects: dict[str, int | str]
+
+
+class ParameterFile:
+    """One node's parameters at `path`."""
+
+    def __init__(self, path: Path, files: Files | None = None) -> None:
+        self._path = path
+        self._previous = path.with_name(path.name + ".previous")
+        self._new = path.with_name(path.name + ".new")
+        self._files = files or Disk()
+
+    def load(self) -> StoredParameters:
+        """What was saved last, or before that when the last save is torn; nothing when none was ever.
+
+        Raises ConfigError when what there is cannot be read: nothing is overwritten silently.
+        """
+        found = False
+        for path in (self._path, self._previous):
+            try:
+                return decode(self._files.read(path))
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError):
+                found = True
+        if found:
+            raise ConfigError(
+                f"stored parameters {self._path} are damaged, and so is {self._previous.name}: "
+                "remove both to start with the defaults of the EDS"
+            )
+        return NOTHING_STORED
+
+    def save(self, parameters: StoredParameters) -> None:
+        """Return when `parameters` are safe. Raises ConfigError when they cannot be; the old ones stay."""
+        content = encode(parameters)
+        try:
+            self._files.write(self._new, content)
+            self._files.flush(self._new)
+            if self._files.read(self._new) != content:
+                raise OSError("what was written reads back differently")
+            if self._is_whole(self._path):
+                self._files.replace(self._path, self._previous)
+            self._files.replace(self._new, self._path)
+            self._files.flush(self._path.parent)
+        except OSError as error:
+            raise ConfigError(
+                f"parameters cannot be stored in {self._path}: {error.strerror or error}: check the disk"
+            ) from error
+
+    def _is_whole(self, path: Path) -> bool:
+        """A torn file must not take the place of the previous one."""
+        try:
+            decode(self._files.read(path))
+        except (OSError, ValueError):
+            return False
+        return True
+
+
+def answer_store_requests(slave: Slave, events: Iterable[Event], file: ParameterFile) -> list[str]:
+    """Save what the slave's events ask for and tell it how that went. Returns what failed, a line each."""
+    failures = []
+    for event in events:
+        if isinstance(event, StoreRequested):
+            try:
+                file.save(event.parameters)
+            except ConfigError as refusal:
+                failures.append(str(refusal))
+                slave.store_finished(False)
+            else:
+                slave.store_finished(True)
+    return failures
+
+
+def encode(parameters: StoredParameters) -> bytes:
+    """The file's content."""
+    objects: dict[str, Value] = {
+        f"{index:04X}:{subindex:02X}": value for (index, subindex), value in parameters.objects.items()
+    }
+    content = _Content(parameters.eds_checksum, parameters.node_id, parameters.bit_rate_kbit_s, objects)
+    body = msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n"
+    return TITLE + b"%08x\n" % zlib.crc32(body) + body
+
+
+def decode(content: bytes) -> StoredParameters:
+    """Raises ValueError when `content` is not a whole file."""
+    title, _, body = content.partition(b"\n")
+    if title != TITLE + b"%08x" % zlib.crc32(body):
+        raise ValueError("not a whole parameter file")
+    try:
+        kept = msgspec.json.decode(body, type=_Content)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"not a parameter file of this version: {error}") from error
+    objects = {(int(key[:4], 16), int(key[5:], 16)): value for key, value in kept.objects.items()}
+    return StoredParameters(kept.eds, kept.node_id, kept.bit_rate_kbit_s, objects)

@@ -1,0 +1,91 @@
+"""The services of one node around one object store, and what a master's write to an object means to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from palpate_edge.node import sync, time_stamp
+from palpate_edge.node.emcy import COB_ID as EMCY_COB_ID
+from palpate_edge.node.emcy import EmergencyProducer
+from palpate_edge.node.heartbeat import PRODUCER_TIME, HeartbeatProducer
+from palpate_edge.node.heartbeat_consumer import CONSUMER_TIMES, HeartbeatConsumer
+from palpate_edge.node.nmt import ERROR_CONTROL_ID, NmtState
+from palpate_edge.node.object_dictionary import Entry, Value
+from palpate_edge.node.object_store import ERROR_HISTORY, ObjectStore
+from palpate_edge.node.pdo_codec import PdoDirection
+from palpate_edge.node.pdo_parameters import MAX_PDOS, check_pdo_write
+from palpate_edge.node.rpdo import RpdoService
+from palpate_edge.node.sdo_server import SdoServer
+from palpate_edge.node.tpdo import TpdoService
+
+RPDO_PARAMETERS = range(PdoDirection.RECEIVE.communication_index, PdoDirection.TRANSMIT.communication_index)
+TPDO_PARAMETERS = range(PdoDirection.TRANSMIT.communication_index, 0x1C00)
+
+WriteCheck = Callable[[Entry, int], None]
+
+
+class Services:
+    """commit: see :class:`SdoServer`."""
+
+    def __init__(self, store: ObjectStore, commit: Callable[[Entry, Value], bool]) -> None:
+        self._store = store
+        self.emcy = EmergencyProducer(store)
+        self.heartbeat = HeartbeatProducer(store)
+        self.watch = HeartbeatConsumer(store, self.emcy)
+        self.sync = sync.SyncConsumer(store, self.emcy)
+        self.time = time_stamp.TimeConsumer(store)
+        self.sdo = SdoServer(store, commit)
+        self.tpdo = TpdoService(store)
+        self.rpdo = RpdoService(store, self.emcy, self.sync)
+        self._checks: dict[int, WriteCheck] = {
+            ERROR_HISTORY: self.emcy.check_write,
+            EMCY_COB_ID: self.emcy.check_write,
+            sync.COB_ID: self.sync.check_write,
+            sync.COUNTER_OVERFLOW: self.sync.check_write,
+            time_stamp.COB_ID: self.time.check_write,
+            CONSUMER_TIMES: self.watch.check_write,
+        }
+
+    def restart(self) -> None:
+        """After a reset: every service by its objects as they are now."""
+        self.emcy.reset()
+        self.watch.start()
+        self.sync.start()
+        self.time.start()
+        self.sdo.start()
+
+    def check_write(self, entry: Entry, value: Value) -> None:
+        """Raises SdoAbortError for a value that the service behind the object cannot have."""
+        if isinstance(value, int):
+            self._checks.get(entry.index, self._check_other)(entry, value)
+
+    def written(self, now_us: int, state: NmtState, entry: Entry) -> None:
+        """Take over what a master wrote."""
+        index, operational = entry.index, state is NmtState.OPERATIONAL
+        if index == PRODUCER_TIME:
+            self.heartbeat.reconfigure(now_us)
+        elif index == CONSUMER_TIMES:
+            self.watch.start()
+        elif index in (sync.COB_ID, sync.WINDOW, sync.COUNTER_OVERFLOW):
+            self.sync.start()
+        elif index == time_stamp.COB_ID:
+            self.time.start()
+        elif index in RPDO_PARAMETERS and operational:
+            self.rpdo.start()
+        elif index in TPDO_PARAMETERS and operational:
+            self.tpdo.reconfigure(now_us, 1 + index % MAX_PDOS)
+
+    def own_ids(self) -> set[int]:
+        """The identifiers that this node alone sends with."""
+        emcy_id = self.emcy.can_id()
+        ids = {ERROR_CONTROL_ID + self._store.od.node_id, self.sdo.response_id, *self.tpdo.can_ids()}
+        return ids if emcy_id is None else ids | {emcy_id}
+
+    def due_us(self) -> list[int]:
+        """When each service that waits for a time wants to be polled."""
+        services = (self.heartbeat, self.watch, self.sdo, self.emcy, self.tpdo, self.rpdo)
+        return [at_us for service in services if (at_us := service.due_us()) is not None]
+
+    def _check_other(self, entry: Entry, value: int) -> None:
+        if entry.index in RPDO_PARAMETERS or entry.index in TPDO_PARAMETERS:
+            check_pdo_write(self._store, entry, value)
