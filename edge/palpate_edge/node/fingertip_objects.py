@@ -105,8 +105,8 @@ NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
 class Health:
     """The board's state for TPDO 4, 2024h and 2041h; counters since the start.
 
-    led_level: 0 (off) to 255; skin_drift_px: how far the untouched skin has gone since the reference frames or
-    the last tare.
+    led_level: 0 (off) to 255; skin_drift_px: how far the untouched skin has gone since the reference frames
+    or the last tare.
     """
 
     temperature_degC: float | None
