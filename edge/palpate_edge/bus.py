@@ -17,17 +17,23 @@ import can
 import msgspec
 
 from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.errors import BusError, BusOffError
 
 # linux/can/error.h: class bits of an error frame's identifier.
 CAN_ERR_CRTL = 0x004
 CAN_ERR_BUSOFF = 0x040
 CAN_ERR_RESTARTED = 0x100
+# data[1] of a CAN_ERR_CRTL frame.
+CRTL_RECEIVE_OVERFLOW = 0x01
+CRTL_PASSIVE = 0x30
+CRTL_ACTIVE = 0x40
 
 # A full transmit queue is retried after 0.2, 0.4, ... 25.6 ms, 51 ms in all: longer than a full 128-frame
 # queue needs to drain at 1 Mbit/s (17 ms), short against a heartbeat time.
 SEND_TRIES = 9
 FIRST_BACK_OFF_S = 0.0002
+
+SOCKET_BUFFER_FULL = "Transmit buffer full"  # python-can's socketcan gives no code with it
 
 RECEIVE_BATCH = 512  # frames a call of `receive`, so that a flooded bus cannot hold its caller for ever
 
@@ -56,19 +62,23 @@ class BusCounters:
     error_frames: int = 0
     foreign_frames: int = 0
     receive_overruns: int = 0
+    restarts: int = 0
 
 
 class Bus:
     """An open bus; make it with `open_bus`.
 
-    Every failure is a `BusError`. Bus-off raises from `receive` (and from `send` where the driver says so);
-    29-bit and FD frames of strangers are counted in `counters.foreign_frames` and left out.
+    Every failure is a `BusError`. Bus-off raises BusOffError from `receive` (a BusError from `send` where the
+    driver says so); the bus may be used again once `counters.restarts` has grown. error_passive: the last
+    that the controller said of it. 29-bit and FD frames of strangers are counted in `counters.foreign_frames`
+    and left out.
     """
 
     def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
         self._bus = bus
         self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
         self._failure: BusError | None = None
+        self.error_passive = False
         self.counters = BusCounters()
 
     def send(self, frames: Iterable[CanFrame]) -> None:
@@ -78,14 +88,21 @@ class Bus:
         bus is off, or when it is gone; the frames before the refused one are sent.
         """
         for frame in frames:
-            message = can.Message(
-                arbitration_id=frame.can_id,
-                is_extended_id=False,
-                is_remote_frame=frame.remote,
-                data=frame.data,
-            )
-            self._send_one(message)
-            self.counters.sent += 1
+            self._send_one(frame)
+
+    def try_send(self, frame: CanFrame) -> bool:
+        """Queues one frame without waiting; False while the transmit queue is full. Raises BusError."""
+        message = can.Message(
+            arbitration_id=frame.can_id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
+        )
+        try:
+            self._bus.send(message)
+        except can.CanError as error:
+            if error.error_code == errno.ENOBUFS or SOCKET_BUFFER_FULL in str(error):
+                return False
+            raise BusError(f"{self._where}: cannot send: {_one_line(error)}") from error
+        self.counters.sent += 1
+        return True
 
     def receive(self, timeout_s: float) -> list[tuple[int, CanFrame]]:
         """Waits up to `timeout_s` for a first frame, then takes all that is pending (at most 512).
@@ -111,6 +128,10 @@ class Bus:
         self.counters.received += len(frames)
         return frames
 
+    def accept(self, can_ids: Sequence[int]) -> None:
+        """Receive these 11-bit identifiers from now on, and no others."""
+        self._bus.set_filters(_filters(can_ids))
+
     def fileno(self) -> int:
         """A descriptor that polls readable when `receive` has something to give.
 
@@ -133,21 +154,17 @@ class Bus:
     ) -> None:
         self.close()
 
-    def _send_one(self, message: can.Message) -> None:
+    def _send_one(self, frame: CanFrame) -> None:
         back_off_s = FIRST_BACK_OFF_S
         for attempt in range(SEND_TRIES):
-            try:
-                self._bus.send(message)
+            if self.try_send(frame):
                 return
-            except can.CanError as error:
-                if error.error_code != errno.ENOBUFS:
-                    raise BusError(f"{self._where}: cannot send: {_one_line(error)}") from error
             if attempt < SEND_TRIES - 1:
                 self.counters.send_retries += 1
                 time.sleep(back_off_s)
                 back_off_s *= 2
         raise BusError(
-            f"{self._where}: transmit queue full, frame {message.arbitration_id:03X} refused "
+            f"{self._where}: transmit queue full, frame {frame.can_id:03X} refused "
             f"{SEND_TRIES} times: check the cabling and the bus load (palpate-host bus stats, or ip -s link)"
         )
 
@@ -168,13 +185,19 @@ class Bus:
 
     def _note_error_frame(self, message: can.Message) -> None:
         self.counters.error_frames += 1
+        if message.arbitration_id & CAN_ERR_RESTARTED:
+            self.counters.restarts += 1
+            self.error_passive = False
         if message.arbitration_id & CAN_ERR_BUSOFF:
-            raise BusError(
-                f"{self._where}: the controller went bus-off: check wiring, termination and bit rate, "
-                "then restart the link (ip link set can0 type can restart-ms 100) and this program"
+            raise BusOffError(
+                f"{self._where}: the controller went bus-off: check wiring, termination and bit rate; it "
+                "comes back by itself where the link restarts (ip link set can0 type can restart-ms 100)"
             )
-        if message.arbitration_id & CAN_ERR_CRTL and len(message.data) > 1 and message.data[1] & 0x01:
-            self.counters.receive_overruns += 1
+        if message.arbitration_id & CAN_ERR_CRTL and len(message.data) > 1:
+            status = message.data[1]
+            self.counters.receive_overruns += bool(status & CRTL_RECEIVE_OVERFLOW)
+            if status & (CRTL_PASSIVE | CRTL_ACTIVE):
+                self.error_passive = bool(status & CRTL_PASSIVE)
 
 
 def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = None) -> Bus:
@@ -191,11 +214,6 @@ def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = No
         )
     if accept_ids is not None and not accept_ids:
         raise BusError(f"bus of {name}: accept_ids is empty: name an identifier, or give None to receive all")
-    filters: list[can.typechecking.CanFilter] | None = None
-    if accept_ids is not None:
-        filters = [
-            {"can_id": can_id, "can_mask": MAX_STANDARD_ID, "extended": False} for can_id in accept_ids
-        ]
     options: dict[str, Any] = {"bitrate": config.bitrate}
     if config.interface == "palpate":
         options["name"] = name
@@ -204,7 +222,7 @@ def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = No
         bus = can.Bus(
             channel=channel,
             interface=config.interface,
-            can_filters=filters,
+            can_filters=None if accept_ids is None else _filters(accept_ids),
             ignore_config=True,
             **options,
         )
@@ -214,6 +232,10 @@ def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = No
             f"{_one_line(error)}"
         ) from error
     return Bus(bus, config, name)
+
+
+def _filters(can_ids: Sequence[int]) -> list[can.typechecking.CanFilter]:
+    return [{"can_id": can_id, "can_mask": MAX_STANDARD_ID, "extended": False} for can_id in can_ids]
 
 
 def _one_line(error: Exception) -> str:

@@ -13,16 +13,42 @@ from palpate_edge.errors import ConfigError
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 
 
+class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A V4L2 camera. usb_serial: its serial number, in place of capture.path.
+
+    format: ``any`` takes the first that reaches fps. fps: 0 for the calibration's. exposure_us, gain,
+    white_balance_K: held at this value; without one, at what the camera has.
+    """
+
+    usb_serial: str = ""
+    format: Literal["any", "GREY", "NV12", "YU12", "YUYV", "MJPG"] = "any"
+    fps: Annotated[float, msgspec.Meta(ge=0, le=1000)] = 0.0
+    exposure_us: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] | None = None
+    gain: int | None = None
+    white_balance_K: Annotated[int, msgspec.Meta(ge=1000, le=20_000)] | None = None
+
+
 class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where frames come from.
 
-    source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time);
-    loop: start over at the recording's end.
+    source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time) or
+    ``v4l2`` (the camera at `path`, set as `camera` says); loop: start over at the recording's end.
+    timeout_ms: without a frame for so long the contact is withdrawn and the camera counts as stalled.
     """
 
-    source: Literal["recorded"]
-    path: str
+    source: Literal["recorded", "v4l2"]
+    path: str = ""
     loop: bool = False
+    timeout_ms: Annotated[int, msgspec.Meta(ge=20, le=10_000)] = 200
+    camera: CameraConfig = CameraConfig()
+
+
+class RecordConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where ``palpate-edge record`` keeps frames, and what a recording may take: beyond it the oldest go."""
+
+    folder: str = "recordings"
+    megabytes: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 500
+    seconds: Annotated[float, msgspec.Meta(gt=0)] = 60.0
 
 
 class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -35,19 +61,27 @@ class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """id: CANopen node id, 1..127; fingertips are 0x10-0x1F by convention."""
+    """id: CANopen node id, 1..127; fingertips are 0x10-0x1F by convention; 255 waits for LSS to give one.
 
-    id: NodeId
+    serial_number: 1018h:04, by which LSS tells fingertips apart. parameters: the file that keeps what a
+    master stores (1010h); without one storing is refused.
+    """
+
+    id: NodeId | Literal[255]
+    serial_number: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)] = 0
+    parameters: str = ""
 
 
 class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All of a ``palpate-edge run --config`` file."""
+    """All of a ``palpate-edge run --config`` file. health: the file it keeps for ``palpate-edge check``."""
 
     name: str
     capture: CaptureConfig
     estimator: EstimatorConfig
     node: NodeConfig
     bus: BusConfig
+    record: RecordConfig = RecordConfig()
+    health: str = ""
 
 
 def read_config(path: Path) -> FingertipConfig:
@@ -61,10 +95,29 @@ def read_config(path: Path) -> FingertipConfig:
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: {error}: correct it as in docs/configuration.md") from None
     folder = path.resolve().parent
-    capture = msgspec.structs.replace(config.capture, path=str(folder / config.capture.path))
+    _check_capture(path, config.capture)
+    capture_path = str(folder / config.capture.path) if config.capture.path else ""
+    capture = msgspec.structs.replace(config.capture, path=capture_path)
     estimator = msgspec.structs.replace(
         config.estimator,
         calibration=str(folder / config.estimator.calibration),
         sensor=str(folder / config.estimator.sensor) if config.estimator.sensor else "",
     )
-    return msgspec.structs.replace(config, capture=capture, estimator=estimator)
+    parameters = str(folder / config.node.parameters) if config.node.parameters else ""
+    node = msgspec.structs.replace(config.node, parameters=parameters)
+    record = msgspec.structs.replace(config.record, folder=str(folder / config.record.folder))
+    health = str(folder / config.health) if config.health else ""
+    return msgspec.structs.replace(
+        config, capture=capture, estimator=estimator, node=node, record=record, health=health
+    )
+
+
+def _check_capture(path: Path, capture: CaptureConfig) -> None:
+    """What the types cannot say: one name of the source, and no more."""
+    if capture.source == "v4l2" and bool(capture.path) == bool(capture.camera.usb_serial):
+        raise ConfigError(
+            f"{path}: a v4l2 camera has one name: give capture.path (/dev/v4l/by-path/...) or "
+            "capture.camera.usb_serial"
+        )
+    if capture.source == "recorded" and not capture.path:
+        raise ConfigError(f"{path}: capture.path is missing: name the recording")

@@ -1,139 +1,315 @@
 """The fingertip's process: capture -> estimate -> node -> bus, until told to stop.
 
-Two threads: pixels (pixel_thread.py) and this one, which waits for the bus, the pixels and the node's timers.
-The bus clock of this version is Unix time in microseconds, modulo 2^32 on the wire.
+Two threads: pixels (pixel_thread.py) and this one, which waits for the bus, the pixels and what is due. What
+it decides is in fingertip_core.py; here are the clock, the descriptors, systemd and the health file.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
 import selectors
 import threading
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
 
-from palpate_edge.bus import Bus, open_bus
-from palpate_edge.calibration import Calibration, check_sensor, load_calibration
-from palpate_edge.can_frame import CanFrame
-from palpate_edge.capture.recorded import RealTimeSource, open_recording
+from palpate_edge.bus import open_bus
+from palpate_edge.bus_link import BusLink
+from palpate_edge.calibration import load_calibration
 from palpate_edge.config import FingertipConfig
-from palpate_edge.contact_type import Contact, refused_contact
-from palpate_edge.errors import BusError, CaptureError
+from palpate_edge.errors import CaptureError, PalpateError
 from palpate_edge.estimator import Estimator, Method
-from palpate_edge.node.events import Event, NodeIdConflict, ObjectWritten
+from palpate_edge.fingertip_core import FingertipCore
+from palpate_edge.health import (
+    BeadHealth,
+    BusHealth,
+    CameraHealth,
+    ClockHealth,
+    HealthReport,
+    health_path,
+    write_health,
+)
+from palpate_edge.local_clock import LocalClock
+from palpate_edge.node.events import (
+    AcceptIdsChanged,
+    BitRateActivated,
+    Event,
+    ObjectWritten,
+    StoreRequested,
+)
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
+from palpate_edge.node.fingertip_objects import AI_AUTOZERO, LATENCY_HISTOGRAM, Health
 from palpate_edge.node.fingertip_objects import Method as MethodCode
-from palpate_edge.offline import check_recording
+from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.node.stored_parameters import NOTHING_STORED
+from palpate_edge.open_source import open_source
 from palpate_edge.pixel_thread import PixelThread
-from palpate_edge.sensor import read_sensor
-from palpate_edge.stop_signals import stop_event
+from palpate_edge.record import Recorder, RingLimits
+from palpate_edge.sd_notify import Notifier, WatchdogGate
+from palpate_edge.stop_signals import record_signals, stop_event
 
 LONGEST_WAIT_S = 0.5
+HEALTH_EVERY_US = 1_000_000
 METHOD_CODES = {Method.PAPER: MethodCode.PAPER, Method.CORRECTED: MethodCode.CORRECTED}
 
-
-def bus_clock() -> Callable[[], int]:
-    """A clock of Unix microseconds that never steps: the monotonic clock with the offset it has now."""
-    offset_ns = time.time_ns() - time.monotonic_ns()
-    return lambda: (time.monotonic_ns() + offset_ns) // 1000
+Report = Callable[[str], None]
 
 
-def run(config: FingertipConfig, report: Callable[[str], None] = lambda _line: None) -> None:
+def run(
+    config: FingertipConfig, report: Report = lambda _line: None, clock: LocalClock | None = None
+) -> None:
     """Run one fingertip until SIGTERM, SIGINT or the end of a recording.
 
-    Raises ConfigError, CalibrationError, DatasetError or BusError for what cannot be used, BusError when
-    the bus is lost or another node has our id, CaptureError when frames stop.
+    A camera or a bus that is lost while it runs is opened again. Raises ConfigError, CalibrationError,
+    DatasetError, CaptureError or BusError for what cannot be used, BusError when another node has our id.
     """
     cv2.setNumThreads(1)
-    calibration = load_calibration(Path(config.estimator.calibration))
-    clock = bus_clock()
-    source = _open_source(config, calibration, clock)
-    chosen = config.estimator.method
-    estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
-    pixels = PixelThread(source, estimator)
-    node = FingertipNode(config.node.id, METHOD_CODES[estimator.method], calibration.checksum)
-    with (
-        open_bus(config.bus, config.name, node.slave.accept_ids()) as bus,
-        closing(pixels),
-        stop_event() as stopped,
-    ):
+    clock = clock or LocalClock()
+    with ExitStack() as stack:
+        notifier = stack.enter_context(closing(Notifier()))
+        daemon = _Daemon(config, report, clock, notifier, stack)
+        stopped = stack.enter_context(stop_event())
+        stack.enter_context(record_signals(daemon.ask_to_record))
         report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
-        pixels.start()
-        _serve(config, node, bus, pixels, clock, stopped)
-    report(_summary(config, pixels))
+        notifier.ready(f"node 0x{config.node.id:02X} on {config.bus.interface}")
+        try:
+            daemon.serve(stopped)
+        finally:
+            notifier.stopping()
+    report(daemon.summary())
 
 
-def _serve(
-    config: FingertipConfig,
-    node: FingertipNode,
-    bus: Bus,
-    pixels: PixelThread,
-    clock: Callable[[], int],
-    stopped: threading.Event,
-) -> None:
-    """The bus loop."""
+class _Daemon:
+    """What `run` holds open; all of it is closed by `stack`, in the reverse order."""
 
-    def step(frames_in: list[tuple[int, CanFrame]]) -> int:
-        output = node.process(clock(), [frame for _, frame in frames_in])
-        bus.send(output.frames_out)
-        _handle(config, output.events, pixels)
-        return output.next_due_us
+    def __init__(
+        self, config: FingertipConfig, report: Report, clock: LocalClock, notifier: Notifier, stack: ExitStack
+    ) -> None:
+        self._config, self._report, self._clock, self._notifier = config, report, clock, notifier
+        calibration = load_calibration(Path(config.estimator.calibration))
+        chosen = config.estimator.method
+        estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
+        source = open_source(config, calibration, clock, report)
+        limits = RingLimits(config.record.megabytes * 1_000_000, config.record.seconds)
+        self.recorder = Recorder(Path(config.record.folder), limits)
+        stack.callback(self.recorder.close)
+        self._pixels = stack.enter_context(closing(PixelThread(source, estimator, self.recorder.offer)))
+        self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
+        self._node = FingertipNode(
+            config.node.id,
+            METHOD_CODES[estimator.method],
+            calibration.checksum,
+            model_hash=hashlib.sha256(calibration.model).hexdigest() if calibration.model else "",
+            serial_number=config.node.serial_number,
+            kept=self._parameters.load() if self._parameters else NOTHING_STORED,
+        )
+        accept_ids = self._node.slave.accept_ids
+        self._link = BusLink(lambda: open_bus(config.bus, config.name, accept_ids()))
+        stack.callback(self._link.close)
+        self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
+        self._gate = WatchdogGate(notifier.watchdog_us)
+        self._fps = config.capture.camera.fps or calibration.sensor.camera.fps
+        self._health_path = health_path(config.name, config.health)
+        stack.callback(self._health_path.unlink, missing_ok=True)
+        self._health_at_us = 0
+        self._recording = ""
+        self._record_wanted: bool | None = None
+        self._said_of_camera = ""
 
-    with selectors.DefaultSelector() as selector:
-        selector.register(bus.fileno(), selectors.EVENT_READ)
-        selector.register(pixels.fileno(), selectors.EVENT_READ)
-        next_due_us = step([])
-        while not stopped.is_set() and not pixels.finished:
-            wait_s = min(LONGEST_WAIT_S, max(0.0, (next_due_us - clock()) / 1e6))
-            selector.select(wait_s)
-            next_due_us = step(bus.receive(0))
+    def serve(self, stopped: threading.Event) -> None:
+        """The bus loop."""
+        self._pixels.start()
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._pixels.fileno(), selectors.EVENT_READ)
+            on_bus: tuple[int, int] | None = None
+            due_us = self._clock.now_us()
+            while not stopped.is_set() and not self._pixels.finished:
+                on_bus = _follow(selector, on_bus, self._link.descriptor())
+                wait_s = (due_us - self._clock.now_us()) / 1e6
+                selector.select(min(LONGEST_WAIT_S, max(0.0, wait_s)))
+                due_us = self._turn()
+
+    def ask_to_record(self, wanted: bool) -> None:
+        """From a signal handler: the loop sees to it."""
+        self._record_wanted = wanted
+
+    def summary(self) -> str:
+        health = self._pixels.estimator.health
+        return (
+            f"{self._config.name}: {health.frames} frames, {self._pixels.source.dropped} dropped, "
+            f"{health.refused} refused, {health.beads_lost} beads lost, "
+            f"{health.searches} whole-image searches, {health.drift_px:.2f} px drift"
+        )
+
+    def _turn(self) -> int:
+        """One turn of the loop; returns when the next is due at the latest."""
+        core, link, clock = self._core, self._link, self._clock
+        link.poll(clock.now_us())
+        frames = link.receive(clock.now_us())
+        core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
+        for change in link.changes():
+            self._report(f"{self._config.name}: bus {change.state.value}. {change.reason}".rstrip(". "))
+            core.link_changed(change)
+        core.error_passive(link.error_passive)
+        self._take_pixels()
+        now_us = clock.now_us()
+        step = core.poll(now_us)
+        link.send(now_us, step.frames_out)
+        self._see_to(step.events)
+        if self._gate.may_feed(now_us, core.watch.frames, link.sent + link.received):
+            self._notifier.feed_watchdog()
+        self._obey_record_signal()
+        if now_us >= self._health_at_us:
+            self._health_at_us = now_us + HEALTH_EVERY_US
+            self._tell_health(now_us)
+        due = [step.next_due_us, self._health_at_us, link.due_us, self._gate.due_us]
+        return min(one for one in due if one is not None)
+
+    def _take_pixels(self) -> None:
+        """Contacts go on the bus as they come; what ends the daemon withdraws the last one first."""
+        now_us = self._clock.now_us()
+        try:
+            outcomes = self._pixels.take()
+        except (PalpateError, RuntimeError) as error:
+            failure = error if isinstance(error, CaptureError) else CaptureError(str(error))
+            self._core.capture_failed(now_us, failure)
+            self._link.send(now_us, self._core.poll(now_us).frames_out)
+            raise
+        for outcome in outcomes:
+            if isinstance(outcome, CaptureError):
+                self._tell_of_camera(str(outcome))
+                self._core.capture_failed(now_us, outcome)
+            else:
+                self._core.contact(now_us, outcome, self._board_health())
+                self._tell_of_camera("")
+
+    def _board_health(self) -> Health:
+        health, link = self._pixels.estimator.health, self._link
+        return Health(
+            temperature_degC=None,
+            frames_dropped=self._pixels.source.dropped,
+            led_level=0,
+            skin_drift_px=health.drift_px,
+            whole_image_searches=health.searches,
+            transmit_retries=link.retries,
+            bus_restarts=link.restarts,
+        )
+
+    def _see_to(self, events: tuple[Event, ...]) -> None:
+        """What the bus asks of the board."""
+        if self._parameters is not None:
+            for line in answer_store_requests(self._node.slave, events, self._parameters):
+                self._report(f"{self._config.name}: {line}")
+        for event in events:
+            if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
+                self._pixels.estimator.tare()
+            elif isinstance(event, AcceptIdsChanged):
+                self._link.accept(event.can_ids)
+            elif isinstance(event, StoreRequested) and self._parameters is None:
+                self._node.slave.store_finished(stored=False)
+                self._report(f"{self._config.name}: a master wants to store parameters: set node.parameters")
+            elif isinstance(event, BitRateActivated):
+                self._report(
+                    f"{self._config.name}: LSS asks for {event.bit_rate_kbit_s} kbit/s: the bit rate is the "
+                    "link's, set BitRate= in its .network file"
+                )
+
+    def _obey_record_signal(self) -> None:
+        """A recording gets a folder of its own, named by the time of day."""
+        wanted, self._record_wanted = self._record_wanted, None
+        if wanted is False:
+            self.recorder.stop()
+        elif wanted and not self.recorder.is_recording:
             try:
-                contacts = pixels.take()
+                folder = self.recorder.start(time.strftime("%Y%m%d-%H%M%S"))
             except CaptureError as error:
-                _publish(node, refused_contact(0, clock(), str(error), 0, 0), pixels, clock)
-                step([])
-                raise
-            for contact in contacts:
-                _publish(node, contact, pixels, clock)
-                next_due_us = step([])
+                self._report(f"{self._config.name}: {error}")
+                return
+            self._recording = str(folder)
+            self._report(f"{self._config.name}: recording to {folder}")
+
+    def _tell_of_camera(self, trouble: str) -> None:
+        """Each trouble once, and its end."""
+        if trouble != self._said_of_camera:
+            self._said_of_camera = trouble
+            self._report(f"{self._config.name}: {trouble or 'camera gives frames again'}")
+
+    def _tell_health(self, now_us: int) -> None:
+        report = self._health(now_us)
+        trouble = ", ".join(report.emergencies)
+        self._notifier.status(
+            f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"
+            + (f"; {trouble}" if trouble else "")
+        )
+        write_health(self._health_path, report)
+        if self._recording and not self.recorder.is_recording:
+            self._report(f"{self._config.name}: recording ended. {self.recorder.failure}".rstrip(". "))
+            self._recording = ""
+
+    def _health(self, now_us: int) -> HealthReport:
+        core, link, watch = self._core, self._link, self._core.watch
+        contact = watch.last_contact
+        return HealthReport(
+            name=self._config.name,
+            pid=os.getpid(),
+            written_at=time.monotonic(),
+            node_id=self._config.node.id,
+            nmt_state=core.state.name.lower().replace("_", "-"),
+            frames=watch.frames,
+            method=self._pixels.estimator.method.value,
+            calibration=self._config.estimator.calibration,
+            emergencies=core.emergencies.names(),
+            latencies=[int(self._node.slave.read(LATENCY_HISTOGRAM, 1 + bin_)) for bin_ in range(8)],
+            recording=self._recording,
+            camera=CameraHealth(
+                source=self._config.capture.path or self._config.capture.camera.usb_serial,
+                fps=watch.fps(now_us),
+                wanted_fps=self._fps if self._config.capture.source == "v4l2" else None,
+                age_ms=None if watch.last_us is None else (now_us - watch.last_us) / 1000,
+                dropped=self._pixels.source.dropped,
+            ),
+            beads=BeadHealth(
+                found=contact.beads_found if contact else 0,
+                expected=contact.beads_expected if contact else 0,
+                refused=watch.refused,
+                reason=contact.reason if contact else "no frame yet",
+            ),
+            bus=BusHealth(
+                interface=self._config.bus.interface,
+                state=link.state.value,
+                sent=link.sent,
+                received=link.received,
+                retries=link.retries,
+                dropped=link.dropped,
+                restarts=link.restarts,
+                error_passive=link.error_passive,
+            ),
+            clock=ClockHealth(
+                state=core.clock.state(now_us).name.lower(),
+                local_us=now_us,
+                bus_us=core.clock.to_bus_us(now_us),
+                drift_ppm=core.clock.drift_ppb / 1000,
+                error_us=core.clock.error_us(now_us),
+                steps=core.clock.steps,
+                rejected=core.clock.rejected,
+            ),
+        )
 
 
-def _publish(node: FingertipNode, contact: Contact, pixels: PixelThread, clock: Callable[[], int]) -> None:
-    node.report_health(Health(None, pixels.source.dropped, 0, pixels.estimator.health.drift_px))
-    node.publish(contact, clock() - contact.exposed_at_us)
+Descriptor = tuple[int, int]
 
 
-def _handle(config: FingertipConfig, events: tuple[Event, ...], pixels: PixelThread) -> None:
-    for event in events:
-        if isinstance(event, NodeIdConflict):
-            raise BusError(
-                f"{config.name}: node id 0x{config.node.id:02X} is used twice: a frame 0x{event.can_id:03X} "
-                "came from another node; give one of them another [node] id"
-            )
-        if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
-            pixels.estimator.tare()
-
-
-def _open_source(
-    config: FingertipConfig, calibration: Calibration, clock: Callable[[], int]
-) -> RealTimeSource:
-    path, calibration_path = Path(config.capture.path), Path(config.estimator.calibration)
-    if config.estimator.sensor:
-        description = Path(config.estimator.sensor)
-        check_sensor(calibration, calibration_path, read_sensor(description), description)
-    recording = open_recording(path, grey=calibration.appearance.channel == "grey")
-    check_recording(calibration, calibration_path, recording.sensor, path)
-    return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock)
-
-
-def _summary(config: FingertipConfig, pixels: PixelThread) -> str:
-    health = pixels.estimator.health
-    return (
-        f"{config.name}: {health.frames} frames, {pixels.source.dropped} dropped, {health.refused} refused, "
-        f"{health.beads_lost} beads lost, {health.searches} whole-image searches, "
-        f"{health.drift_px:.2f} px drift"
-    )
+def _follow(
+    selector: selectors.BaseSelector, old: Descriptor | None, new: Descriptor | None
+) -> Descriptor | None:
+    """Wait for the bus's present descriptor, which changes when the bus is opened again."""
+    if new != old:
+        if old is not None:
+            selector.unregister(old[0])
+        if new is not None:
+            selector.register(new[0], selectors.EVENT_READ)
+    return new

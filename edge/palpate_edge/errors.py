@@ -37,7 +37,19 @@ class CaptureError(PalpateError):
     exit_status = 5
 
 
+class CameraLostError(CaptureError):
+    """The camera is not there or was unplugged; it may come back."""
+
+
+class CameraStalledError(CaptureError):
+    """The camera is there and gives no frames; opening it again may help."""
+
+
 class BusError(PalpateError):
     """The CAN bus, or what was received from it, cannot be used."""
 
     exit_status = 6
+
+
+class BusOffError(BusError):
+    """The controller took itself off the bus after too many errors; it may come back."""

@@ -27,3 +27,17 @@ def stop_event() -> Iterator[threading.Event]:
     stopped = threading.Event()
     with on_stop_signal(stopped.set):
         yield stopped
+
+
+@contextmanager
+def record_signals(record: Callable[[bool], None]) -> Iterator[None]:
+    """Call `record` with True on SIGUSR1, with False on SIGUSR2; the former handlers come back afterwards."""
+    former = {
+        signal.SIGUSR1: signal.signal(signal.SIGUSR1, lambda *_: record(True)),
+        signal.SIGUSR2: signal.signal(signal.SIGUSR2, lambda *_: record(False)),
+    }
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)

@@ -65,18 +65,31 @@ def edge() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
 
 @pytest.fixture
-def hub(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+def start_hub(tmp_path: Path) -> Iterator[Callable[[], subprocess.Popen[str]]]:
+    """Starts CAN hubs at tmp_path/hub.sock, as processes; they are ended at the end of the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start() -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", HUB, "hub", "--socket", str(tmp_path / "hub.sock")],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        assert process.stderr is not None
+        assert "listening" in process.stderr.readline()
+        return process
+
+    yield start
+    for process in started:
+        process.terminate()
+        process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def hub(start_hub: Callable[[], subprocess.Popen[str]]) -> subprocess.Popen[str]:
     """A CAN hub at tmp_path/hub.sock, as a process."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", HUB, "hub", "--socket", str(tmp_path / "hub.sock")],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stderr is not None
-    assert "listening" in process.stderr.readline()
-    yield process
-    process.terminate()
-    process.communicate(timeout=PATIENCE_S)
+    return start_hub()
 
 
 @pytest.fixture
@@ -86,7 +99,7 @@ def fingertip(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path)
 
     def write(*changes: tuple[str, str], name: str = "finger") -> Path:
         text = (
-            f'name = "{name}"\n'
+            f'name = "{name}"\nhealth = "{tmp_path / name}.health"\n'
             f'[capture]\nsource = "recorded"\npath = "{drawn_dataset}"\nloop = true\n'
             f'[estimator]\ncalibration = "{drawn_calibration_file}"\n'
             "[node]\nid = 16\n"

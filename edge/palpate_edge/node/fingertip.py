@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
@@ -13,6 +14,7 @@ from palpate_edge.node.fingertip_objects import (
     COUNTERS,
     LATENCY_BINS_US,
     LATENCY_HISTOGRAM,
+    LED_SET_POINT,
     LOCATION,
     METHOD,
     MODEL_HASH,
@@ -53,12 +55,14 @@ class FingertipNode:
         model_hash: str = "",
         serial_number: int = 0,
         kept: StoredParameters = NOTHING_STORED,
+        has_led: bool = False,
     ) -> None:
         """kept: what the node stored; a node id in it goes before `node_id`, which may be 255 (given by LSS).
+        has_led: a controller takes the LED level; without one 2030h is refused.
 
         Raises ConfigError when `node_id` is not in 1..127 or 255.
         """
-        self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), check_write, kept)
+        self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), partial(check_write, has_led), kept)
         self.slave.write(METHOD, 0, int(method))
         self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:HASH_DIGITS])
         self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
@@ -94,9 +98,11 @@ class FingertipNode:
             self.slave.write(index, subindex, value)
 
 
-def check_write(entry: Entry, value: Value) -> None:
-    """Autozero takes its signature only, the location is short."""
+def check_write(has_led: bool, entry: Entry, value: Value) -> None:
+    """Autozero takes its signature only, the location is short, a LED that is not there takes no level."""
     if entry.index == AI_AUTOZERO and value != AUTOZERO_SIGNATURE:
         raise SdoAbortError(AbortCode.NOT_STORED)
     if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:
         raise SdoAbortError(AbortCode.TOO_LONG)
+    if entry.index == LED_SET_POINT and not has_led:
+        raise SdoAbortError(AbortCode.DEVICE_STATE)

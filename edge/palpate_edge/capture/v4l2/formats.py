@@ -1,0 +1,107 @@
+"""The pixel formats that cameras give, and the way from each to a grey or a BGR image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.markers import Image
+
+JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
+JPEG_PADDING = 1024  # bytes that a driver may leave after the end marker
+
+
+class PixelCode(Enum):
+    """FourCC codes, those first that give a grey image at the least cost."""
+
+    GREY = "GREY"
+    NV12 = "NV12"
+    YU12 = "YU12"
+    YUYV = "YUYV"
+    MJPG = "MJPG"
+
+    @property
+    def fourcc(self) -> int:
+        """v4l2_fourcc()."""
+        return int.from_bytes(self.value.encode(), "little")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the driver agreed to. bytesperline: of the first plane; 0 for MJPG."""
+
+    code: PixelCode
+    width: int
+    height: int
+    bytesperline: int
+
+    @property
+    def expected_bytes(self) -> int:
+        """Of a whole frame; for MJPG the least that one can have."""
+        if self.code is PixelCode.MJPG:
+            return len(JPEG_START) + len(JPEG_END)
+        rows = self.height * 3 // 2 if self.code in {PixelCode.NV12, PixelCode.YU12} else self.height
+        return rows * self.bytesperline
+
+
+def decode(data: memoryview, layout: Layout, *, grey: bool) -> Image | None:
+    """A new image (height, width) or (height, width, 3) BGR, uint8; None for a frame that is not whole.
+
+    data: the buffer's used bytes; it may be given back to the driver afterwards.
+    """
+    if len(data) < layout.expected_bytes:
+        return None
+    if layout.code is PixelCode.MJPG:
+        return _decode_jpeg(data, grey)
+    raw = np.frombuffer(data, dtype=np.uint8, count=layout.expected_bytes)
+    if layout.code is PixelCode.YUYV:
+        return _from_yuyv(raw, layout, grey)
+    luma = _plane(raw, layout.height, layout.bytesperline, layout.width)
+    if grey:
+        return luma.copy()
+    if layout.code is PixelCode.GREY:
+        return _bgr(luma, cv2.COLOR_GRAY2BGR)
+    return _from_planes(raw, luma, layout)
+
+
+def _plane(raw: NDArray[np.uint8], rows: int, stride: int, width: int) -> Image:
+    return raw[: rows * stride].reshape(rows, stride)[:, :width]
+
+
+def _from_yuyv(raw: NDArray[np.uint8], layout: Layout, grey: bool) -> Image:
+    rows = _plane(raw, layout.height, layout.bytesperline, 2 * layout.width)
+    if grey:
+        return rows[:, ::2].copy()
+    pairs = np.ascontiguousarray(rows).reshape(layout.height, layout.width, 2)
+    return _bgr(pairs, cv2.COLOR_YUV2BGR_YUYV)
+
+
+def _from_planes(raw: NDArray[np.uint8], luma: Image, layout: Layout) -> Image:
+    """NV12 and YU12: the chroma planes behind the luma plane, without the padding at the end of lines."""
+    chroma = raw[layout.height * layout.bytesperline :]
+    if layout.code is PixelCode.NV12:
+        uv = _plane(chroma, layout.height // 2, layout.bytesperline, layout.width)
+        return _bgr(np.vstack([luma, uv]), cv2.COLOR_YUV2BGR_NV12)
+    quarters = _plane(chroma, layout.height, layout.bytesperline // 2, layout.width // 2)
+    planes = np.ascontiguousarray(quarters).reshape(layout.height // 2, layout.width)
+    return _bgr(np.vstack([luma, planes]), cv2.COLOR_YUV2BGR_I420)
+
+
+def _decode_jpeg(data: memoryview, grey: bool) -> Image | None:
+    """A JPEG without its end marker would decode to a half-grey picture: a transfer that was cut short."""
+    if data[:2] != JPEG_START or bytes(data[-JPEG_PADDING:]).rfind(JPEG_END) < 0:
+        return None
+    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:  # a header that promises more pixels than OpenCV allows
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def _bgr(image: Image, conversion: int) -> Image:
+    return np.asarray(cv2.cvtColor(image, conversion), dtype=np.uint8)

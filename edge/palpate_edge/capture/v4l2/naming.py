@@ -1,0 +1,64 @@
+"""Which camera is meant: a stable name for each of several that look the same.
+
+``/dev/videoN`` is numbered in the order of plugging in; ``/dev/v4l/by-path`` names the port, the USB serial
+number names the camera itself.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate_edge.errors import CameraLostError, CaptureError
+
+BY_PATH = Path("/dev/v4l/by-path")
+SYSFS = Path("/sys/class/video4linux")
+
+
+def find_camera(
+    path: str, usb_serial: str, *, sysfs: Path = SYSFS, by_path: Path = BY_PATH, dev: Path = Path("/dev")
+) -> Path:
+    """The device node of the camera with this path, or else with this USB serial number.
+
+    Raises CameraLostError when it is not there, CaptureError when two have the serial number.
+    """
+    if path:
+        if not Path(path).exists():
+            raise CameraLostError(f"no camera at {path}: plug it in{_offer(by_path)}")
+        return Path(path)
+    nodes = [dev / node.name for node in sorted(sysfs.glob("video*")) if _is_image_node(node, usb_serial)]
+    if not nodes:
+        raise CameraLostError(f"no camera has the serial number {usb_serial!r}: plug it in{_offer(by_path)}")
+    if len(nodes) > 1:
+        found = ", ".join(_stable_name(node, by_path) for node in nodes)
+        raise CaptureError(
+            f"{len(nodes)} cameras have the serial number {usb_serial!r}: {found}: name one of these as "
+            "capture.path instead"
+        )
+    return nodes[0]
+
+
+def is_stable_name(path: str) -> bool:
+    """False for a name that another camera may have after the next boot."""
+    return not Path(path).name.startswith("video")
+
+
+def _is_image_node(node: Path, usb_serial: str) -> bool:
+    """A USB camera's node 0 gives images (others give metadata); its USB device is above its interface."""
+    return _text(node / "index") == "0" and _text(node / "device" / ".." / "serial") == usb_serial
+
+
+def _text(file: Path) -> str | None:
+    try:
+        return file.read_text().strip()
+    except OSError:  # not a USB camera
+        return None
+
+
+def _stable_name(node: Path, by_path: Path) -> str:
+    names = sorted(link for link in by_path.glob("*") if link.resolve() == node.resolve())
+    return str(names[0] if names else node)
+
+
+def _offer(by_path: Path) -> str:
+    there = ", ".join(str(link) for link in sorted(by_path.glob("*-index0")))
+    return f"; there are: {there}" if there else ""

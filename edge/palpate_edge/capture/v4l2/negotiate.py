@@ -1,0 +1,89 @@
+"""Agreeing with a camera on format, size and rate, and believing only what it reads back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate_edge.capture.v4l2.device import Device
+from palpate_edge.capture.v4l2.formats import Layout, PixelCode
+from palpate_edge.capture.v4l2.structures import (
+    CAP_TIMEPERFRAME,
+    FIELD_NONE,
+    BufferType,
+    Format,
+    Ioctl,
+    StreamParm,
+)
+from palpate_edge.errors import CaptureError
+
+RATE_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """fps: what the driver says it gives; None where it does not tell."""
+
+    layout: Layout
+    fps: float | None
+
+
+def negotiate(device: Device, width: int, height: int, fps: float, code: PixelCode | None) -> Agreement:
+    """Set the camera to this size and the nearest rate, in format `code` or in the first that reaches `fps`.
+
+    Raises CaptureError naming what the camera offers when no format that we read has this size.
+    """
+    offered = device.formats()
+    candidates = [one for one in PixelCode if one.fourcc in offered and code in (None, one)]
+    best: Agreement | None = None
+    for candidate in candidates:
+        agreement = _try(device, width, height, fps, candidate)
+        if agreement is None:
+            continue
+        if reaches(agreement.fps, fps):
+            return agreement
+        if best is None or (agreement.fps or 0.0) > (best.fps or 0.0):
+            best = agreement
+    if best is None:
+        raise CaptureError(_refusal(device, width, height, code, offered))
+    return _try(device, width, height, fps, best.layout.code) or best  # the last one tried is set
+
+
+def reaches(fps: float | None, wanted: float) -> bool:
+    """Whether a rate is the wanted one, within what cameras round."""
+    return fps is not None and abs(fps - wanted) <= RATE_TOLERANCE * wanted
+
+
+def _try(device: Device, width: int, height: int, fps: float, code: PixelCode) -> Agreement | None:
+    wanted = Format(type=BufferType.VIDEO_CAPTURE)
+    pix = wanted.fmt.pix
+    pix.width, pix.height, pix.pixelformat, pix.field = width, height, code.fourcc, FIELD_NONE
+    device.call(Ioctl.S_FMT, wanted)
+    if (pix.width, pix.height, pix.pixelformat) != (width, height, code.fourcc):
+        return None
+    return Agreement(Layout(code, width, height, pix.bytesperline), _set_rate(device, fps))
+
+
+def _set_rate(device: Device, fps: float) -> float | None:
+    parm = StreamParm(type=BufferType.VIDEO_CAPTURE)
+    interval = parm.parm.capture.timeperframe
+    interval.numerator, interval.denominator = 1000, round(1000 * fps)
+    if not device.ask(Ioctl.S_PARM, parm) or not parm.parm.capture.capability & CAP_TIMEPERFRAME:
+        return None
+    return interval.denominator / interval.numerator if interval.numerator else None
+
+
+def _refusal(device: Device, width: int, height: int, code: PixelCode | None, offered: list[int]) -> str:
+    wanted = code.value if code else "/".join(one.value for one in PixelCode)
+    sizes = {
+        f"{four_characters(fourcc)} " + " ".join(f"{w}x{h}" for w, h in device.sizes(fourcc))
+        for fourcc in offered
+    }
+    return (
+        f"camera {device.path} gives no {width}x{height} in {wanted}; it offers {', '.join(sorted(sizes))}: "
+        "choose capture.camera.format, or calibrate for a size that it has"
+    )
+
+
+def four_characters(fourcc: int) -> str:
+    """``YUYV`` of its code."""
+    return fourcc.to_bytes(4, "little").decode("ascii", "replace").strip()

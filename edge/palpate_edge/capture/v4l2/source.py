@@ -1,0 +1,146 @@
+"""A V4L2 camera as a capture source: opened, set, and read frame by frame on the daemon's clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge.capture.frame import Frame
+from palpate_edge.capture.v4l2.controls import FixedExposure, lock_controls
+from palpate_edge.capture.v4l2.device import Device
+from palpate_edge.capture.v4l2.formats import PixelCode, decode
+from palpate_edge.capture.v4l2.negotiate import RATE_TOLERANCE, Agreement, negotiate, reaches
+from palpate_edge.capture.v4l2.stream import RawFrame, Stream
+from palpate_edge.errors import CameraStalledError
+from palpate_edge.local_clock import LocalClock
+from palpate_edge.markers import Image
+
+MEASURE_RATE_OVER_US = 1_000_000
+SEQUENCE_WRAP = 1 << 32
+STALLED_AFTER_PERIODS = 10
+STALLED_AFTER_AT_LEAST_S = 0.5  # a camera needs this long for its first frame
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSettings:
+    """What the stream is to be. code: None for the first format that reaches fps; grey: give grey images."""
+
+    width: int
+    height: int
+    fps: float
+    code: PixelCode | None
+    grey: bool
+    fixed: FixedExposure
+
+
+class V4l2Source:
+    """Frames of one camera; see `pixel_thread.Source`. `report` gets a line for each thing not as asked."""
+
+    def __init__(
+        self, path: Path, settings: CameraSettings, clock: LocalClock, report: Callable[[str], None]
+    ) -> None:
+        """Raises CameraLostError, or CaptureError for a camera that cannot give this."""
+        self._settings = settings
+        self._clock = clock
+        self._report = report
+        self._name = str(path)
+        self._timeout_s = max(STALLED_AFTER_AT_LEAST_S, STALLED_AFTER_PERIODS / settings.fps)
+        self._device = Device(path)
+        try:
+            self.agreement = self._set_up()
+            self._stream = Stream(self._device)
+        except Exception:
+            self._device.close()
+            raise
+        self.dropped = 0
+        self.damaged = 0
+        self.measured_fps: float | None = None
+        self._last_sequence: int | None = None
+        self._sequence = -1
+        self._first_us = 0
+        self._told_about_stamps = False
+
+    def read(self) -> Frame | None:
+        """The next whole frame. Raises CameraStalledError and CameraLostError."""
+        frames: list[Frame] = []
+        deadline_s = time.monotonic() + self._timeout_s
+        while not frames:
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0:
+                raise CameraStalledError(
+                    f"camera {self._name} gave no whole frame for {self._timeout_s:.2f} s "
+                    f"({self.damaged} damaged): check its cable and USB bandwidth; it is opened again"
+                )
+            self._stream.read(left_s, lambda raw: self._use(raw, frames))
+        return frames[0]
+
+    def close(self) -> None:
+        self._stream.close()
+        self._device.close()
+
+    def _use(self, raw: RawFrame, frames: list[Frame]) -> None:
+        dropped = self._count(raw.sequence)
+        self.dropped += dropped
+        image = None if raw.damaged else decode(raw.data, self.agreement.layout, grey=self._settings.grey)
+        if image is None:
+            self.damaged += 1
+            self.dropped += 1
+            return
+        exposed_at_us = self._exposed_at_us(raw)
+        self._measure_rate(exposed_at_us)
+        frames.append(self._frame(image, exposed_at_us))
+
+    def _frame(self, image: Image, exposed_at_us: int) -> Frame:
+        return Frame(image, exposed_at_us, self._sequence, f"{self._name}#{self._sequence}")
+
+    def _count(self, sequence: int) -> int:
+        """Frames missed before this one; a driver that does not count is taken to miss none."""
+        step = 1 if self._last_sequence is None else (sequence - self._last_sequence) % SEQUENCE_WRAP
+        if not 0 < step < SEQUENCE_WRAP // 2:
+            step = 1
+        self._last_sequence = sequence
+        self._sequence += step
+        return step - 1
+
+    def _exposed_at_us(self, raw: RawFrame) -> int:
+        if raw.stamp_us is not None:
+            return self._clock.at_monotonic_us(raw.stamp_us)
+        if not self._told_about_stamps:
+            self._told_about_stamps = True
+            self._report(
+                f"camera {self._name} has no monotonic time stamps: exposures are stamped on arrival"
+            )
+        return self._clock.now_us()
+
+    def _set_up(self) -> Agreement:
+        wanted = self._settings
+        agreement = negotiate(self._device, wanted.width, wanted.height, wanted.fps, wanted.code)
+        for finding in lock_controls(self._device, wanted.fixed):
+            self._report(f"camera {self._name}: {finding}")
+        if not reaches(agreement.fps, wanted.fps):
+            said = (
+                "does not tell its rate" if agreement.fps is None else f"gives {agreement.fps:.1f} frames/s"
+            )
+            self._report(f"camera {self._name} {said}, not {wanted.fps:.1f} as asked")
+        return agreement
+
+    def _measure_rate(self, exposed_at_us: int) -> None:
+        """Once, over the first second: exposures over time, missed ones counted in."""
+        if self.measured_fps is not None:
+            return
+        if self._sequence == 0 or not self._first_us:
+            self._first_us = exposed_at_us
+            self._first_sequence = self._sequence
+            return
+        elapsed_us = exposed_at_us - self._first_us
+        if elapsed_us < MEASURE_RATE_OVER_US:
+            return
+        self.measured_fps = 1e6 * (self._sequence - self._first_sequence) / elapsed_us
+        promised = self.agreement.fps or self._settings.fps
+        if abs(self.measured_fps - promised) > RATE_TOLERANCE * promised:
+            self._report(
+                f"camera {self._name} gives {self.measured_fps:.1f} frames/s, not the {promised:.1f} "
+                "it promised: shorten the exposure, or ask for that rate"
+            )

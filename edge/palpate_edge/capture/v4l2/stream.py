@@ -1,0 +1,130 @@
+"""A running stream: the driver's buffers in our memory, frames in order, the newest first served."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import select
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from palpate_edge.capture.v4l2.device import Device
+from palpate_edge.capture.v4l2.structures import (
+    Buffer,
+    BufferFlag,
+    BufferType,
+    Ioctl,
+    Memory,
+    RequestBuffers,
+)
+from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
+
+BUFFERS = 4  # one being filled, one being read, two for a reader that is late
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """A filled buffer. data: valid until it is given back; stamp_us: CLOCK_MONOTONIC, None where the driver
+    stamps with another clock; damaged: the driver says that data were lost in it."""
+
+    index: int
+    data: memoryview
+    sequence: int
+    stamp_us: int | None
+    damaged: bool
+
+
+class Stream:
+    """Buffers mapped and streaming since it was made; `close` ends it, but not the device."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._maps: list[mmap.mmap] = []
+        self._poll = select.poll()
+        self._poll.register(device.fd, select.POLLIN)
+        try:
+            self._map_buffers()
+            device.call(Ioctl.STREAMON, ctypes.c_int(BufferType.VIDEO_CAPTURE))
+        except CaptureError:
+            self._unmap()
+            raise
+
+    def read(self, timeout_s: float, use: Callable[[RawFrame], None]) -> None:
+        """Wait for a frame and call `use` with the newest; older ones are passed over.
+
+        Raises CameraStalledError when none comes in time, CameraLostError when the camera is gone.
+        """
+        self._wait(timeout_s)
+        frame = self._take()
+        while frame is not None and (newer := self._take()) is not None:
+            self._give_back(frame)
+            frame = newer
+        if frame is None:
+            return
+        try:
+            use(frame)
+        finally:
+            self._give_back(frame)
+
+    def close(self) -> None:
+        """Stop and release the buffers, also of a camera that is gone."""
+        with suppress(CaptureError):
+            self._device.call(Ioctl.STREAMOFF, ctypes.c_int(BufferType.VIDEO_CAPTURE))
+        self._unmap()
+
+    def _wait(self, timeout_s: float) -> None:
+        events = self._poll.poll(1000 * timeout_s)
+        if not events:
+            raise CameraStalledError(
+                f"camera {self._device.path} gave no frame for {timeout_s:.2f} s: check its cable and power; "
+                "it is opened again"
+            )
+        if events[0][1] & (select.POLLERR | select.POLLHUP | select.POLLNVAL):
+            raise CameraLostError(
+                f"camera {self._device.path} was unplugged or stopped: check its cable; "
+                "it is looked for again"
+            )
+
+    def _map_buffers(self) -> None:
+        request = RequestBuffers(count=BUFFERS, type=BufferType.VIDEO_CAPTURE, memory=Memory.MMAP)
+        self._device.call(Ioctl.REQBUFS, request)
+        if request.count < 2:
+            raise CaptureError(
+                f"camera {self._device.path} has memory for {request.count} buffers, not for 2"
+            )
+        for index in range(request.count):
+            buffer = _buffer(index)
+            self._device.call(Ioctl.QUERYBUF, buffer)
+            try:
+                self._maps.append(mmap.mmap(self._device.fd, buffer.length, offset=buffer.m.offset))
+            except OSError as error:
+                raise CaptureError(f"camera {self._device.path}: no memory map: {error.strerror}") from error
+            self._device.call(Ioctl.QBUF, buffer)
+
+    def _take(self) -> RawFrame | None:
+        buffer = _buffer(0)
+        if not self._device.ask(Ioctl.DQBUF, buffer):
+            return None
+        monotonic = buffer.flags & BufferFlag.TIMESTAMP_MASK == BufferFlag.TIMESTAMP_MONOTONIC
+        stamp = buffer.timestamp
+        return RawFrame(
+            buffer.index,
+            memoryview(self._maps[buffer.index])[: buffer.bytesused],
+            buffer.sequence,
+            stamp.tv_sec * 1_000_000 + stamp.tv_usec if monotonic else None,
+            bool(buffer.flags & BufferFlag.ERROR),
+        )
+
+    def _give_back(self, frame: RawFrame) -> None:
+        frame.data.release()
+        self._device.call(Ioctl.QBUF, _buffer(frame.index))
+
+    def _unmap(self) -> None:
+        for memory in self._maps:
+            memory.close()
+        self._maps.clear()
+
+
+def _buffer(index: int) -> Buffer:
+    return Buffer(index=index, type=BufferType.VIDEO_CAPTURE, memory=Memory.MMAP)

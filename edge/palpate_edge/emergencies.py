@@ -1,0 +1,54 @@
+"""What a fingertip reports as EMCY beyond the bus's own errors, and what is the matter now."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from palpate_edge.node.emcy import EmergencyProducer, ErrorRegister
+
+
+class Emergency(IntEnum):
+    """Error codes: CiA 301, 7.2.7.1, and its device-specific range FFxxh."""
+
+    ERROR_PASSIVE = 0x8120
+    BUS_OFF_RECOVERED = 0x8140
+    CAMERA_LOST = 0xFF01
+    CAMERA_STALLED = 0xFF02
+    BEADS_LOST = 0xFF03
+    OVERRUN = 0xFF04
+    CLOCK_LOST = 0xFF05
+
+
+REGISTER = {
+    Emergency.ERROR_PASSIVE: ErrorRegister.COMMUNICATION,
+    Emergency.CLOCK_LOST: ErrorRegister.COMMUNICATION,
+}
+"""The others set the manufacturer's bit; 8140h is reported with what 1029h asks for."""
+
+
+class ActiveEmergencies:
+    """Each is reported when it appears and cleared when it goes; what lasts survives an NMT reset."""
+
+    def __init__(self, producer: EmergencyProducer) -> None:
+        self._producer = producer
+        self._active: dict[Emergency, None] = {}
+
+    def set(self, emergency: Emergency, active: bool) -> None:
+        if active and emergency not in self._active:
+            self._active[emergency] = None
+            self._report(emergency)
+        elif not active and emergency in self._active:
+            del self._active[emergency]
+            self._producer.clear(emergency)
+
+    def names(self) -> list[str]:
+        """``camera lost`` and so on, the oldest first."""
+        return [emergency.name.lower().replace("_", " ") for emergency in self._active]
+
+    def after_reset(self) -> None:
+        """An NMT reset made the node forget; what is still the matter is reported again."""
+        for emergency in self._active:
+            self._report(emergency)
+
+    def _report(self, emergency: Emergency) -> None:
+        self._producer.report(emergency, REGISTER.get(emergency, ErrorRegister.MANUFACTURER))

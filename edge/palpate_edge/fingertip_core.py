@@ -1,0 +1,160 @@
+"""The fingertip without threads, sockets and clock: bus frames, contacts and failures in, bus frames out.
+
+It ties the node, the bus's clock and the watch over frames together, and decides what is an emergency. A
+contact is on the bus as valid only while frames come: the first deadline that passes withdraws it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from palpate_edge.bus_clock import BusClock, ClockState
+from palpate_edge.bus_link import LinkChange, LinkState, Stamped
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.contact_type import Contact, refused_contact
+from palpate_edge.emergencies import ActiveEmergencies, Emergency
+from palpate_edge.errors import BusError, CameraStalledError, CaptureError
+from palpate_edge.frame_watch import FrameWatch
+from palpate_edge.node.events import (
+    Event,
+    NmtStateChanged,
+    NodeIdConflict,
+    SyncReceived,
+    TimeStampReceived,
+)
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import BusClockState, Health
+from palpate_edge.node.nmt import NmtCommand, NmtState
+from palpate_edge.node.slave import Output
+
+REPORT_EVERY_US = 1_000_000  # 2042h
+RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
+BUS_CLOCK_STATES = {
+    ClockState.FREE: BusClockState.NONE,
+    ClockState.SYNCHRONISED: BusClockState.LOCKED,
+    ClockState.LOST: BusClockState.FREE_RUNNING,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """frames_out: to send, in order; next_due_us: when to call `poll` again at the latest; events: of the
+    node, for the rim to see to what is its own."""
+
+    frames_out: tuple[CanFrame, ...]
+    next_due_us: int
+    events: tuple[Event, ...]
+
+
+class FingertipCore:
+    """All times are local microseconds (LocalClock); the bus's own go no further than `clock`."""
+
+    def __init__(self, node: FingertipNode, name: str, timeout_us: int, now_us: int) -> None:
+        self.clock = BusClock()
+        self.watch = FrameWatch(timeout_us, now_us)
+        self.emergencies = ActiveEmergencies(node.slave.emcy)
+        self._node = node
+        self._name = name
+        self._frames_out: list[CanFrame] = []
+        self._events: list[Event] = []
+        self._withdrawn = True  # nothing valid is on the bus yet
+        self._capture_failed = False
+        self._sequence = 0
+        self._withdrawals = 0  # each takes a sequence number of its own
+        self._report_at_us = now_us
+
+    @property
+    def state(self) -> NmtState:
+        return self._node.slave.state
+
+    def receive(self, now_us: int, frames: Sequence[Stamped]) -> None:
+        """Bus frames with their local arrival times. Raises BusError when another node has our id."""
+        arrived_us = [stamp_us for stamp_us, _ in frames]
+        self._take(self._node.process(now_us, [frame for _, frame in frames], arrived_us))
+
+    def contact(self, now_us: int, contact: Contact, health: Health) -> None:
+        """The estimate of a frame, with the board's health then."""
+        self._sequence = contact.sequence
+        contact = replace(contact, sequence=contact.sequence + self._withdrawals)
+        self.watch.saw(now_us, contact, health.frames_dropped)
+        self._capture_failed = False
+        self.emergencies.set(Emergency.CAMERA_LOST, False)
+        self.emergencies.set(Emergency.CAMERA_STALLED, False)
+        self.emergencies.set(Emergency.BEADS_LOST, self.watch.beads_are_lost(now_us))
+        self.emergencies.set(Emergency.OVERRUN, self.watch.overruns())
+        self._node.report_health(health)
+        self._publish(now_us, contact)
+        self._withdrawn = not contact.valid
+
+    def capture_failed(self, now_us: int, error: CaptureError) -> None:
+        """The source has failed and is tried again, or the daemon is about to end."""
+        self._capture_failed = True
+        stalled = isinstance(error, CameraStalledError)
+        self.emergencies.set(Emergency.CAMERA_LOST, not stalled)
+        self.emergencies.set(Emergency.CAMERA_STALLED, stalled)
+        self._withdraw(now_us, str(error))
+
+    def link_changed(self, change: LinkChange) -> None:
+        """After bus-off the node does what 1029h asks for; by default it waits to be started again."""
+        if change.state is LinkState.UP and change.after_bus_off:
+            self._node.slave.communication_error(Emergency.BUS_OFF_RECOVERED)
+            self._node.slave.emcy.clear(Emergency.BUS_OFF_RECOVERED)
+
+    def error_passive(self, passive: bool) -> None:
+        self.emergencies.set(Emergency.ERROR_PASSIVE, passive)
+
+    def poll(self, now_us: int) -> Step:
+        """Serve what is due, and hand over what there is to send."""
+        if self.watch.is_stalled(now_us) and not self._capture_failed:
+            self.emergencies.set(Emergency.CAMERA_STALLED, True)
+            self._withdraw(now_us, "no frame in time: the camera stalls")
+        self.emergencies.set(Emergency.CLOCK_LOST, self.clock.state(now_us) is ClockState.LOST)
+        if now_us >= self._report_at_us:
+            self._report_at_us = now_us + REPORT_EVERY_US
+            self._report_clock(now_us)
+        output = self._node.process(now_us, [])
+        self._take(output)
+        due_us = min(output.next_due_us, self._report_at_us)
+        if not self._withdrawn:
+            due_us = min(due_us, self.watch.stalls_at_us)
+        step = Step(tuple(self._frames_out), due_us, tuple(self._events))
+        self._frames_out.clear()
+        self._events.clear()
+        return step
+
+    def _withdraw(self, now_us: int, reason: str) -> None:
+        if not self._withdrawn:
+            self._withdrawn = True
+            self._withdrawals += 1
+            sequence = self._sequence + self._withdrawals
+            self._publish(now_us, refused_contact(sequence, now_us, reason, 0, 0))
+
+    def _publish(self, now_us: int, contact: Contact) -> None:
+        """On the bus an exposure is told on the bus's clock."""
+        on_bus = replace(contact, exposed_at_us=self.clock.to_bus_us(contact.exposed_at_us))
+        self._node.publish(on_bus, now_us - contact.exposed_at_us)
+        self._take(self._node.process(now_us, []))
+
+    def _report_clock(self, now_us: int) -> None:
+        state = BUS_CLOCK_STATES[self.clock.state(now_us)]
+        self._node.report_bus_clock(state, self.clock.drift_ppb, self.clock.error_us(now_us))
+
+    def _take(self, output: Output) -> None:
+        self._frames_out += output.frames_out
+        self._events += output.events
+        for event in output.events:
+            self._handle(event)
+
+    def _handle(self, event: Event) -> None:
+        if isinstance(event, NodeIdConflict):
+            raise BusError(
+                f"{self._name}: node id 0x{self._node.slave.node_id:02X} is used twice: a frame "
+                f"0x{event.can_id:03X} came from another node; give one of them another [node] id"
+            )
+        if isinstance(event, SyncReceived):
+            self.clock.sync(event.arrived_us)
+        elif isinstance(event, TimeStampReceived):
+            self.clock.time_stamp(event.stamp_us)
+        elif isinstance(event, NmtStateChanged) and event.command in RESETS:
+            self.emergencies.after_reset()

@@ -1,0 +1,68 @@
+"""From a configuration to its capture source, checked against the calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from palpate_edge.calibration import Calibration, check_sensor
+from palpate_edge.capture.recorded import RealTimeSource, open_recording
+from palpate_edge.capture.source import ReopeningSource, Source
+from palpate_edge.capture.v4l2.controls import FixedExposure
+from palpate_edge.capture.v4l2.formats import PixelCode
+from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
+from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
+from palpate_edge.config import CaptureConfig, FingertipConfig
+from palpate_edge.local_clock import LocalClock
+from palpate_edge.offline import check_recording
+from palpate_edge.sensor import read_sensor
+
+
+def open_source(
+    config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+) -> Source:
+    """Raises DatasetError, CaptureError, or CalibrationError for frames of another sensor."""
+    calibration_path = Path(config.estimator.calibration)
+    if config.estimator.sensor:
+        description = Path(config.estimator.sensor)
+        check_sensor(calibration, calibration_path, read_sensor(description), description)
+    if config.capture.source == "v4l2":
+        return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
+    path = Path(config.capture.path)
+    recording = open_recording(path, grey=is_grey(calibration))
+    check_recording(calibration, calibration_path, recording.sensor, path)
+    return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock.now_us)
+
+
+def camera_opener(
+    capture: CaptureConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+) -> Callable[[], V4l2Source]:
+    """Finds and opens the camera each time it is called; what it says about itself is reported once."""
+    camera = capture.camera
+    width, height = calibration.sensor.image_size_px
+    settings = CameraSettings(
+        width=width,
+        height=height,
+        fps=camera.fps or calibration.sensor.camera.fps,
+        code=None if camera.format == "any" else PixelCode(camera.format),
+        grey=is_grey(calibration),
+        fixed=FixedExposure(camera.exposure_us, camera.gain, camera.white_balance_K),
+    )
+    said: set[str] = set()
+
+    def report_once(line: str) -> None:
+        if line not in said:
+            said.add(line)
+            report(line)
+
+    if capture.path and not is_stable_name(capture.path):
+        report(
+            f"{capture.path} may be another camera after the next start: use a name in /dev/v4l/by-path, or "
+            "capture.camera.usb_serial"
+        )
+    return lambda: V4l2Source(find_camera(capture.path, camera.usb_serial), settings, clock, report_once)
+
+
+def is_grey(calibration: Calibration) -> bool:
+    """Whether the beads are told from the skin by brightness alone."""
+    return calibration.appearance.channel == "grey"
