@@ -21,6 +21,7 @@ from palpate_host.bus.fault_cli import fault_rule_options
 from palpate_host.bus.faults import FaultRule
 from palpate_host.bus.hub import Hub
 from palpate_host.bus.monitor_cli import monitor
+from palpate_host.bus.node_cli import lss, scan, sdo
 from palpate_host.bus.pcap import write_pcap
 from palpate_host.bus.stats_table import stats_table, status_line
 
@@ -44,13 +45,14 @@ HEADER = click.option(
 
 @click.group()
 def bus() -> None:
-    """The local CAN hub: a bus between the processes of one machine, without SocketCAN.
+    """Look at a CANopen bus, ask its nodes, or stand in for it by a local hub.
 
     \b
-    palpate-host bus hub --log traffic.log          run the hub
-    candump-like:  palpate-host bus log traffic.log
-    palpate-host bus stats
-    palpate-host bus fault drop --id 0x190 --probability 0.1
+    palpate-host bus scan                           who is there
+    palpate-host bus monitor                        all traffic in words
+    palpate-host bus sdo read 0x10 1018:4           one object
+    palpate-host bus budget --fps 120               what fits on a bus
+    palpate-host bus hub --log traffic.log          a bus on this machine, without CAN hardware
     """
 
 
@@ -170,7 +172,7 @@ def _inject(socket_path: Path, rule: FaultRule) -> None:
     ask(socket_path, Inject(rule))
 
 
-for _command in (budget, check_eds, monitor):
+for _command in (budget, check_eds, lss, monitor, scan, sdo):
     bus.add_command(_command)
 
 for _command in fault_rule_options(SOCKET, _inject):

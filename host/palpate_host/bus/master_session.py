@@ -1,0 +1,96 @@
+"""The canopen package as a master on any bus: opened, closed and made to speak in our errors."""
+
+# mypy: disallow-untyped-calls=False
+# (the canopen package is typed in part)
+from __future__ import annotations
+
+import errno
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import can
+import canopen
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from palpate_edge.bus import BusConfig
+from palpate_edge.errors import BusError
+from palpate_host.bus.sdo_abort_text import abort_text
+
+SDO_TIMEOUT_S = 1.0
+_POLL_S = 0.1
+_SEND_TRIES = 50
+_SEND_AGAIN_S = 0.002
+
+
+class PatientNetwork(canopen.Network):
+    """Waits for room in a short transmit queue: a block of 127 segments is longer than most queues."""
+
+    NOTIFIER_CYCLE = _POLL_S
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Sends one frame. Raises can.CanError when there stays no room, or the bus is gone."""
+        for attempt in range(_SEND_TRIES):
+            try:
+                super().send_message(can_id, data, remote)
+            except can.CanError as error:
+                if error.error_code != errno.ENOBUFS or attempt == _SEND_TRIES - 1:
+                    raise
+                time.sleep(_SEND_AGAIN_S)
+            else:
+                return
+
+
+@contextmanager
+def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
+    """A connected master. Raises BusError when the bus cannot be opened or is lost meanwhile."""
+    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what goes wrong is said once, by our errors
+    options = {"name": name} if config.interface == "palpate" else {}
+    channel = config.channel or ("can0" if config.interface == "socketcan" else None)
+    try:
+        bus = can.Bus(
+            interface=config.interface, channel=channel, bitrate=config.bitrate, ignore_config=True, **options
+        )
+    except (can.CanError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise BusError(
+            f"cannot open {config.interface} bus {channel or '(default channel)'} for {name}: {reason}"
+        ) from error
+    network = PatientNetwork(bus)
+    network.connect()
+    try:
+        yield network
+        network.check()
+    except can.CanError as error:
+        raise BusError(f"{config.interface} bus is lost: {' '.join(str(error).split())}") from error
+    finally:
+        if network.notifier is not None:
+            network.notifier.stop(2 * _POLL_S)
+        bus.shutdown()
+
+
+def sdo_client(network: canopen.Network, node_id: int, timeout_s: float) -> SdoClient:
+    """A client of the node's default SDO server."""
+    client: SdoClient = network.add_node(node_id, canopen.ObjectDictionary()).sdo
+    client.RESPONSE_TIMEOUT = timeout_s
+    return client
+
+
+@contextmanager
+def sdo_errors(node_id: int, what: str, timeout_s: float) -> Iterator[None]:
+    """SDO's exceptions as BusError that names node, object and way out."""
+    try:
+        yield
+    except SdoAbortedError as error:
+        raise BusError(
+            f"node 0x{node_id:02X} refuses {what}: {error.code:08X}h, {abort_text(error.code)}: "
+            "give another object or value"
+        ) from error
+    except SdoCommunicationError as error:
+        reason = str(error).rstrip(".")
+        raise BusError(
+            f"node 0x{node_id:02X}, {what}: {reason} within {timeout_s:g} s: it may be off, STOPPED "
+            "or of another id; palpate-host bus scan shows who answers"
+        ) from error

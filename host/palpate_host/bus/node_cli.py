@@ -1,0 +1,240 @@
+"""``palpate-host bus scan | sdo | lss``: questions to the nodes of a bus."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
+
+if TYPE_CHECKING:
+    from palpate_host.bus.device import Device
+    from palpate_host.bus.scan import FoundNode
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.01, 60),
+    default=1.0,
+    show_default=True,
+    help="Of an answer, s.",
+)
+EDS = click.option("--eds", "eds_path", type=FILE, help="The node's EDS; by its id otherwise.")
+
+
+@click.command()
+@BUS_OPTIONS
+@TIMEOUT
+@click.option(
+    "--listen",
+    "listen_s",
+    type=click.FloatRange(0),
+    default=1.2,
+    show_default=True,
+    help="For heartbeats, s.",
+)
+@click.option("--lss/--no-lss", default=True, help="Also look for nodes without an id.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a node.")
+def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any) -> None:
+    """Ask every node id who it is; find nodes without an id by LSS fastscan.
+
+    \b
+    palpate-host bus scan
+    palpate-host bus scan --interface socketcan --channel can0 --json
+    """
+    from palpate_edge.progress import progress_bar  # noqa: PLC0415 - `bus hub` shall not wait for canopen
+    from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
+    from palpate_host.bus.master_session import master  # noqa: PLC0415
+    from palpate_host.bus.scan import scan as scan_bus  # noqa: PLC0415
+
+    with master(chosen_bus(**bus), "scan") as network:
+        with progress_bar("asking 127 node ids") as progress:
+            found = scan_bus(network, listen_s, min(timeout_s, 0.3), progress)
+        unconfigured = find_unconfigured(network) if lss else []
+    if as_json:
+        for node in found:
+            click.echo(json.dumps(_as_dict(node)))
+        for address in unconfigured:
+            click.echo(json.dumps({"node": None, "lss_address": str(address)}))
+        return
+    _print_table(found)
+    for address in unconfigured:
+        click.echo(f"without a node id: {address}  (palpate-host bus lss set NODE --address {address})")
+
+
+def _as_dict(node: FoundNode) -> dict[str, object]:
+    keys = ("vendor", "product", "revision", "serial")
+    head: dict[str, object] = {"node": node.node_id, "state": node.state, "profile": node.profile}
+    return head | {"name": node.name} | dict(zip(keys, node.identity, strict=True)) | {"remark": node.remark}
+
+
+def _print_table(found: list[FoundNode]) -> None:
+    if not found:
+        click.echo("no node answers: check the bit rate, the termination and that the nodes have power")
+        return
+    rows: list[tuple[str, ...]] = [
+        ("node", "state", "profile", "name", "vendor", "product", "revision", "serial", "")
+    ]
+    for node in found:
+        identity = ["-" if number is None else f"{number:X}" for number in node.identity]
+        rows.append(
+            (
+                f"0x{node.node_id:02X}",
+                node.state or "-",
+                node.profile or "-",
+                node.name or "-",
+                *identity,
+                node.remark,
+            )
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@click.group()
+def sdo() -> None:
+    """Read and write a node's objects, by index or by the EDS's names.
+
+    \b
+    palpate-host bus sdo read 0x10 "Value of contact x"
+    palpate-host bus sdo read 0x10 1018:4
+    palpate-host bus sdo write 0x10 1017 250ms
+    palpate-host bus sdo write 0x10 1010:1 save
+    """
+
+
+@sdo.command()
+@click.argument("node", type=NODE)
+@click.argument("object_name", metavar="OBJECT")
+@BUS_OPTIONS
+@TIMEOUT
+@EDS
+@click.option("--block", is_flag=True, help="Block transfer even when it is small.")
+@click.option("-o", "--output", type=FILE, help="Write the bytes to this file.")
+def read(
+    node: int,
+    object_name: str,
+    timeout_s: float,
+    eds_path: Path | None,
+    block: bool,
+    output: Path | None,
+    **bus: Any,
+) -> None:
+    """Read OBJECT (INDEX, INDEX:SUB in hexadecimal, or a name) of NODE.
+
+    \b
+    palpate-host bus sdo read 0x10 "Manufacturer device name"
+    palpate-host bus sdo read 5 1021 --block -o drive.eds
+    """
+    from palpate_host.bus import sdo_access  # noqa: PLC0415
+    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
+
+    device = _device(node, eds_path)
+    key = sdo_access.find_object(device, object_name)
+    with master(chosen_bus(**bus), "sdo") as network:
+        data = sdo_access.read(sdo_client(network, node, timeout_s), node, device, key, block)
+    if output is not None:
+        output.write_bytes(data)
+    shown = f"{len(data)} bytes in {output}" if output else _shown(device, key, data)
+    click.echo(f"{device.name_of(key) if device else object_name} = {shown}")
+
+
+@sdo.command()
+@click.argument("node", type=NODE)
+@click.argument("object_name", metavar="OBJECT")
+@click.argument("value", required=False)
+@BUS_OPTIONS
+@TIMEOUT
+@EDS
+@click.option("--block", is_flag=True, help="Block transfer even when it is small.")
+@click.option("--file", "file_path", type=FILE, help="Write this file's bytes.")
+def write(
+    node: int,
+    object_name: str,
+    value: str | None,
+    timeout_s: float,
+    eds_path: Path | None,
+    block: bool,
+    file_path: Path | None,
+    **bus: Any,
+) -> None:
+    """Write VALUE to OBJECT of NODE: a raw number, one with the object's unit, text, or hex:0102.
+
+    \b
+    palpate-host bus sdo write 0x10 "Producer heartbeat time" 250ms
+    palpate-host bus sdo write 0x10 6125:1 zero
+    """
+    from palpate_host.bus import sdo_access  # noqa: PLC0415
+    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
+
+    if (value is None) == (file_path is None):
+        raise click.UsageError("give either VALUE or --file")
+    device = _device(node, eds_path)
+    key = sdo_access.find_object(device, object_name)
+    data = file_path.read_bytes() if file_path else sdo_access.encode(device, key, value or "")
+    with master(chosen_bus(**bus), "sdo") as network:
+        sdo_access.write(sdo_client(network, node, timeout_s), node, device, key, data, block)
+    shown = f"{len(data)} bytes of {file_path}" if file_path else _shown(device, key, data)
+    click.echo(f"{device.name_of(key) if device else object_name} = {shown}: written")
+
+
+def _shown(device: Device | None, key: tuple[int, int], data: bytes) -> str:
+    return device.reading(key, data).text if device else data.hex(" ")
+
+
+def _device(node: int, eds_path: Path | None) -> Device | None:
+    from palpate_host.bus.device import Device, usual_device  # noqa: PLC0415
+
+    return Device(node, f"node 0x{node:02X}", eds_path) if eds_path else usual_device(node)
+
+
+@click.group()
+def lss() -> None:
+    """Give node ids to devices that have none (CiA 305).
+
+    \b
+    palpate-host bus lss list
+    palpate-host bus lss set 0x11 --store
+    palpate-host bus lss set 0x12 --address 0:404:10000:2A
+    """
+
+
+@lss.command("list")
+@BUS_OPTIONS
+def list_(**bus: Any) -> None:
+    """Find every device without a node id by fastscan; prints vendor:product:revision:serial.
+
+    \b
+    palpate-host bus lss list
+    """
+    from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
+    from palpate_host.bus.master_session import master  # noqa: PLC0415
+
+    with master(chosen_bus(**bus), "lss") as network:
+        found = find_unconfigured(network, lambda address: click.echo(str(address)))
+    click.echo(f"{len(found)} devices without a node id", err=True)
+
+
+@lss.command("set")
+@click.argument("node", type=NODE)
+@BUS_OPTIONS
+@click.option("--address", help="vendor:product:revision:serial; the only unconfigured one otherwise.")
+@click.option("--store", is_flag=True, help="Have the device keep the id through power off.")
+def set_(node: int, address: str | None, store: bool, **bus: Any) -> None:
+    """Give the id NODE to a device.
+
+    \b
+    palpate-host bus lss set 0x11 --store
+    """
+    from palpate_host.bus.lss import only_unconfigured, parse_address, set_node_id  # noqa: PLC0415
+    from palpate_host.bus.master_session import master  # noqa: PLC0415
+
+    with master(chosen_bus(**bus), "lss") as network:
+        device = parse_address(address) if address else only_unconfigured(network)
+        set_node_id(network, device, node, store)
+    click.echo(f"{device} has node id 0x{node:02X}{', stored' if store else ''}")

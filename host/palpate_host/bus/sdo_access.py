@@ -1,0 +1,155 @@
+"""Objects of a node by name or index: values with units, limits of the EDS, large ones in blocks."""
+
+# mypy: disallow-untyped-calls=False
+# (the canopen package is typed in part)
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError
+
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.device import Device, Key
+from palpate_host.bus.eds_values import DataTypeInfo, parse_integer
+from palpate_host.bus.master_session import sdo_errors
+
+BLOCK_FROM_BYTES = 128  # below, the block transfer's own frames cost more than they save
+COMMAND_UNKNOWN = 0x0504_0001
+_INDEX = re.compile(r"(?:0x)?(?P<index>[0-9a-fA-F]{4})h?(?::(?:0x)?(?P<sub>[0-9a-fA-F]{1,2})h?)?")
+_SIGNATURE = re.compile(r"[a-z]{4}")
+
+
+def find_object(device: Device | None, text: str) -> Key:
+    """``1017``, ``0x7130:1`` (sub-index in hexadecimal) or a name of the EDS; ConfigError when it is none."""
+    match = _INDEX.fullmatch(text.strip())
+    if match:
+        return int(match["index"], 16), int(match["sub"] or "0", 16)
+    if device is None:
+        raise ConfigError(
+            f"{text!r}: no EDS is known for this node: give an index such as 1017 or --eds FILE"
+        )
+    return device.find(text)
+
+
+def encode(device: Device | None, key: Key, text: str) -> bytes:
+    """The bytes of a value as a person writes it: a number, one with its unit, text, or ``hex:0102``.
+
+    ConfigError when the object may not be written or the value is out of its type or limits.
+    """
+    if text.startswith("hex:"):
+        return _hex(text)
+    variable = device.variable(key) if device else None
+    if device is None or variable is None or variable.info is None:
+        raise ConfigError(
+            f"{text!r}: the type of {key[0]:04X}h:{key[1]:02X} is not known: give --eds FILE, or hex:0102..."
+        )
+    name = device.name_of(key)
+    if not variable.writable:
+        raise ConfigError(f"{name} is {variable.access} in {device.eds.name}: it cannot be written")
+    info = variable.info
+    if info.is_text:
+        return text.encode("latin-1", "replace")
+    if not info.is_integer:
+        return struct.pack("<f" if info.bits == 32 else "<d", _real(name, text))
+    raw = _raw(device, key, info, text)
+    low, high = _limits(device, key, info)
+    if not low <= raw <= high:
+        unit = device.unit(key)
+        shown = f"{unit.text(low)} to {unit.text(high)}" if unit else f"{low} to {high}"
+        raise ConfigError(f"{name}: {text} is out of range: give {shown}")
+    return raw.to_bytes((info.bits + 7) // 8, "little", signed=(info.low or 0) < 0)
+
+
+def read(client: SdoClient, node_id: int, device: Device | None, key: Key, block: bool) -> bytes:
+    """The object's bytes; in blocks when asked for or when it is a domain, if the node has block transfer."""
+    variable = device.variable(key) if device else None
+    large = block or (variable is not None and variable.info is not None and variable.info.name == "DOMAIN")
+    what = f"to tell {_name(device, key)}"
+
+    def in_blocks() -> bytes:
+        with client.open(*key, mode="rb", block_transfer=True) as stream:
+            return bytes(stream.read())
+
+    with sdo_errors(node_id, what, client.RESPONSE_TIMEOUT):
+        return _blocks_or(in_blocks, lambda: client.upload(*key)) if large else client.upload(*key)
+
+
+def write(client: SdoClient, node_id: int, device: Device | None, key: Key, data: bytes, block: bool) -> None:
+    """Write the object; in blocks from BLOCK_FROM_BYTES on, if the node has block transfer."""
+
+    def in_blocks() -> bytes:
+        with client.open(*key, mode="wb", size=len(data), block_transfer=True) as stream:
+            stream.write(data)
+        return b""
+
+    def segmented() -> bytes:
+        client.download(*key, data)
+        return b""
+
+    with sdo_errors(node_id, f"to take {_name(device, key)}", client.RESPONSE_TIMEOUT):
+        if block or len(data) >= BLOCK_FROM_BYTES:
+            _blocks_or(in_blocks, segmented)
+        else:
+            segmented()
+
+
+def _blocks_or(in_blocks: Callable[[], bytes], otherwise: Callable[[], bytes]) -> bytes:
+    try:
+        return in_blocks()
+    except SdoAbortedError as error:
+        if error.code != COMMAND_UNKNOWN:
+            raise
+        return otherwise()
+
+
+def _raw(device: Device, key: Key, info: DataTypeInfo, text: str) -> int:
+    """The integer behind a number, a number with the object's unit, or a signature such as ``save``."""
+    name, unit = device.name_of(key), device.unit(key)
+    if unit is not None and unit.name and text.replace(" ", "").endswith(unit.name.replace(" ", "")):
+        plain = text.replace(" ", "").removesuffix(unit.name.replace(" ", ""))
+        return round(_real(name, plain) / unit.factor)
+    if info.bits == 32 and _SIGNATURE.fullmatch(text):
+        return int.from_bytes(text.encode(), "little")
+    try:
+        return parse_integer(text)
+    except ValueError as error:
+        hint = f"a number, or one with the unit {unit.name}" if unit and unit.name else "a whole number"
+        raise ConfigError(f"{name}: {error}: give {hint}") from error
+
+
+def _limits(device: Device, key: Key, info: DataTypeInfo) -> tuple[int, int]:
+    variable = device.variable(key)
+    assert variable is not None and info.low is not None and info.high is not None
+    low, high = info.low, info.high
+    for limit, text in (
+        ("low", variable.section.value("LowLimit")),
+        ("high", variable.section.value("HighLimit")),
+    ):
+        try:
+            number = parse_integer(text, device.node_id)
+        except ValueError:
+            continue
+        number = number - (1 << info.bits) if info.low < 0 and number > info.high else number
+        low, high = (max(low, number), high) if limit == "low" else (low, min(high, number))
+    return low, high
+
+
+def _real(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {text!r} is no number: give one such as 0.5") from error
+
+
+def _hex(text: str) -> bytes:
+    try:
+        return bytes.fromhex(text.removeprefix("hex:"))
+    except ValueError as error:
+        raise ConfigError(f"{text!r}: no hexadecimal bytes: write hex:01a2ff") from error
+
+
+def _name(device: Device | None, key: Key) -> str:
+    return device.name_of(key) if device else f"{key[0]:04X}h:{key[1]:02X}"

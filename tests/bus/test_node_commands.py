@@ -1,0 +1,270 @@
+"""`bus scan`, `bus sdo`, `bus lss` across the hub: our nodes as processes, and durand as a foreign one."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import durand
+import pytest
+from click.testing import CliRunner
+from durand.network import CANBusNetwork
+
+from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
+from palpate_host.bus.cli import bus
+from palpate_host.bus.device import Device, usual_device
+from palpate_host.bus.lss import parse_address
+from palpate_host.bus.master_session import master
+from palpate_host.bus.sdo_access import encode, find_object
+from palpate_host.drives.cia402 import CIA402_EDS
+
+
+class Nodes(threading.Thread):
+    """Fingertip nodes of our own on the hub, served in real time until they are stopped."""
+
+    def __init__(self, path, node_ids):
+        super().__init__()
+        self.nodes = [FingertipNode(node_id, Method.PAPER, "0123456789abcdef") for node_id in node_ids]
+        self.bus = open_bus(BusConfig(interface="palpate", channel=str(path)), "nodes")
+        self.stopped = threading.Event()
+
+    def run(self):
+        with self.bus:
+            while not self.stopped.is_set():
+                frames = [frame for _, frame in self.bus.receive(0.01)]
+                now_us = time.monotonic_ns() // 1000
+                for node in self.nodes:
+                    self.bus.send(node.process(now_us, frames).frames_out)
+
+
+@pytest.fixture
+def hub(start_hub):
+    """With room for a whole block: durand does not wait when its queue is full."""
+    return start_hub("--txqueuelen", "512")
+
+
+@pytest.fixture
+def fingertips(hub):
+    """Nodes 0x10 and 0x11."""
+    nodes = Nodes(hub.path, (0x10, 0x11))
+    nodes.start()
+    yield nodes
+    nodes.stopped.set()
+    nodes.join()
+
+
+@pytest.fixture
+def foreign_node(hub):
+    """A durand node on the hub: `make(node_id)`; 0xFF has no id yet (CiA 305)."""
+    made = []
+
+    def make(node_id, serial=0x2A):
+        port = can.Bus(interface="palpate", channel=str(hub.path), name=f"foreign-{node_id}")
+        network = CANBusNetwork(port)
+        made.append((network, port))
+        node = durand.MinimalNode(network, node_id)
+        for sub, value in enumerate((0x1234, 0x404, 0x10000, serial), start=1):
+            node.object_dictionary.write(0x1018, sub, value)
+        node.object_dictionary.write(0x1008, 0, b"a foreign device")
+        node.object_dictionary.write(0x1000, 0, 0x0002_0194)
+        return node
+
+    yield make
+    for network, port in made:
+        network.stop()
+        port.shutdown()
+
+
+def run(hub, *arguments):
+    where = ("--channel", str(hub.path))
+    return CliRunner().invoke(bus, [*map(str, arguments), *where], catch_exceptions=False)
+
+
+def test_scan_tells_who_is_there(hub, fingertips, foreign_node):
+    foreign_node(0x21)
+    foreign_node(0xFF, serial=0x80000001)
+    found = [json.loads(line) for line in run(hub, "scan", "--json").output.splitlines()]
+    assert [(node["node"], node.get("name"), node.get("profile"), node.get("state")) for node in found] == [
+        (0x10, "palpate fingertip", "CiA 404 measuring", "pre-operational"),
+        (0x11, "palpate fingertip", "CiA 404 measuring", "pre-operational"),
+        (0x21, "a foreign device", "CiA 404 measuring", ""),  # durand beats only when told to
+        (None, None, None, None),
+    ]
+    assert found[2]["vendor"] == 0x1234 and found[2]["serial"] == 0x2A
+    assert found[3]["lss_address"] == "1234:404:10000:80000001"
+
+
+def test_scan_shows_a_node_id_that_is_used_twice(hub, foreign_node):
+    foreign_node(0x22)
+    foreign_node(0x22)
+    table = run(hub, "scan", "--no-lss", "--listen", 0).output.splitlines()
+    assert len(table) == 2
+    assert table[1].split() == ["0x22", "-", "-", "-", "-", "-", "-", "-", "2", "nodes", "have", "this", "id"]
+
+
+def test_scan_of_an_empty_bus_says_what_to_check(hub):
+    assert run(hub, "scan", "--no-lss", "--listen", 0).output.startswith(
+        "no node answers: check the bit rate"
+    )
+
+
+def test_objects_are_read_by_index_and_by_name_with_their_unit(hub, fingertips):
+    assert run(hub, "sdo", "read", "0x10", "1008").output == (
+        "1008h:00 Manufacturer device name = 'palpate fingertip'\n"
+    )
+    assert run(hub, "sdo", "read", 16, "value of contact x").output == (
+        "7130h:01 AI input PV / Value of contact x = 0.00 mm\n"
+    )
+    assert run(hub, "sdo", "read", 16, "2000h:0").output.endswith("= 0 (paper)\n")
+
+
+def test_objects_are_written_in_their_unit_and_read_back(hub, fingertips):
+    said = run(hub, "sdo", "write", "0x10", "producer heartbeat time", "250ms").output
+    assert said == "1017h:00 Producer heartbeat time = 250 ms: written\n"
+    assert run(hub, "sdo", "read", "0x10", "1017").output.endswith("= 250 ms\n")
+    assert fingertips.nodes[0].slave.read(0x1017) == 250
+    assert run(hub, "sdo", "write", "0x10", "6125:1", "zero").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "error", "text"),
+    [
+        # The node's refusals: CiA 301, 7.2.4.3.17.
+        (("read", "0x10", "5555"), BusError, "06020000h, Object does not exist"),
+        (("read", "0x10", "6125:1"), BusError, "06010001h, Attempt to read a write only object"),
+        (
+            ("write", "0x10", "1018:1", "hex:01000000"),
+            BusError,
+            "06010002h, Attempt to write a read only object",
+        ),
+        (("write", "0x10", "6125:1", "5"), BusError, "08000020h"),
+        (("read", "0x33", "1000", "--timeout", "0.05"), BusError, "it may be off, STOPPED or of another id"),
+        # Ours, before a frame is sent.
+        (("write", "0x10", "1018:1", "1"), ConfigError, "is ro in fingertip.eds: it cannot be written"),
+        (("write", "0x10", "1017", "65536"), ConfigError, "out of range: give 0 ms to 65535 ms"),
+        (
+            ("write", "0x10", "1017", "soon"),
+            ConfigError,
+            "'soon' is no number: give a number, or one with the unit ms",
+        ),
+        (("write", "0x10", "1A00:0", "9"), ConfigError, "out of range: give 0 to 8"),
+        (("read", "0x10", "no such name"), ConfigError, "has no object named 'no such name'"),
+        (("read", "0x33", "no such name"), ConfigError, "no EDS is known for this node"),
+        (("write", "0x33", "1017", "5"), ConfigError, "the type of 1017h:00 is not known"),
+        (("write", "0x10", "1017", "hex:0"), ConfigError, "no hexadecimal bytes"),
+    ],
+)
+def test_refusals_say_why(hub, fingertips, command, error, text):
+    with pytest.raises(error, match=re.escape(text)) as caught:
+        run(hub, "sdo", *command)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_large_objects_go_in_blocks_and_come_back(hub, foreign_node, tmp_path):
+    node = foreign_node(0x21)
+    node.object_dictionary[0x2345] = durand.Variable(durand.DatatypeEnum.DOMAIN, "rw", name="Big")
+    (tmp_path / "in").write_bytes(bytes(range(256)) * 8)
+    assert run(hub, "sdo", "write", "0x21", "2345", "--file", tmp_path / "in", "--timeout", 5).exit_code == 0
+    for block in ((), ("--block",)):
+        out = tmp_path / "out"
+        said = run(hub, "sdo", "read", "0x21", "2345", *block, "-o", out, "--timeout", 5).output
+        assert said == f"2345 = 2048 bytes in {out}\n"
+        assert out.read_bytes() == (tmp_path / "in").read_bytes()
+
+
+def test_the_master_waits_for_room_in_a_short_queue(start_hub, open_edge):
+    hub, heard = start_hub("--txqueuelen", "4"), []
+    listener = open_edge("listener")
+    with master(BusConfig(interface="palpate", channel=str(hub.path)), "sdo") as network:
+        for number in range(100):
+            network.send_message(0x601, bytes([number]))
+        while len(heard) < 100:
+            heard += listener.receive(20)
+    assert [frame.data[0] for _, frame in heard] == list(range(100))
+
+
+def test_what_has_no_block_transfer_is_written_in_segments(hub, fingertips):
+    """Our server may refuse blocks (0504 0001h); the value then goes the other way."""
+    assert run(hub, "sdo", "read", "0x10", "1008", "--block").output.endswith("= 'palpate fingertip'\n")
+
+
+def test_an_unconfigured_device_gets_an_id_and_keeps_it(hub, foreign_node):
+    node, stored = foreign_node(0xFF), []
+    node.lss.set_store_configuration_callback(lambda _baudrate, node_id: stored.append(node_id))
+    assert run(hub, "lss", "list").stdout == "1234:404:10000:2A\n"
+    said = run(hub, "lss", "set", "0x35", "--store").output
+    assert said == "1234:404:10000:2A has node id 0x35, stored\n"
+    assert stored == [0x35]
+    assert run(hub, "sdo", "read", "0x35", "1018:1", "--timeout", 5).output == "1018:1 = 34 12 00 00\n"
+
+
+def test_an_lss_device_that_refuses_or_is_not_there(hub, foreign_node):
+    foreign_node(0xFF)  # without a store
+    with pytest.raises(BusError, match="LSS Error: 1"):
+        run(hub, "lss", "set", "0x35", "--address", "1234:404:10000:2A", "--store")
+    with pytest.raises(BusError, match="there are 0"):
+        run(hub, "lss", "set", "0x36")
+    with pytest.raises(BusError, match=r"does not answer|No LSS response"):
+        run(hub, "lss", "set", "0x36", "--address", "1:2:3:4")
+
+
+@pytest.mark.parametrize("text", ["1:2:3", "1:2:3:g", "", "1:2:3:123456789"])
+def test_an_lss_address_has_four_parts(text):
+    with pytest.raises(ConfigError, match="vendor:product:revision:serial"):
+        parse_address(text)
+
+
+@pytest.mark.parametrize("node", ["0", "128", "0x80", "ring"])
+def test_node_ids_are_1_to_127(hub, node):
+    assert run(hub, "sdo", "read", node, "1000").exit_code == 2
+
+
+def test_names_of_objects():
+    device = usual_device(0x10)
+    assert find_object(device, "7130h:02") == (0x7130, 2)
+    assert find_object(device, "0x1018:4") == (0x1018, 4)
+    assert find_object(device, "Serial number") == (0x1018, 4)
+    assert find_object(device, "identity object / vendor-id") == (0x1018, 1)
+    with pytest.raises(ConfigError, match=r"has \d+ objects named"):
+        find_object(device, "transmission type")
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "data"),
+    [
+        ((0x6071, 0), "-2.5%", "e7ff"),  # -25 per mille
+        ((0x6071, 0), "-25", "e7ff"),
+        ((0x6076, 0), "1900 mN m", "6c070000"),
+        ((0x6060, 0), "-1", "ff"),
+        ((0x1800, 5), "0x10ms", None),
+        ((0x1017, 0), "hex:0a00", "0a00"),
+    ],
+)
+def test_values_as_a_person_writes_them(key, text, data):
+    device = Device(1, "drive", CIA402_EDS)
+    writable = device.variable(key).writable
+    if data is None or not writable:
+        with pytest.raises(ConfigError):
+            encode(device, key, text)
+    else:
+        assert encode(device, key, text).hex() == data
+
+
+def test_a_lost_hub_is_told_as_such(hub):
+    hub.stop()
+    done = subprocess.run(
+        [sys.executable, "-m", "palpate_host.cli", "bus", "scan", "--channel", str(hub.path)],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 6
+    assert "start it with: palpate-host bus hub" in done.stderr and len(done.stderr.splitlines()) == 1
