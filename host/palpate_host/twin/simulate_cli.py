@@ -9,6 +9,7 @@ from palpate_host.lazy_group import LazyGroup
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "dome": ("palpate_host.twin.dome.cli:dome", "The dome by finite elements and its library."),
     "dataset": ("palpate_host.twin.camera.cli:dataset", "Press datasets of simulated sensors."),
+    "camera": ("palpate_host.twin.camera.cli:camera", "A simulated sensor's camera, live, in shared memory."),
 }
 
 

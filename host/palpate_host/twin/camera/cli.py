@@ -1,4 +1,4 @@
-"""``palpate-host simulate dataset``: press datasets of made-up sensors."""
+"""``palpate-host simulate dataset`` and ``camera``: a sensor's pictures as files, and live."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import cv2
 
+from palpate_edge.stop_signals import stop_event
 from palpate_host.twin.camera.layouts import NAMES
 from palpate_host.twin.dome.probe import Probe
 
@@ -16,7 +17,7 @@ sensor_option = click.option(
     "--sensor",
     "sensor_path",
     type=click.Path(path_type=Path, exists=True),
-    help="A dataset made by this command, its twin.json, or a sensor.toml.  [default: made up from the seed]",
+    help="A dataset made by `simulate dataset`, its twin.json, or a sensor.toml.  [default: made up]",
 )
 seed_option = click.option(
     "--random-seed",
@@ -93,3 +94,57 @@ def dataset(
         task = progress.add_task("frames", total=plan.references + len(shots))
         write_dataset(output, view, shots, plan.references, press_seed, lambda: progress.advance(task))
     click.echo(f"{output}: {len(twin.bead_mm)} beads, {len(shots)} frames")
+
+
+@click.command()
+@click.option(
+    "--shm",
+    "ring",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="Where to make the ring of frames, best in /dev/shm or /run.",
+)
+@sensor_option
+@seed_option
+@probe_option
+@click.option("--press-seed", type=click.IntRange(0), default=0, show_default=True, help="Of the presses.")
+@click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Stop by itself after so long.")
+@click.option("--truth", type=click.Path(path_type=Path, dir_okay=False), help="Write what pressed as CSV.")
+def camera(
+    ring: Path,
+    sensor_path: Path | None,
+    random_seed: int | None,
+    probe_names: tuple[str, ...],
+    press_seed: int,
+    seconds: float | None,
+    truth: Path | None,
+) -> None:
+    """A simulated sensor's camera, live: something presses it here and there, until SIGTERM or SIGINT.
+
+    `palpate-edge run` reads the frames with `source = "shared_memory"` and the ring's path.
+
+    \b
+    Examples:
+      palpate-host simulate dataset -o dome-7 --random-seed 7
+      palpate-edge calibrate dome-7 -o dome-7.cal
+      palpate-host simulate camera --sensor dome-7 --shm /dev/shm/finger-1
+    """
+    from palpate_host.twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
+    from palpate_host.twin.camera.live import run_camera  # noqa: PLC0415
+    from palpate_host.twin.camera.renderer import CameraView  # noqa: PLC0415
+    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+
+    cv2.setNumThreads(1)
+    twin = choose_sensor(sensor_path, random_seed)
+    view = CameraView(twin, load_library())
+    probes = tuple(SHIPPED_PROBES[name] for name in probe_names)
+    counts = (0, 0)
+
+    def count(written: int, skipped: int) -> None:
+        nonlocal counts
+        counts = (written, skipped)
+
+    with stop_event() as stop:
+        click.echo(f"camera of {len(twin.bead_mm)} beads at {twin.sensor.camera.fps:g} Hz: {ring}", err=True)
+        run_camera(view, ring, probes, press_seed, stop, seconds=seconds, truth=truth, after_frame=count)
+    click.echo(f"camera stopped: {counts[0]} frames, {counts[1]} exposures skipped", err=True)

@@ -1,0 +1,223 @@
+"""A ring of frames in a file that two processes map: one writes, any number read, nobody waits.
+
+The file (little endian), at any path, best one in memory (/dev/shm, /run):
+
+    0   8 bytes  magic
+    8   u32      version
+    12  u32      slots
+    16  u32 x 3  width, height, channels (1 grey, 3 BGR)
+    32  16 bytes fingerprint of the sensor's description (Sensor.fingerprint), or zeros
+    48  u64      count: frames written so far; the newest is number count - 1, in slot (count - 1) % slots
+    64  slots, each a multiple of 4096 bytes:
+        0   u64  stamp: 2 n + 1 while frame number n is being written, 2 n + 2 when it is whole
+        8   u64  sequence: counts exposures, so that a gap is frames that the writer skipped
+        16  i64  time of exposure, microseconds of CLOCK_MONOTONIC, which all processes share
+        64  pixels, row by row
+
+A reader copies a slot and takes the copy only if the stamp was the whole frame's before and after: a frame is
+never torn. The reader's mapping is read-only, so that it cannot hold the writer up; a writer that died leaves
+a count that stands still. A new writer puts a new file in the path's place, which a reader sees by opening it
+again.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.errors import CaptureError
+
+Image = NDArray[np.uint8]
+
+MAGIC = b"PALPRING"
+VERSION = 1
+HEADER = struct.Struct("<8sIIIII4x16s")
+COUNT_AT = 48
+HEADER_BYTES = SLOT_HEADER_BYTES = 64
+SLOT = struct.Struct("<QQq")
+WORD = struct.Struct("<Q")
+PAGE = 4096
+SLOTS = 4
+MOST_PIXELS = 8192 * 8192
+TRIES = 8  # a reader that is overtaken so often in a row is too slow
+
+
+@dataclass(frozen=True, slots=True)
+class RingFormat:
+    """What all frames of a ring are like. fingerprint: of the sensor, empty when nobody said."""
+
+    width: int
+    height: int
+    channels: int
+    slots: int = SLOTS
+    fingerprint: str = ""
+
+    @property
+    def frame_bytes(self) -> int:
+        return self.width * self.height * self.channels
+
+    @property
+    def slot_bytes(self) -> int:
+        return -(-(SLOT_HEADER_BYTES + self.frame_bytes) // PAGE) * PAGE
+
+    @property
+    def file_bytes(self) -> int:
+        return HEADER_BYTES + self.slots * self.slot_bytes
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of an image."""
+        return (self.height, self.width) if self.channels == 1 else (self.height, self.width, self.channels)
+
+
+@dataclass(frozen=True, slots=True)
+class RingFrame:
+    """A whole frame; image is the reader's own copy. exposed_at_us: on CLOCK_MONOTONIC."""
+
+    image: Image
+    sequence: int
+    exposed_at_us: int
+
+
+class RingWriter:
+    """Makes the file and fills it. The file takes its name when it is ready, and is removed by `close`."""
+
+    def __init__(self, path: Path, form: RingFormat) -> None:
+        """Raises CaptureError where the file cannot be made."""
+        self._path, self._form = path, form
+        fresh = path.with_name(f"{path.name}.{os.getpid()}")
+        try:
+            with fresh.open("xb+") as file:
+                os.posix_fallocate(file.fileno(), 0, form.file_bytes)  # else a full disk is a SIGBUS later
+                self._map = mmap.mmap(file.fileno(), form.file_bytes)
+                self._inode = os.fstat(file.fileno()).st_ino
+            fingerprint = form.fingerprint.encode("ascii")
+            HEADER.pack_into(
+                self._map, 0, MAGIC, VERSION, form.slots, form.width, form.height, form.channels, fingerprint
+            )
+            fresh.replace(path)
+        except OSError as error:
+            fresh.unlink(missing_ok=True)
+            raise CaptureError(f"{path} cannot be made: {error.strerror}: give another path") from None
+        self._slots = [_pixels(self._map, form, slot) for slot in range(form.slots)]
+        self._count = 0
+
+    def write(self, image: Image, sequence: int, exposed_at_us: int) -> None:
+        """image: of the ring's shape, uint8."""
+        number = self._count % self._form.slots
+        at = HEADER_BYTES + number * self._form.slot_bytes
+        SLOT.pack_into(self._map, at, 2 * self._count + 1, sequence, exposed_at_us)
+        _barrier()
+        self._slots[number][...] = image
+        _barrier()
+        WORD.pack_into(self._map, at, 2 * self._count + 2)
+        _barrier()
+        self._count += 1
+        WORD.pack_into(self._map, COUNT_AT, self._count)
+
+    def close(self) -> None:
+        """The path is left alone when another writer has taken it."""
+        try:
+            if self._path.stat().st_ino == self._inode:
+                self._path.unlink()
+        except FileNotFoundError:
+            pass
+        self._slots = []
+        self._map.close()
+
+
+class RingReader:
+    """Reads the newest frame of a ring, from the next one on that is written after it was opened."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises FileNotFoundError, or CaptureError for a file that is no ring."""
+        try:
+            with path.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                if size < HEADER_BYTES:
+                    raise CaptureError(f"{path} is no ring of frames: name the file of the running writer")
+                self._map = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise CaptureError(f"{path} cannot be read: {error.strerror}") from None
+        try:
+            self.format = _read_format(self._map, path)
+        except CaptureError:
+            self._map.close()
+            raise
+        self._slots = [_pixels(self._map, self.format, slot) for slot in range(self.format.slots)]
+        self._seen = self._count()
+
+    def newest(self) -> RingFrame | None:
+        """The newest frame, None when it was given before (or the writer overtakes us again and again)."""
+        for _ in range(TRIES):
+            count = self._count()
+            if count <= self._seen:
+                return None
+            frame = self._copy(count - 1)
+            if frame is not None:
+                self._seen = count
+                return frame
+        return None
+
+    def close(self) -> None:
+        self._slots = []
+        self._map.close()
+
+    def _count(self) -> int:
+        return int(WORD.unpack_from(self._map, COUNT_AT)[0])
+
+    def _copy(self, frame_number: int) -> RingFrame | None:
+        """A frame, or None when the writer came to its slot meanwhile."""
+        slot = frame_number % self.format.slots
+        at = HEADER_BYTES + slot * self.format.slot_bytes
+        stamp, sequence, exposed_at_us = SLOT.unpack_from(self._map, at)
+        if stamp != 2 * frame_number + 2:
+            return None
+        _barrier()
+        image = self._slots[slot].copy()
+        _barrier()
+        if WORD.unpack_from(self._map, at)[0] != stamp:
+            return None
+        return RingFrame(image, sequence, exposed_at_us)
+
+
+def _read_format(mapped: mmap.mmap, path: Path) -> RingFormat:
+    """Raises CaptureError for another kind of file, another version, or sizes that do not fit the file."""
+    magic, version, slots, width, height, channels, fingerprint = HEADER.unpack_from(mapped, 0)
+    if magic != MAGIC:
+        raise CaptureError(f"{path} is no ring of frames: name the file of the running writer")
+    if version != VERSION:
+        raise CaptureError(f"{path} is a ring of version {version}, this is {VERSION}: update the older side")
+    fits = channels in {1, 3} and 2 <= slots <= 64 and 0 < width * height <= MOST_PIXELS
+    name = fingerprint.rstrip(b"\0").decode("ascii", "replace")
+    form = RingFormat(width, height, channels, slots, name)
+    if not fits or form.file_bytes > len(mapped):
+        raise CaptureError(f"{path}: its header and its size do not fit: start its writer again")
+    return form
+
+
+def _pixels(mapped: mmap.mmap, form: RingFormat, slot: int) -> Image:
+    """A slot's pixels, in place."""
+    at = HEADER_BYTES + slot * form.slot_bytes + SLOT_HEADER_BYTES
+    flat = np.frombuffer(mapped, dtype=np.uint8, count=form.frame_bytes, offset=at)
+    return flat.reshape(form.shape)
+
+
+_order = threading.Lock()
+
+
+def _barrier() -> None:
+    """Memory order for processors that do not keep it by themselves (aarch64): a store-release and then a
+    load-acquire of one lock stay in order, and nothing passes both."""
+    for _ in range(2):
+        with _order:
+            pass

@@ -1,0 +1,72 @@
+"""Frames from another process on this machine, through a ring in shared memory (frame_ring.py)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from palpate_edge.capture.frame import Frame
+from palpate_edge.capture.frame_ring import RingFormat, RingReader
+from palpate_edge.errors import CaptureError
+from palpate_edge.sensor import Sensor
+
+POLL_S = 0.001
+STALLED_AFTER_S = 0.5
+
+
+class SharedMemorySource:
+    """The newest frame each time; those that were overtaken count as dropped.
+
+    at_monotonic_us: from CLOCK_MONOTONIC to the daemon's clock. A writer that stops, or starts again, is
+    noticed as a stall: open the source again.
+    """
+
+    def __init__(self, path: Path, sensor: Sensor, at_monotonic_us: Callable[[int], int]) -> None:
+        """Raises CaptureError where there is no ring, or one of another sensor or image size."""
+        try:
+            self._reader = RingReader(path)
+        except FileNotFoundError:
+            raise CaptureError(
+                f"{path} is missing: start what writes frames there (palpate-host simulate camera)"
+            ) from None
+        try:
+            _check(self._reader.format, sensor, path)
+        except CaptureError:
+            self._reader.close()
+            raise
+        self._path, self._at_monotonic_us = path, at_monotonic_us
+        self._next_sequence: int | None = None
+        self.dropped = 0
+
+    def read(self) -> Frame | None:
+        """Wait for the next frame. Raises CaptureError when none comes for STALLED_AFTER_S."""
+        deadline_s = time.monotonic() + STALLED_AFTER_S
+        while (frame := self._reader.newest()) is None:
+            if time.monotonic() > deadline_s:
+                raise CaptureError(
+                    f"{self._path}: no frame for {STALLED_AFTER_S:g} s: look whether its writer still runs"
+                )
+            time.sleep(POLL_S)
+        if self._next_sequence is not None:
+            self.dropped += max(0, frame.sequence - self._next_sequence)
+        self._next_sequence = frame.sequence + 1
+        exposed_at_us = self._at_monotonic_us(frame.exposed_at_us)
+        return Frame(frame.image, exposed_at_us, frame.sequence, f"{self._path.name}#{frame.sequence}")
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+def _check(form: RingFormat, sensor: Sensor, path: Path) -> None:
+    if (form.width, form.height) != sensor.image_size_px:
+        width, height = sensor.image_size_px
+        raise CaptureError(
+            f"{path} has frames of {form.width}x{form.height}, the calibration is of {width}x{height}: name "
+            "the ring of its sensor"
+        )
+    if form.fingerprint and form.fingerprint != sensor.fingerprint():
+        raise CaptureError(
+            f"{path} has frames of sensor {form.fingerprint}, the calibration is of {sensor.fingerprint()}: "
+            "name the ring of its sensor, or calibrate that one"
+        )

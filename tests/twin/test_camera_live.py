@@ -1,0 +1,97 @@
+"""`palpate-host simulate camera` as a process, read by the edge's own source and estimator."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.capture.shared_memory import SharedMemorySource
+from palpate_edge.dataset import read_dataset
+from palpate_edge.estimator import Estimator
+from palpate_edge.training.dome_model import load_dome_model
+from palpate_host.twin.simulate_cli import simulate
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("live") / "dome"
+    options = ["-o", str(folder), "--random-seed", "5", "--presses", "12", "--test-presses", "0"]
+    assert CliRunner().invoke(simulate, ["dataset", *options], catch_exceptions=False).exit_code == 0
+    return folder
+
+
+def _camera(sensor: Path, ring: Path, *options: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "camera", "--sensor", str(sensor)]
+    process = subprocess.Popen(
+        [*command, "--shm", str(ring), *options], stderr=subprocess.PIPE, text=True, stdout=subprocess.DEVNULL
+    )
+    deadline_s = time.monotonic() + 20
+    while not ring.exists():
+        assert process.poll() is None
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    return process
+
+
+def test_live_contacts_are_where_the_camera_says_something_presses(sensor: Path, tmp_path: Path) -> None:
+    calibration = calibrate(read_dataset(sensor), dome=load_dome_model())
+    ring, truth = tmp_path / "ring", tmp_path / "truth.csv"
+    process = _camera(sensor, ring, "--truth", str(truth), "--seconds", "60")
+    source = SharedMemorySource(ring, calibration.sensor, lambda stamp_us: stamp_us)
+    estimator = Estimator(calibration)
+    begin_us = time.monotonic_ns() // 1000
+    contacts = {}
+    while len(contacts) < 150:
+        frame = source.read()
+        assert frame is not None
+        contacts[frame.sequence] = estimator.estimate(frame)
+        assert -1e6 < frame.exposed_at_us - begin_us < 60e6
+    source.close()
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert "camera stopped" in said
+    assert not ring.exists()
+
+    with truth.open(newline="") as file:
+        rows = {int(row["sequence"]): row for row in csv.DictReader(file)}
+    firm = [
+        (contact, rows[sequence])
+        for sequence, contact in contacts.items()
+        if rows[sequence]["x_mm"] and abs(float(rows[sequence]["fz_N"])) > 0.2
+    ]
+    assert len(firm) > 30
+    given = [contact for contact, _ in firm if contact.position_mm is not None]
+    assert len(given) > 0.9 * len(firm)
+    errors_mm = [
+        np.linalg.norm(
+            np.array(contact.position_mm) - [float(row[axis]) for axis in ("x_mm", "y_mm", "z_mm")]
+        )
+        for contact, row in firm
+        if contact.position_mm is not None
+    ]
+    assert np.median(errors_mm) < 0.5
+    untouched = [contacts[s] for s in contacts if not rows[s]["x_mm"]]
+    assert untouched
+    assert all(contact.position_mm is None for contact in untouched)
+
+
+def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, tmp_path: Path) -> None:
+    process = _camera(sensor, tmp_path / "ring", "--seconds", "1")
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert "exposures skipped" in said
+    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "camera", "--shm", "/nowhere/ring"]
+    failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert failed.returncode == 5
+    assert failed.stderr.startswith("camera of 85 beads")
+    assert "error: /nowhere/ring cannot be made" in failed.stderr
