@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimator, frames, host
+from bench import bus, estimator, frames, host, twin
 from bench.timing import table
 
 
@@ -15,6 +15,8 @@ def main() -> None:
     print(table("Fingertip node and hub", bus.rows()))
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
+    print()
+    print(table("The twin's camera, 640x480 in colour, one core", twin.rows()))
 
 
 if __name__ == "__main__":

@@ -31,12 +31,13 @@ class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where frames come from.
 
-    source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time) or
-    ``v4l2`` (the camera at `path`, set as `camera` says); loop: start over at the recording's end.
+    source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time),
+    ``v4l2`` (the camera at `path`, set as `camera` says) or ``shared_memory`` (the ring of frames at `path`
+    that another process writes); loop: start over at the recording's end.
     timeout_ms: without a frame for so long the contact is withdrawn and the camera counts as stalled.
     """
 
-    source: Literal["recorded", "v4l2"]
+    source: Literal["recorded", "v4l2", "shared_memory"]
     path: str = ""
     loop: bool = False
     timeout_ms: Annotated[int, msgspec.Meta(ge=20, le=10_000)] = 200
@@ -119,5 +120,5 @@ def _check_capture(path: Path, capture: CaptureConfig) -> None:
             f"{path}: a v4l2 camera has one name: give capture.path (/dev/v4l/by-path/...) or "
             "capture.camera.usb_serial"
         )
-    if capture.source == "recorded" and not capture.path:
-        raise ConfigError(f"{path}: capture.path is missing: name the recording")
+    if capture.source != "v4l2" and not capture.path:
+        raise ConfigError(f"{path}: capture.path is missing: name the recording or the ring of frames")

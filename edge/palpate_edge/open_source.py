@@ -7,6 +7,7 @@ from pathlib import Path
 
 from palpate_edge.calibration import Calibration, check_sensor
 from palpate_edge.capture.recorded import RealTimeSource, open_recording
+from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.capture.source import ReopeningSource, Source
 from palpate_edge.capture.v4l2.controls import FixedExposure
 from palpate_edge.capture.v4l2.formats import PixelCode
@@ -29,6 +30,8 @@ def open_source(
     if config.capture.source == "v4l2":
         return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
     path = Path(config.capture.path)
+    if config.capture.source == "shared_memory":
+        return ReopeningSource(lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us))
     recording = open_recording(path, grey=is_grey(calibration))
     check_recording(calibration, calibration_path, recording.sensor, path)
     return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock.now_us)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -12,8 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
+from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import save_calibration
+from palpate_edge.can_frame import CanFrame
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
@@ -95,3 +100,57 @@ def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, 
     assert failed.returncode == 5
     assert failed.stderr.startswith("camera of 85 beads")
     assert "error: /nowhere/ring cannot be made" in failed.stderr
+
+
+def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) -> None:
+    """Camera, hub and `palpate-edge run` as processes; TPDO 1 carries points of the dome's outer sphere."""
+    calibration, ring, socket = tmp_path / "dome.cal", tmp_path / "ring", tmp_path / "hub.sock"
+    found = calibrate(read_dataset(sensor), dome=load_dome_model())
+    save_calibration(found, calibration)
+    config = tmp_path / "finger.toml"
+    config.write_text(
+        f'name = "finger"\n[capture]\nsource = "shared_memory"\npath = "{ring}"\n'
+        f'[estimator]\ncalibration = "{calibration}"\n[node]\nid = 16\n'
+        f'[bus]\ninterface = "palpate"\nchannel = "{socket}"\n'
+    )
+    hub = subprocess.Popen(
+        [sys.executable, "-m", "palpate_host.cli", "bus", "hub", "--socket", str(socket)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert hub.stderr is not None
+    assert "listening" in hub.stderr.readline()
+    processes = [
+        hub,
+        subprocess.Popen([sys.executable, "-m", "palpate_edge.cli", "run", "--config", str(config)]),
+    ]
+    places: list[NDArray[np.float64]] = []
+    try:
+        with open_bus(BusConfig(interface="palpate", channel=str(socket)), "test", [0x190]) as bus:
+            for _ in range(
+                2
+            ):  # the second camera comes while the daemon waits for the first, which was killed
+                processes.append(_camera(sensor, ring))
+                places += _some_places(bus, 20)
+                processes[-1].kill()
+                ring.unlink()
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.communicate(timeout=20)
+    assert len(places) >= 40
+    radius_mm = found.sensor.dome.outer_radius_mm
+    assert np.linalg.norm(places, axis=1) == pytest.approx(radius_mm, abs=0.1)
+
+
+def _some_places(bus: Bus, count: int) -> list[NDArray[np.float64]]:
+    """Contacts of TPDO 1 after the bus has been empty of them, mm."""
+    places: list[NDArray[np.float64]] = []
+    deadline_s = time.monotonic() + 40
+    while len(places) < count and time.monotonic() < deadline_s:
+        bus.send([CanFrame(0x000, bytes([0x01, 16]))])  # NMT start, until the node is there
+        for _, frame in bus.receive(0.5):
+            place = np.array(struct.unpack("<3h", frame.data[:6])) / 100
+            if place.any():
+                places.append(place)
+    return places

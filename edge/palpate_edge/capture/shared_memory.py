@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.frame_ring import RingFormat, RingReader
-from palpate_edge.errors import CaptureError
+from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
 from palpate_edge.sensor import Sensor
 
 POLL_S = 0.001
@@ -23,11 +23,11 @@ class SharedMemorySource:
     """
 
     def __init__(self, path: Path, sensor: Sensor, at_monotonic_us: Callable[[int], int]) -> None:
-        """Raises CaptureError where there is no ring, or one of another sensor or image size."""
+        """Raises CameraLostError where there is no ring, CaptureError for another sensor or image size."""
         try:
             self._reader = RingReader(path)
         except FileNotFoundError:
-            raise CaptureError(
+            raise CameraLostError(
                 f"{path} is missing: start what writes frames there (palpate-host simulate camera)"
             ) from None
         try:
@@ -40,11 +40,11 @@ class SharedMemorySource:
         self.dropped = 0
 
     def read(self) -> Frame | None:
-        """Wait for the next frame. Raises CaptureError when none comes for STALLED_AFTER_S."""
+        """Wait for the next frame. Raises CameraStalledError when none comes for STALLED_AFTER_S."""
         deadline_s = time.monotonic() + STALLED_AFTER_S
         while (frame := self._reader.newest()) is None:
             if time.monotonic() > deadline_s:
-                raise CaptureError(
+                raise CameraStalledError(
                     f"{self._path}: no frame for {STALLED_AFTER_S:g} s: look whether its writer still runs"
                 )
             time.sleep(POLL_S)

@@ -1,0 +1,36 @@
+"""Milliseconds a frame of the twin's camera, beside what a file of the frame costs."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from bench.timing import Row, time_each
+from palpate_host.twin.camera.random_presses import random_press
+from palpate_host.twin.camera.random_sensor import random_sensor
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.dome.library import load_library
+from palpate_host.twin.dome.probe import Probe
+
+SENSORS = {"85 beads, pinhole": 0, "85 beads, fisheye": 2, "127 pins": 3, "331 pins": 4}  # seeds
+PRESSES = 60
+JPEG_QUALITY = 90
+
+
+def rows() -> list[Row]:
+    """All rows of the twin's table; the first is the yardstick."""
+    library = load_library()
+    found: list[Row] = []
+    for name, seed in SENSORS.items():
+        view = CameraView(random_sensor(seed), library)
+        rng = np.random.default_rng(0)
+        presses = [random_press(view.dome, (Probe.PLATE, Probe.SPHERE5), rng) for _ in range(PRESSES)]
+        if not found:
+            images = [view.frame(press, rng)[0] for press in presses]
+            quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+            encode = time_each(lambda image: cv2.imencode(".jpg", image, quality), images)
+            found.append(Row("JPEG encoding of such a frame", encode))
+            found.append(Row("field of a press, 85 beads and skin", time_each(view.dome.press, presses)))
+        frames = time_each(lambda press, view=view, rng=rng: view.frame(press, rng), presses)
+        found.append(Row(f"frame and force, {name}", frames))
+    return found
