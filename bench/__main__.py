@@ -16,7 +16,7 @@ def main() -> None:
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
     print()
-    print(table("The twin's camera, 640x480 in colour, one core", twin.rows()))
+    print(table("The twin's camera, 640x480 in colour, processor time", twin.rows()))
 
 
 if __name__ == "__main__":

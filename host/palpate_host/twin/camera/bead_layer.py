@@ -21,25 +21,31 @@ class BeadLayer:
         self._width, self._height = width, height
         self._edge = np.float32(np.sqrt(PIXEL_VARIANCE + softness_px**2) / SMOOTHSTEP_SIGMA)
         self._highlight = np.float32(highlight * (255 - WHOLE))
-        self._plane = np.zeros((height, width), dtype=np.uint8)
+        self._bordered = np.zeros((height, width), dtype=np.uint8)
 
     def draw(self, centre_px: Array, shape: Array) -> Plane:
         """centre_px (n, 2), shape (n, 2, 2) of the outlines -> (height, width), valid until the next call."""
-        self._plane[:] = 0
         extent = float(np.sqrt(max(shape[:, 0, 0].max(), shape[:, 1, 1].max()))) if len(shape) else 0.0
         reach = int(np.ceil(extent + 0.5 * self._edge)) + 1
+        border, side = 2 * reach, 2 * reach + 1  # a bead at the edge is drawn whole, beyond it
+        bordered = self._with_border(border)
         pixel = np.rint(centre_px).astype(np.intp)
         far = np.array([self._width, self._height]) + reach
         near = ((pixel >= -reach) & (pixel < far)).all(axis=1)
         pixel = pixel[near]
         patches = self._patches(centre_px[near] - pixel, np.asarray(np.linalg.inv(shape[near])), reach)
-        for (x, y), patch in zip(pixel.tolist(), patches, strict=True):
-            left, right = max(x - reach, 0), min(x + reach + 1, self._width)
-            top, bottom = max(y - reach, 0), min(y + reach + 1, self._height)
-            part = patch[top - y + reach : bottom - y + reach, left - x + reach : right - x + reach]
-            target = self._plane[top:bottom, left:right]
-            np.maximum(target, part, out=target)
-        return self._plane
+        for (x, y), patch in zip((pixel + border - reach).tolist(), patches, strict=True):
+            target = bordered[y : y + side, x : x + side]
+            np.maximum(target, patch, out=target)
+        return bordered[border : border + self._height, border : border + self._width]
+
+    def _with_border(self, border: int) -> Plane:
+        """The empty plane with at least so many pixels around it."""
+        height, width = self._height + 2 * border, self._width + 2 * border
+        if self._bordered.shape != (height, width):
+            self._bordered = np.empty((height, width), dtype=np.uint8)
+        self._bordered[:] = 0
+        return self._bordered
 
     def _patches(self, shift_px: Array, inverse: Array, reach: int) -> NDArray[np.uint8]:
         """(n, side, side) of ellipses shift_px (n, 2) off the middle of their patch."""

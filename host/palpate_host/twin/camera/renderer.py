@@ -92,8 +92,7 @@ class CameraView:
         if hidden:
             shown = np.setdiff1d(np.arange(len(centre_px)), np.fromiter(hidden, dtype=np.intp))
             centre_px, shape = centre_px[shown], shape[shown]
-        covered = self._layer.draw(centre_px, shape)
-        cv2.multiply(covered, self._opening, covered, scale=1 / 255)
+        covered = cv2.multiply(self._layer.draw(centre_px, shape), self._opening, scale=1 / 255)
         bare = cv2.bitwise_not(cv2.convertScaleAbs(covered, alpha=255 / WHOLE))
         image: Image = np.empty_like(self._skin)
         cv2.cvtColor(bare, cv2.COLOR_GRAY2BGR, image)
