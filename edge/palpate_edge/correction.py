@@ -2,7 +2,7 @@
 
 The network file is made by ``training/``; it is one graph: normalise, project, kernel expansion, denormalise.
 Inputs ``field`` (1, 2 g) mm and ``hidden`` (1, 1); outputs ``direction`` (1, 3) of the contact point and
-``force`` (1, 3) N, both in the canonical frame, ``radius95`` (1, 1) mm and ``novelty`` (1, 1).
+``force`` (1, 3) N, both in the canonical frame, ``radius95`` (1, 1) mm and ``misfit`` (1, 1).
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from palpate_edge.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
-OUTPUTS = ["direction", "force", "radius95", "novelty"]
+OUTPUTS = ["direction", "force", "radius95", "misfit"]
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
     """direction (3,) of the contact point, unit vector in F; force_N (3,) on the dome in F; radius95_mm:
-    with 95 % probability the contact is no farther from the given point; novelty: squared distance of the
-    field to the nearest one that the model was trained on, both of size 1: 0.1 is far for a press."""
+    with 95 % probability the contact is no farther from the given point; misfit: squared
+    distance of the field to the one that a contact with this answer makes, both of size 1."""
 
     direction: Array
     force_N: Array
     radius95_mm: float
-    novelty: float
+    misfit: float
 
 
 class CorrectionModel:
@@ -66,14 +66,19 @@ class CorrectionModel:
                 f"{sensor_fingerprint}: run palpate-edge calibrate again"
             )
 
+        if [output.name for output in self._session.get_outputs()] != OUTPUTS:
+            raise CalibrationError(
+                "the correction model was made by another version: run palpate-edge calibrate again"
+            )
+
     def correct(self, field: CanonicalField) -> Correction:
         """Contact position, force and uncertainty of one frame."""
         inputs = {
             "field": field.values[None],
             "hidden": np.array([[field.hidden]], dtype=np.float64),
         }
-        direction, force, radius95, novelty = self._session.run(OUTPUTS, inputs)
+        direction, force, radius95, misfit = self._session.run(OUTPUTS, inputs)
         turn = about_z(field.azimuth_rad)
         unit = direction[0]
         unit /= np.linalg.norm(unit)
-        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]), max(0.0, float(novelty[0, 0])))
+        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]), max(0.0, float(misfit[0, 0])))

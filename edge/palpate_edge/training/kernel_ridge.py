@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.training.answer_field import AnswerField, fit_answer_field
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples
 from palpate_edge.training.spread import Spread, constant_spread, fit_spread, left_out_residuals
@@ -50,6 +51,7 @@ class Regression:
     centres (c, p + 1), their kernel lengths (c,), weights (c, 7) and offset (7,): direction, force over size
     in N/mm, log radius; hidden_slope: log radius a hidden share of beads. stiffness_scale: forces of this
     sensor over the dome model's; None when no press was there to tell, and then forces are the dome's.
+    answer_field: what field an answer would make.
     """
 
     projection: Projection
@@ -59,6 +61,7 @@ class Regression:
     offset: Array
     hidden_slope: float
     stiffness_scale: float | None
+    answer_field: AnswerField
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
@@ -67,6 +70,14 @@ class Regression:
         direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
         return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
+
+    def misfit(self, fields: Array) -> Array:
+        """(s,): squared distance of each field's shape to that of a contact with the answer."""
+        direction, force, _ = self.predict(fields, np.zeros(len(fields)))
+        size = np.linalg.norm(fields, axis=1)
+        off = fields / size[:, None] - self.projection.mean
+        answered = self.answer_field.shapes(direction, force, size) @ self.projection.components.T
+        return np.asarray(((off - answered) ** 2).sum(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +114,8 @@ def fit(
     own, spread = None, constant_spread()
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
         own, spread = _fit_own(projection, base, samples, radius_mm, progress)
-    return _sum(projection, base, own, spread, scale)
+    answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
+    return _sum(projection, base, own, spread, scale, answer_field)
 
 
 def gauss(a: Array, b: Array, length: Array | float) -> Array:
@@ -188,6 +200,7 @@ def _sum(
     own: _Expansion | None,
     spread: Spread,
     stiffness_scale: float | None,
+    answer_field: AnswerField,
 ) -> Regression:
     """Both expansions as one."""
     parts = [part for part in (base, own) if part is not None]
@@ -204,4 +217,5 @@ def _sum(
         offset=np.append(sum(part.offset for part in parts), spread.level),
         hidden_slope=spread.hidden_slope,
         stiffness_scale=stiffness_scale if base is not None else 1.0,
+        answer_field=answer_field,
     )

@@ -1,0 +1,79 @@
+"""The way back: from an answer (place and direction of force) to the field that such a contact makes.
+
+A frame spliced of two presses has beads that move like some press in each half, and the correction model
+finds an answer between them. No single contact makes such a field: what the answer's own field leaves of it
+is the *misfit*, squared, both fields of size 1. 99.5 % of the recorded presses stay below 0.02, 95 % of the
+splices do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.training.dome_model import DomeModel
+from palpate_edge.training.samples import Samples
+
+Array = NDArray[np.float64]
+
+LENGTH = 1.0
+PLACE_WEIGHT, FORCE_WEIGHT, SIZE_WEIGHT = 2.0, 2.0, 0.3  # of the answer's parts before the kernel
+OWN_RIDGE, DOME_RIDGE = 1e-3, 1e-1  # another dome's fields count little where the sensor's own are near
+MOST_CENTRES = 800  # of each kind: an answer has but five degrees of freedom
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerField:
+    """Kernel expansion from answers to shapes in the projection's components: centres (k, 7), weights (k, p),
+    offset (p,)."""
+
+    centres: Array
+    weights: Array
+    offset: Array
+
+    def shapes(self, directions: Array, forces: Array, sizes: Array) -> Array:
+        """(s, p) of answers, see :func:`answers`."""
+        return np.asarray(
+            _gauss(answers(directions, forces, sizes), self.centres) @ self.weights + self.offset
+        )
+
+
+def answers(directions: Array, forces: Array, sizes: Array) -> Array:
+    """(s, 7) points of the kernel's space from unit directions (s, 3), forces (s, 3), fields' sizes (s,)."""
+    way = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    size = SIZE_WEIGHT * np.log(sizes)[:, None]
+    return np.concatenate([PLACE_WEIGHT * directions, FORCE_WEIGHT * (way + directions), size], axis=1)
+
+
+def fit_answer_field(
+    mean: Array, components: Array, samples: Samples | None, dome: DomeModel | None
+) -> AnswerField:
+    """From the sensor's own plain samples and the dome model's presses (at least one of them).
+
+    mean (2 g,), components (2 g, p): the projection of shapes.
+    """
+    parts = []
+    if samples is not None:
+        plain = np.flatnonzero(samples.plain)
+        parts.append((samples.fields, samples.directions, samples.forces_N, plain, OWN_RIDGE))
+    if dome is not None:
+        parts.append((dome.fields, dome.directions, dome.forces, np.arange(len(dome.fields)), DOME_RIDGE))
+    centres, shapes, ridges = [], [], []
+    for fields, directions, forces, usable, ridge in parts:
+        forced = usable[np.linalg.norm(forces[usable], axis=1) > 0]
+        some = forced[np.linspace(0, len(forced) - 1, min(len(forced), MOST_CENTRES)).astype(np.intp)]
+        size = np.linalg.norm(fields[some], axis=1)
+        centres.append(answers(directions[some], forces[some], size))
+        shapes.append((fields[some] / size[:, None] - mean) @ components)
+        ridges.append(np.full(len(some), ridge))
+    points, target = np.concatenate(centres), np.concatenate(shapes)
+    offset = np.asarray(target.mean(axis=0))
+    gram = _gauss(points, points) + np.diag(np.concatenate(ridges))
+    return AnswerField(points, np.linalg.solve(gram, target - offset), offset)
+
+
+def _gauss(a: Array, b: Array) -> Array:
+    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
+    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * LENGTH**2)))
