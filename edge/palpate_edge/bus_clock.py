@@ -17,13 +17,15 @@ from itertools import pairwise
 
 WRAP_US = 1 << 32
 WINDOW_US = 30_000_000
+BLOCK_US = 500_000  # of each the least delayed sample is kept
 MIN_SAMPLES = 10  # before the clock counts as synchronised; until then it may step
+DELAYS_AVERAGED = 100
 MAX_DRIFT = 200e-6  # two cheap oscillators, one warm
 MAX_SLEW = 500e-6  # how fast a correction goes in: 0.5 ms a second
 STEP_US = 2_000  # a correction larger than this is a step: slewing would take seconds
 EARLY_US = 3_000  # before the line by more than this: the stamp belongs to another SYNC
 LATE_US = 5_000
-RESTART_AFTER = 10  # early or late ones in a row: the bus has a new time
+RESTART_AFTER = 40  # early or late ones in a row: the bus has a new time; fewer are frames out of order
 LOST_AFTER_US = 5_000_000
 HOLDOVER_DRIFT = 1e-6  # by which an oscillator's rate changes while nobody tells
 
@@ -59,7 +61,9 @@ class BusClock:
         self.steps = 0
         self.rejected = 0
         self._sync_at_us: int | None = None
-        self._samples: deque[tuple[int, int]] = deque()  # (local us, local minus bus us)
+        self._samples: deque[tuple[int, int]] = deque()  # (local us, local minus bus us), one a block
+        self._seen = 0  # since the bus's time last jumped
+        self._mean_delay_us = 0.0
         self._line = Line(0, 0.0, 0.0)
         self._correction_us = 0.0  # to go in from _line.at_us on
         self._early = self._late = 0
@@ -106,10 +110,11 @@ class BusClock:
         """
         if self._last_us is None:
             return 0
-        delays = sorted(offset - self._line.offset_at(at_us) for at_us, offset in self._samples)
-        unknown = 4 * delays[len(delays) // 2] / len(delays)
+        hidden_us = (
+            4 * abs(self._mean_delay_us) / len(self._samples)
+        )  # the least of n delays is a n-th of them
         holdover_us = HOLDOVER_DRIFT * max(0, now_us - self._last_us)
-        return round(abs(unknown) + abs(self._left_us(now_us)) + holdover_us)
+        return round(hidden_us + abs(self._left_us(now_us)) + holdover_us)
 
     def _is_believable(self, local_us: int, offset_us: int) -> bool:
         """Too early is impossible, very late is useless; many of one kind in a row are a new time."""
@@ -120,6 +125,7 @@ class BusClock:
         self._late = self._late + 1 if beyond_us > LATE_US else 0
         if max(self._early, self._late) >= RESTART_AFTER:
             self._samples.clear()
+            self._seen = 0
             return True
         if self._early or self._late:
             self.rejected += 1
@@ -128,17 +134,28 @@ class BusClock:
 
     def _add(self, local_us: int, offset_us: int) -> None:
         self._last_us = local_us
-        self._samples.append((local_us, offset_us))
-        while self._samples[0][0] < local_us - WINDOW_US:
-            self._samples.popleft()
+        self._seen += 1
+        self._keep(local_us, offset_us)
         before_us = local_us - self.to_bus_us(local_us)
         self._line = lower_line(list(self._samples), local_us)
         self._correction_us = self._line.offset_us - before_us
-        settling = len(self._samples) < MIN_SAMPLES
+        delay_us = offset_us - self._line.offset_us
+        self._mean_delay_us += (delay_us - self._mean_delay_us) / min(self._seen, DELAYS_AVERAGED)
+        settling = self._seen < MIN_SAMPLES
         self._was_synchronised = self._was_synchronised or not settling
         if settling or abs(self._correction_us) > STEP_US:
             self.steps += self._was_synchronised and abs(self._correction_us) > STEP_US
             self._correction_us = 0.0
+
+    def _keep(self, local_us: int, offset_us: int) -> None:
+        """The least delayed sample of each block, measured from the present line."""
+        newest = self._samples[-1] if self._samples else None
+        if newest is None or newest[0] // BLOCK_US != local_us // BLOCK_US:
+            self._samples.append((local_us, offset_us))
+        elif offset_us - self._line.offset_at(local_us) < newest[1] - self._line.offset_at(newest[0]):
+            self._samples[-1] = (local_us, offset_us)
+        while self._samples[0][0] < local_us - WINDOW_US:
+            self._samples.popleft()
 
     def _left_us(self, local_us: int) -> float:
         """The part of the correction that has not gone in yet."""

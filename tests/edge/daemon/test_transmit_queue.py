@@ -1,0 +1,83 @@
+"""What waits for a full controller: bounded, the oldest contact goes, an EMCY or an SDO answer never."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_edge.transmit_queue import MAX_OTHERS, MAX_PDO_AGE_US, MAX_PDOS, TransmitQueue
+
+EMCY, SDO, HEARTBEAT = CanFrame(0x090), CanFrame(0x590), CanFrame(0x710)
+
+
+def tpdo(number):
+    return CanFrame(0x190, number.to_bytes(2, "little"))
+
+
+def all_of(queue, now_us=0):
+    frames = []
+    while (frame := queue.first(now_us)) is not None:
+        frames.append(frame)
+        queue.sent()
+    return frames
+
+
+def test_in_order():
+    queue = TransmitQueue()
+    queue.put(0, [tpdo(1), EMCY, tpdo(2), SDO])
+    assert all_of(queue) == [tpdo(1), EMCY, tpdo(2), SDO]
+
+
+def test_the_oldest_contacts_give_way():
+    queue = TransmitQueue()
+    queue.put(0, [EMCY, SDO, HEARTBEAT])
+    for number in range(MAX_PDOS + 5):
+        queue.put(0, [tpdo(number)])
+    assert queue.dropped == 5
+    assert all_of(queue) == [EMCY, SDO, HEARTBEAT, *(tpdo(n) for n in range(5, MAX_PDOS + 5))]
+
+
+def test_contacts_that_waited_too_long_are_not_sent():
+    queue = TransmitQueue()
+    queue.put(0, [tpdo(1), EMCY])
+    queue.put(MAX_PDO_AGE_US, [tpdo(2)])
+    assert all_of(queue, MAX_PDO_AGE_US + 1) == [EMCY, tpdo(2)]
+    assert queue.dropped == 1
+
+
+def test_a_bus_that_takes_nothing_is_told():
+    queue = TransmitQueue()
+    queue.put(0, [SDO] * MAX_OTHERS)
+    with pytest.raises(BusError, match="wait for a bus that takes none: check cabling"):
+        queue.put(0, [SDO])
+
+
+def test_when_the_bus_is_gone_emergencies_stay():
+    queue = TransmitQueue()
+    queue.put(0, [tpdo(1), EMCY, SDO, HEARTBEAT, CanFrame(0x081)])
+    queue.keep_emergencies()
+    assert all_of(queue) == [EMCY, CanFrame(0x081)]
+    assert queue.dropped == 1
+
+
+@given(st.lists(st.lists(st.sampled_from([EMCY, SDO, tpdo(1)]), max_size=20), max_size=30), st.integers(0, 9))
+def test_nothing_but_contacts_is_ever_lost(batches, taken_each_time):
+    queue, put, taken = TransmitQueue(), [], []
+    for batch in batches:
+        put += batch
+        try:
+            queue.put(0, batch)
+        except BusError:
+            return
+        for _ in range(taken_each_time):
+            if (frame := queue.first(0)) is not None:
+                taken.append(frame)
+                queue.sent()
+        assert sum(frame == tpdo(1) for frame in put) - queue.dropped - taken.count(tpdo(1)) <= MAX_PDOS
+    taken += all_of(queue)
+    for frame in (EMCY, SDO):
+        assert taken.count(frame) == put.count(frame)
+    assert taken.count(tpdo(1)) + queue.dropped == put.count(tpdo(1))
