@@ -200,11 +200,14 @@ class Bus:
                 self.error_passive = bool(status & CRTL_PASSIVE)
 
 
-def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = None) -> Bus:
+def open_bus(
+    config: BusConfig, name: str, accept_ids: Sequence[int] | None = None, *, echo: bool = False
+) -> Bus:
     """Opens the bus of `config`.
 
     name: who opens it, for messages and the hub's statistics (``finger-1``).
     accept_ids: the 11-bit identifiers to receive, filtered by kernel, controller or hub; None for all.
+    echo: also receive the own frames among them, stamped when they went over the wire.
     Raises BusError with the reason and the way out.
     """
     if config.interface not in can.VALID_INTERFACES:
@@ -214,7 +217,7 @@ def open_bus(config: BusConfig, name: str, accept_ids: Sequence[int] | None = No
         )
     if accept_ids is not None and not accept_ids:
         raise BusError(f"bus of {name}: accept_ids is empty: name an identifier, or give None to receive all")
-    options: dict[str, Any] = {"bitrate": config.bitrate}
+    options: dict[str, Any] = {"bitrate": config.bitrate, "receive_own_messages": echo}
     if config.interface == "palpate":
         options["name"] = name
     channel = config.channel or ("can0" if config.interface == "socketcan" else None)

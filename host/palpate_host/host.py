@@ -46,7 +46,8 @@ def run(config_path: Path, duration_s: float | None = None, status_target: Path 
     core = HostCore(config, hand)
     stream = StatusStream(status_target) if status_target is not None else None
     try:
-        with open_bus(config.bus, BUS_NAME, core.accept_ids) as bus, on_stop_signal(core.request_stop):
+        bus_with_echo = open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True)
+        with bus_with_echo as bus, on_stop_signal(core.request_stop):
             failure = _loop(core, bus, stream, duration_s)
     finally:
         if stream is not None:

@@ -23,7 +23,7 @@ from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.joint_history import JointHistory
 from palpate_host.manipulation import Manipulation
-from palpate_host.network import EMCY_ID, HEARTBEAT_ID, SYNC, Network
+from palpate_host.network import EMCY_ID, HEARTBEAT_ID, SYNC, Network, TimeStampProducer
 from palpate_host.rotation import Array
 from palpate_host.status import Counters, HostStatus, matrix
 from palpate_host.supervisor import Decision, Inputs, Mode, Tiers, decide
@@ -69,6 +69,7 @@ class HostCore:
             network.heartbeat_ms * 1000,
             network.heartbeat_timeout_ms * 1000,
         )
+        self._time_stamps = TimeStampProducer()
         self._tiers = Tiers(
             warn_us=s.warn_ms * 1000,
             freeze_us=s.freeze_ms * 1000,
@@ -97,11 +98,15 @@ class HostCore:
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
-        """The identifiers this core wants from the bus: for filters, and to pick its inputs from a log."""
+        """The identifiers this core wants from the bus: for filters, and to pick its inputs from a log.
+
+        Its own SYNC is one of them: the bus's stamp of it is what 1013h tells.
+        """
         nodes = self._config.node_names
         beats = [HEARTBEAT_ID + node for node in nodes]
         emergencies = [EMCY_ID + node for node in nodes]
-        return tuple(sorted([*beats, *emergencies, *self._drives.receive_ids, *self._finger_by_id]))
+        others = [SYNC.can_id, *beats, *emergencies]
+        return tuple(sorted([*others, *self._drives.receive_ids, *self._finger_by_id]))
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick: quick stop, drives off, NMT stop. The first reason stays."""
@@ -137,6 +142,8 @@ class HostCore:
         node_id = frame.can_id & 0x7F
         if frame.remote:
             self._counters.foreign_frames += 1
+        elif frame.can_id == SYNC.can_id:
+            self._time_stamps.sync_left(stamp_us)
         elif frame.can_id in self._finger_by_id:
             self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
         elif frame.can_id in self._drives.receive_ids:
@@ -192,7 +199,8 @@ class HostCore:
         self._last_sync_us = tick_us
         is_up = [self._network.is_up(drive.node_id) for drive in self._drives.drives]
         ready = [*self._drives.identified(), *(finger.node_id for finger in self._fingers)]
-        frames = [*self._network.due(tick_us, ready), *self._drives.questions(tick_us, is_up), SYNC]
+        frames = [*self._time_stamps.due(tick_us), *self._network.due(tick_us, ready)]
+        frames += [*self._drives.questions(tick_us, is_up), SYNC]
         goal, torque = self._control_step(tick_us)
         self._command_Nm = torque
         frames += self._drives.commands(goal, torque)

@@ -13,11 +13,13 @@ from palpate_edge.can_frame import CanFrame
 
 NMT_ID = 0x000
 SYNC = CanFrame(0x080)
+TIME_STAMP_ID = 0x1FF  # 1013h; every fingertip's RPDO 1
 HEARTBEAT_ID = 0x700
 EMCY_ID = 0x080
 
 ASK_AGAIN_US = 1_000_000
 START_AGAIN_US = 200_000
+TIME_STAMP_EVERY_US = 50_000
 
 
 class NmtCommand(enum.IntEnum):
@@ -40,6 +42,33 @@ class NmtState(enum.IntEnum):
 def nmt(command: NmtCommand, node_id: int) -> CanFrame:
     """The NMT frame for one node."""
     return CanFrame(NMT_ID, bytes((command, node_id)))
+
+
+class TimeStampProducer:
+    """The bus's clock: when a SYNC left, told after it as 1013h, microseconds modulo 2^32 (CiA 301).
+
+    `sync_left` has the stamp that the interface gave to the host's own SYNC on the wire; the time at which it
+    was handed to the driver would lack its wait for the bus.
+    """
+
+    def __init__(self) -> None:
+        self._left_us: list[int] = []
+        self._next_us: int | None = None
+
+    def sync_left(self, stamp_us: int) -> None:
+        """A SYNC of ours came back from the bus."""
+        self._left_us.append(stamp_us)
+
+    def due(self, tick_us: int) -> list[CanFrame]:
+        """The stamp of the last SYNC that left before this tick, every `TIME_STAMP_EVERY_US`."""
+        left_us = [stamp_us for stamp_us in self._left_us if stamp_us < tick_us]
+        if not left_us:
+            return []
+        self._left_us = [stamp_us for stamp_us in self._left_us if stamp_us >= tick_us]
+        if self._next_us is not None and tick_us < self._next_us:
+            return []
+        self._next_us = tick_us + TIME_STAMP_EVERY_US
+        return [CanFrame(TIME_STAMP_ID, (left_us[-1] & 0xFFFF_FFFF).to_bytes(4, "little"))]
 
 
 class Network:

@@ -21,6 +21,7 @@ from palpate_host import hand_config
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore, Output
+from palpate_host.network import SYNC
 from palpate_host.status import HostStatus
 from palpate_host.twin.hand_drives import drives_of
 
@@ -69,6 +70,7 @@ class VirtualBench:
         self.output: Output | None = None
         self.silent: set[int] = set()
         self._to_nodes: list[CanFrame] = []
+        self._echo: list[tuple[int, CanFrame]] = []
         self._exposed: list[tuple[int, int, int, HandPose]] = []
         self._next_exposure_us = [START_US + 11_000 * finger for finger in range(3)]
         self._sequence = [0, 0, 0]
@@ -97,13 +99,14 @@ class VirtualBench:
         stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
         self.log += stamped
         heard = sorted(
-            (item for stamp, frame in stamped for item in self.to_host(stamp, frame)),
+            [*self._echo, *(item for stamp, frame in stamped for item in self.to_host(stamp, frame))],
             key=lambda item: item[0],
         )
         self.now_us = now_us + STEP_US
         self.output = self.core.process(self.now_us, heard)
         self.log += [(self.now_us, frame) for frame in self.output.frames_out]
         self._to_nodes = list(self.output.frames_out)
+        self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
         if self.output.frames_out and self.output.status is not None:
             self.statuses.append(self.output.status)
 

@@ -71,7 +71,7 @@ def test_the_answers_are_what_the_live_host_sent(log, hand_and_config):
     """The recorded host ran in virtual time too, so the replay must give its very frames and times."""
     records = read_log(log).records
     nodes = hand_and_config[0].node_names
-    host_ids = {0x000, 0x080, 0x77F} | {base + node for node in nodes for base in (0x200, 0x600)}
+    host_ids = {0x000, 0x080, 0x1FF, 0x77F} | {base + node for node in nodes for base in (0x200, 0x600)}
     sent = [(record.stamp_us, record.frame) for record in records if record.frame.can_id in host_ids]
     answered = [(record.stamp_us, record.frame) for record in replay_to_log(log, *hand_and_config).records]
     assert answered == sent

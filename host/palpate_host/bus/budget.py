@@ -67,7 +67,7 @@ class Case:
     tick_Hz: float = 100.0
     bitrate: int = 1_000_000
     heartbeat_ms: float = 100.0
-    time_stamps_per_s: float = 1.0
+    time_stamps_per_s: float = 20.0
     sdo_per_s: float = 20.0
 
     @property
