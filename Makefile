@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit kernel-test uml-test accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit kernel-test uml-test vm-test accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -25,10 +25,14 @@ unit: $(VENV)/dev.stamp  ## pytest, the real-time demo alone at the end; PYTEST_
 	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
-kernel-test: uml-test  ## the tests that need a kernel with SocketCAN
+kernel-test: uml-test vm-test  ## the tests that need a kernel of their own
 
-uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux (also part of make test)
+uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part of make test)
 	$(BIN)/pytest -m uml $(PYTEST_ARGS)
+
+vm-test: $(VENV)/dev.stamp  ## those in a virtual machine: SocketCAN, CAN cards, V4L2 (its disks are built once)
+	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
+	$(BIN)/pytest -m vm $(PYTEST_ARGS)
 
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
@@ -43,11 +47,11 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## what apt has and some tests use: tshark, user-mode Linux (needs root or sudo)
+system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu (needs root or sudo)
 	sh requirements/system-deps.sh
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
+	rm -rf $(VENV) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

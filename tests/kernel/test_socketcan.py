@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from kernel_guest.links import PATIENCE_S, receive
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
@@ -17,21 +18,11 @@ from palpate_host.bus.candump import LogRecord, LogWriter, read_log
 
 pytestmark = pytest.mark.usefixtures("kernel")
 
-PATIENCE_S = 20.0
 TRAFFIC = [CanFrame(0x000, b"\x01\x10"), CanFrame(0x190, bytes(range(8))), CanFrame(0x701, remote=True)]
 
 
 def opened(link, accept_ids=None):
     return open_bus(BusConfig(interface="socketcan", channel=link.name), "finger-1", accept_ids)
-
-
-def receive(bus, count):
-    frames = []
-    while len(frames) < count:
-        batch = bus.receive(PATIENCE_S)
-        assert batch, f"{len(frames)} of {count} frames arrived"
-        frames += [frame for _, frame in batch]
-    return frames
 
 
 def wait_until(condition):

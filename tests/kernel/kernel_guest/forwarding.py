@@ -10,8 +10,9 @@ import pytest
 
 from kernel_guest.run import Machine, Outcome, Run
 from kernel_guest.user_mode import UserModeLinux
+from kernel_guest.virtual_machine import VirtualMachine
 
-MACHINES: dict[str, Machine] = {"uml": UserModeLinux()}
+MACHINES: dict[str, Machine] = {"uml": UserModeLinux(), "vm": VirtualMachine()}
 OUTCOMES = os.environ.get("PALPATE_OUTCOMES")
 
 
@@ -32,7 +33,12 @@ class Outside:
         self._runs: dict[tuple[str, Path], Run] = {}
 
     @pytest.hookimpl(trylast=True)
-    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        # A virtual machine under emulation takes minutes: only who asks for it by name gets it.
+        if "vm" not in config.option.markexpr:
+            left_out = [item for item in items if item.get_closest_marker("vm")]
+            items[:] = [item for item in items if item not in left_out]
+            config.hook.pytest_deselected(items=left_out)
         for item in items:
             name = next((name for name in MACHINES if item.get_closest_marker(name)), None)
             if name is not None:

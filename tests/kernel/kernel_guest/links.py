@@ -14,7 +14,21 @@ from pathlib import Path
 
 import pytest
 
+from palpate_edge.bus import Bus
+from palpate_edge.can_frame import CanFrame
+
 N_SLCAN = 17  # linux/tty.h
+PATIENCE_S = 30.0
+
+
+def receive(bus: Bus, count: int) -> list[CanFrame]:
+    """So many frames from a bus, or an assertion that says how many came."""
+    frames: list[CanFrame] = []
+    while len(frames) < count:
+        batch = bus.receive(PATIENCE_S)
+        assert batch, f"{len(frames)} of {count} frames arrived"
+        frames += [frame for _, frame in batch]
+    return frames
 
 
 def ip(*words: object) -> None:
@@ -90,3 +104,16 @@ def serial_link() -> Iterator[SerialLink]:
     link = SerialLink(txqueuelen=10)
     yield link
     link.close()
+
+
+@pytest.fixture
+def can_cards() -> Iterator[tuple[Link, Link]]:
+    """Two CAN cards on one cable, up at 1 Mbit/s (virtual machine only)."""
+    subprocess.run(["modprobe", "kvaser_pci"], check=True)
+    cards = (Link("can0"), Link("can1"))
+    for card in cards:
+        ip("link", "set", card.name, "type", "can", "bitrate", 1_000_000)
+        card.up()
+    yield cards
+    for card in cards:
+        card.down()

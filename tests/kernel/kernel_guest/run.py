@@ -42,7 +42,7 @@ class Inside:
 
 
 class Machine(Protocol):
-    """A kind of kernel to boot."""
+    """A kind of kernel: `user_mode` and `virtual_machine` make one each."""
 
     name: str
     limit_s: float
