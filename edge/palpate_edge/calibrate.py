@@ -99,8 +99,15 @@ def _train(
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:
-    columns = (reference.position_px, reference.diameter_px, reference.contrast, reference.area, ring_of)
-    return tuple(
-        Bead(float(place[0]), float(place[1]), float(diameter), float(contrast), float(area), int(ring))
-        for place, diameter, contrast, area, ring in zip(*columns, strict=True)
+    assert reference.slope is not None
+    assert reference.unevenness is not None
+    columns = (
+        *reference.position_px.T,
+        reference.diameter_px,
+        reference.contrast,
+        reference.area,
+        *reference.slope.T,
+        reference.unevenness,
     )
+    values = zip(*(column.tolist() for column in columns), ring_of.tolist(), strict=True)
+    return tuple(Bead(*looks) for looks in values)

@@ -17,17 +17,21 @@ from palpate_edge.tracking import Reference
 from palpate_edge.whole_file import whole_file
 
 FORMAT = "palpate-calibration"
-VERSION = 1
+VERSION = 2
 
 
 class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One bead of the untouched sensor: place, size and contrast in the image, and its ring."""
+    """One bead of the untouched sensor: place, size and contrast in the image, slope of the skin's grey
+    (over the contrast, a pixel) and its unevenness about the bead, and its ring."""
 
     x_px: float
     y_px: float
     diameter_px: float
     contrast: float
     area: float
+    slope_x: float
+    slope_y: float
+    unevenness: float
     ring: int
 
 
@@ -72,6 +76,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             diameter_px=np.array([bead.diameter_px for bead in self.beads]),
             contrast=np.array([bead.contrast for bead in self.beads]),
             area=np.array([bead.area for bead in self.beads]),
+            slope=np.array([(bead.slope_x, bead.slope_y) for bead in self.beads]),
+            unevenness=np.array([bead.unevenness for bead in self.beads]),
         )
 
     def ring_of(self) -> NDArray[np.intp]:

@@ -11,7 +11,8 @@ from palpate_edge.camera_fit import fit_pose
 from palpate_edge.errors import CalibrationError
 from palpate_edge.inspect import clearness, with_alike
 from palpate_edge.layout import learn_layout
-from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, Refiner, find_blobs, plane
+from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.refine import Refiner
 from palpate_edge.sensor import CameraPose, Sensor, View, bead_layout_mm
 from palpate_edge.tracking import NO_PARTNER, assign, spacing
 

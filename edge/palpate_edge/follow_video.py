@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from palpate_edge.capture.recorded import Recording
 from palpate_edge.errors import DatasetError
 from palpate_edge.inspect import beads_without_layout, disk_likeness
-from palpate_edge.markers import Appearance, Image, Plane, Refiner, plane
+from palpate_edge.markers import Appearance, Image, plane
+from palpate_edge.refine import Refiner
 from palpate_edge.tracking import Reference, Tracker, spacing
 
 Array = NDArray[np.float64]
@@ -24,7 +25,6 @@ Mask = NDArray[np.bool_]
 REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades
 FEWEST_MARKERS = 6
 HOME_PX = 2.0  # a marker this near to where it was is the same one
-BORDER_PX = 32  # put around every frame, so that a marker near its border has surroundings
 CHUNK = 500  # frames held while going backwards
 
 
@@ -92,8 +92,8 @@ def follow_video(
     done = 0
     for way, frames in enumerate((_forwards(recording), _backwards(recording))):
         for index, image in frames:
-            beads = tracker.follow(_bordered(image, appearance))
-            places[way, index], founds[way, index] = beads.position_px - BORDER_PX, beads.found
+            beads = tracker.follow(plane(image, appearance))
+            places[way, index], founds[way, index] = beads.position_px, beads.found
             done += 1
             progress(done, 2 * count)
     return Followed(
@@ -108,7 +108,7 @@ def follow_video(
 
 
 def reference_from(image: Image, diameter_px: float | None = None) -> tuple[Reference, Appearance]:
-    """The markers that one picture shows, as a tracker of bordered frames wants them.
+    """The markers that one picture shows, as a tracker wants them.
 
     Raises DatasetError when there are none.
     """
@@ -118,18 +118,12 @@ def reference_from(image: Image, diameter_px: float | None = None) -> tuple[Refe
             f"only {len(blobs.strength)} markers stand out in the first frames: start the video with the "
             "skin untouched and in view, or give --diameter"
         )
-    sizes_px = disk_likeness(plane(image, appearance), blobs.position_px, size_px).diameter_px
-    start_px = blobs.position_px + BORDER_PX
-    refined = Refiner(sizes_px, spacing(start_px)).refine(_bordered(image, appearance), start_px)
+    dark = plane(image, appearance)
+    sizes_px = disk_likeness(dark, blobs.position_px, size_px).diameter_px
+    refined = Refiner(sizes_px, spacing(blobs.position_px)).refine(dark, blobs.position_px)
     held = (refined.contrast > 0) & (refined.area > 0)
-    parts = (refined.position_px, sizes_px, refined.contrast, refined.area)
-    return Reference(*(part[held] for part in parts)), appearance
-
-
-def _bordered(image: Image, appearance: Appearance) -> Plane:
-    """The plane of an image with its outermost pixels repeated outwards."""
-    border = ((BORDER_PX, BORDER_PX), (BORDER_PX, BORDER_PX), (0, 0))[: image.ndim]
-    return plane(np.pad(image, border, mode="edge"), appearance)
+    contrast, area = (part.astype(np.float64) for part in (refined.contrast, refined.area))
+    return Reference(refined.position_px[held], sizes_px[held], contrast[held], area[held]), appearance
 
 
 def _forwards(recording: Recording) -> Iterator[tuple[int, Image]]:

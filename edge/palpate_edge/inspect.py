@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Appearance, Blobs, Image, Plane, Refiner, find_blobs, plane
+from palpate_edge.markers import Appearance, Blobs, Image, Plane, find_blobs, plane
+from palpate_edge.refine import Refiner
 from palpate_edge.tracking import distances
 
 Array = NDArray[np.float64]

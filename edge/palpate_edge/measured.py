@@ -13,9 +13,11 @@ from palpate_edge.dataset import Press, PressDataset
 from palpate_edge.errors import CalibrationError
 from palpate_edge.first_sight import FirstSight, first_sight
 from palpate_edge.images import read_image
-from palpate_edge.markers import Image, Refiner, plane
+from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion
+from palpate_edge.refine import Refined, Refiner
 from palpate_edge.sensor import View
+from palpate_edge.skin_light import skin_slope
 from palpate_edge.tracking import Beads, Reference, Tracker, spacing
 
 Array = NDArray[np.float64]
@@ -82,35 +84,44 @@ def _read(dataset: PressDataset, path: Path) -> Image:
 def _measure_reference(
     dataset: PressDataset, sight: FirstSight, progress: Callable[[int], None]
 ) -> tuple[Reference, list[float]]:
-    """Median place, contrast and area of each bead over the reference frames, and each frame's motion."""
-    refiner = Refiner(sight.diameter_px, spacing(sight.position_px))
-    position, contrast, area = [], [], []
+    """Median looks of each bead over the reference frames, and each frame's motion."""
+    spacing_px = spacing(sight.position_px)
+    refiner = Refiner(sight.diameter_px, spacing_px)
+    planes = []
     for number, path in enumerate(dataset.reference, start=1):
-        dark = plane(_read(dataset, path), sight.appearance)
-        refined = refiner.refine(dark, sight.position_px)
-        position.append(refined.position_px)
-        contrast.append(refined.contrast)
-        area.append(refined.area)
+        planes.append(plane(_read(dataset, path), sight.appearance))
         progress(number)
-    reference, measured = _reference(sight, np.array(position), np.array(contrast), np.array(area))
+    rough = [refiner.refine(dark, sight.position_px) for dark in planes]
+    slopes = [
+        skin_slope(dark, beads.position_px, sight.diameter_px, spacing_px)
+        / np.maximum(beads.contrast, 1.0)[:, None]
+        for dark, beads in zip(planes, rough, strict=True)
+    ]
+    slope = np.asarray(np.median(slopes, axis=0))
+    refiner = Refiner(sight.diameter_px, spacing_px, slope)
+    frames = [refiner.refine(dark, sight.position_px) for dark in planes]
+    reference, measured = _reference(sight, frames, slope)
     skin = SkinMotion(reference)
-    motion = [skin.size_px(Beads(frame, measured, False)) for frame in position]
+    motion = [skin.size_px(Beads(frame.position_px, measured, False)) for frame in frames]
     return reference, motion
 
 
-def _reference(
-    sight: FirstSight, position_px: Array, contrast: Array, area: Array
-) -> tuple[Reference, NDArray[np.bool_]]:
-    """Medians over the frames (f, n[, 2]), and which beads were really measured.
+def _reference(sight: FirstSight, frames: list[Refined], slope: Array) -> tuple[Reference, NDArray[np.bool_]]:
+    """Medians over the frames, and which beads were really measured.
 
     A bead that the first frame does not show stands where the layout has it and is given the others' looks,
     so that it counts as lost until a bead appears there.
     """
-    contrast, area = np.median(contrast, axis=0), np.median(area, axis=0)
+    contrast = np.median([frame.contrast for frame in frames], axis=0)
+    area = np.median([frame.area for frame in frames], axis=0)
+    unevenness = np.median([frame.unevenness for frame in frames], axis=0)
     measured = np.asarray(sight.seen & (contrast > 0) & (area > 0))
     if not measured.any():
         raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
-    place = np.where(measured[:, None], np.median(position_px, axis=0), sight.position_px)
-    contrast = np.where(measured, contrast, np.median(contrast[measured]))
-    area = np.where(measured, area, np.median(area[measured]))
-    return Reference(place, sight.diameter_px, contrast, area), measured
+    place = np.median([frame.position_px for frame in frames], axis=0)
+    place = np.where(measured[:, None], place, sight.position_px)
+    contrast, area, unevenness = (
+        np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)
+    )
+    slope = np.where(measured[:, None], slope, 0.0)
+    return Reference(place, sight.diameter_px, contrast, area, slope, unevenness), measured

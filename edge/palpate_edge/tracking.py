@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Plane, Refiner, find_blobs
+from palpate_edge.markers import Plane, find_blobs
+from palpate_edge.refine import Refiner
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
+MORE_UNEVEN = 0.08  # of the contrast, than in the reference frames; JPEG and blur stay below 0.06
 MAX_RETRIES = 3
 SEARCH_AGAIN_BELOW = 0.9  # share of beads found in windows under which the whole image is searched
 NO_PARTNER = -1
@@ -29,12 +32,16 @@ class Reference:
     """The untouched sensor as its camera sees it, n beads.
 
     position_px (n, 2); diameter_px, contrast, area (n,); spacing_px (n,): distance to the nearest bead.
+    slope (n, 2): slope of the skin's grey about each bead, over contrast, a pixel, and unevenness (n,) (see
+    refine.Refined); None where only one frame is known.
     """
 
     position_px: Array
     diameter_px: Array
     contrast: Array
     area: Array
+    slope: Array | None = None
+    unevenness: Array | None = None
 
     @property
     def spacing_px(self) -> Array:
@@ -67,10 +74,18 @@ class Tracker:
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
         self._spacing = reference.spacing_px
-        self._refiner = Refiner(reference.diameter_px, self._spacing)
+        self._refiner = Refiner(reference.diameter_px, self._spacing, reference.slope)
         self._last = reference.position_px.copy()
+        self._least_contrast = MIN_CONTRAST_SHARE * reference.contrast
+        self._least_area, self._most_area = (share * reference.area for share in AREA_RANGE)
+        self._farthest = 0.45 * self._spacing
+        unevenness = np.inf if reference.unevenness is None else reference.unevenness
+        self._most_uneven = np.broadcast_to(unevenness + MORE_UNEVEN, self._spacing.shape)
+        self._unevener = 0.0
         self._pairs = _neighbours(reference.position_px, self._spacing)
         self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
+        gap = self._spacing - 0.5 * reference.diameter_px
+        self._still_apart = float(gap.min()) / np.sqrt(8)  # two beads that both move diagonally by this
         self.counters = TrackingCounters()
 
     def reset(self) -> None:
@@ -79,13 +94,14 @@ class Tracker:
 
     def follow(self, dark: Plane) -> Beads:
         """The beads of the next frame."""
-        position, found = self._windows(dark, self._last)
+        self._refiner.look(dark)
+        position, found = self._windows(self._last)
         for _ in range(MAX_RETRIES):  # the missing again, from where their neighbours went
             missing = np.flatnonzero(~found)
             if not len(missing) or not found.any():
                 break
             position[missing] = self._filled(position, found)[missing]
-            again, found_again = self._windows(dark, position[missing], missing)
+            again, found_again = self._windows(position[missing], missing)
             position[missing], found[missing] = again, found_again
             if not found_again.any():
                 break
@@ -100,25 +116,39 @@ class Tracker:
         if not found.all():
             position = np.where(found[:, None], position, self._filled(position, found))
         self._last = position
-        return Beads(position.copy(), found, searched)
+        return Beads(position, found, searched)
 
-    def _windows(self, dark: Plane, start_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
+    def _windows(self, start_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
         """The given beads (or all) refined from `start_px`, and which windows really hold their bead."""
-        refined = self._refiner.refine(dark, start_px, beads)
+        refined = self._refiner.centroids(start_px, beads)
         chosen = slice(None) if beads is None else beads
-        relative_area = refined.area / self._reference.area[chosen]
         moved = refined.position_px - start_px
-        found = (
-            (refined.contrast > MIN_CONTRAST_SHARE * self._reference.contrast[chosen])
-            & (relative_area > AREA_RANGE[0])
-            & (relative_area < AREA_RANGE[1])
-            & refined.settled
-            & ((moved**2).sum(axis=1) < (0.45 * self._spacing[chosen]) ** 2)
-        )
+        found = refined.settled & (refined.contrast > self._least_contrast[chosen])
+        found &= refined.area > self._least_area[chosen]
+        found &= refined.area < self._most_area[chosen]
+        found &= np.hypot(moved[:, 0], moved[:, 1]) < self._farthest[chosen]
+        found &= self._even(refined.unevenness, beads)
         return refined.position_px, found
+
+    def _even(self, unevenness: Floats, beads: Indices | None) -> Mask:
+        """Beads with no glare beside them, whose edge would pull them to the other side.
+
+        What is uneven about most beads alike is the camera's noise; it is taken from the last whole frame.
+        """
+        if beads is not None:
+            return np.asarray(unevenness < self._most_uneven[beads] + self._unevener)
+        even = unevenness < self._most_uneven
+        self._unevener = 0.0
+        if not even.all():
+            more = unevenness - self._most_uneven
+            self._unevener = max(0.0, float(np.median(more)) + MORE_UNEVEN)
+            even = more < self._unevener
+        return np.asarray(even)
 
     def _doubles(self, position_px: Array, found: Mask) -> Mask:
         """Beads that sit on another one's place, all but the one that came from nearer by."""
+        if np.abs(position_px - self._reference.position_px).max() < self._still_apart:
+            return np.zeros(len(found), dtype=np.bool_)
         first, second = self._pairs
         apart = position_px[first] - position_px[second]
         near = (apart**2).sum(axis=1) < self._pair_limit
@@ -138,7 +168,7 @@ class Tracker:
             return reference.position_px, np.zeros(len(reference.position_px), dtype=np.bool_)
         partner = assign(reference.position_px, blobs.position_px, self._spacing)
         start = np.where(partner[:, None] >= 0, blobs.position_px[partner], reference.position_px)
-        position, found = self._windows(dark, start)
+        position, found = self._windows(start)
         return position, found & (partner >= 0)
 
     def _filled(self, position_px: Array, found: Mask) -> Array:

@@ -1,0 +1,46 @@
+"""How the light falls off across the skin around each bead of the untouched sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate_edge.markers import Plane
+
+Array = NDArray[np.float64]
+
+INNER, OUTER = 0.65, 1.05  # radii of the ring of skin about a bead, in bead diameters
+NEIGHBOUR = 0.58  # radius of a bead with its blurred edge
+FEWEST_PIXELS = 30  # that tell a slope
+ROUNDS = 3
+OUTLIER_GREY = 6.0  # a pixel farther from the plane is another bead's, a highlight's or dirt
+
+
+def skin_reach(diameter: Array, spacing: Array) -> Array:
+    """Radius (n,) about each bead without another one; spacing (n,): distance to the nearest."""
+    return np.asarray(np.maximum(spacing - NEIGHBOUR * diameter, 0.55 * diameter))
+
+
+def skin_slope(dark: Plane, bead_px: Array, diameter_px: Array, spacing_px: Array) -> Array:
+    """Slope (n, 2) of the skin's grey about each bead at (n, 2), grey levels a pixel: least squares of a
+    plane on a ring about it, without the pixels that lie far from that plane. 0 where beads are too close."""
+    reach = int(np.ceil(OUTER * diameter_px.max()))
+    span = np.arange(-reach, reach + 1)
+    step = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2)
+    pixel = np.rint(bead_px).astype(np.intp)[:, None] + step
+    inside = np.asarray(((pixel >= 0) & (pixel < dark.shape[::-1])).all(axis=2))
+    column, row = np.where(inside[..., None], pixel, 0).transpose(2, 0, 1)
+    grey = dark[row, column].astype(np.float64)
+    offset = pixel - bead_px[:, None]
+    radius = np.hypot(offset[..., 0], offset[..., 1])
+    outer = np.minimum(OUTER * diameter_px, skin_reach(diameter_px, spacing_px))
+    ring = inside & (radius > INNER * diameter_px[:, None]) & (radius < outer[:, None])
+    ring &= ring.sum(axis=1, keepdims=True) >= FEWEST_PIXELS
+    design = np.concatenate([np.ones_like(grey)[..., None], offset], axis=2)
+    weight = ring.astype(np.float64)
+    for _ in range(ROUNDS):
+        weighted = design * weight[..., None]
+        normal = weighted.transpose(0, 2, 1) @ design + 1e-9 * np.eye(3)
+        fitted = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ grey[..., None])
+        weight = (ring & (np.abs(grey - (design @ fitted)[..., 0]) < OUTLIER_GREY)).astype(np.float64)
+    return np.asarray(fitted[:, 1:, 0])
