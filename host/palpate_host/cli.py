@@ -11,7 +11,7 @@ from palpate_host.lazy_group import LazyGroup
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "demo": ("palpate_host.demo.cli:demo", "A whole hand on this machine, shown live, with a report."),
     "run": ("palpate_host.run_cli:run", "Control the hand on its bus."),
-    "replay": ("palpate_host.run_cli:replay", "Feed a bus log through the host on a virtual clock."),
+    "replay": ("palpate_host.replay_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),

@@ -9,33 +9,70 @@ checked.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
+from struct import Struct
 
 from palpate_edge.errors import ConfigError
 from palpate_edge.node.object_dictionary import FINGERTIP_EDS
-from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_host.bus.candump import LogHeader, LogRecord, write_log
+from palpate_host.bus.log_files import read_any_log
 from palpate_host.drives.cia402 import CIA402_EDS
+from palpate_host.fingertips import unwrap_us
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
-from palpate_host.master import HostCore
+from palpate_host.master import HostCore, Output
 from palpate_host.network import HEARTBEAT_ID
+from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
 EDS_HASH_DIGITS = 16
+FOREIGN_FORMATS = (".asc", ".blf")
+TPDO_3_ID = 0x380
+EXPOSURE = Struct("<IHH")  # TPDO 3: exposure time, sequence, latency
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChange:
+    """The host entered a mode. time_us: the tick's, epoch us."""
+
+    time_us: int
+    mode: Mode
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One call of the host. now_us: the tick; taken: the frames of the log it was given."""
+
+    now_us: int
+    taken: tuple[LogRecord, ...]
+    output: Output
+
+    @property
+    def answers(self) -> tuple[LogRecord, ...]:
+        """What the host sends at this tick."""
+        return tuple(LogRecord(self.now_us, frame) for frame in self.output.frames_out)
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What the host did with a log. modes: as entered; failure: why it stopped, or empty."""
+    """What the host did with a log. failure: why it stopped, or empty; status: its last."""
 
     header: LogHeader
     records: tuple[LogRecord, ...]
     frames_in: int
-    modes: tuple[Mode, ...]
+    changes: tuple[ModeChange, ...]
     failure: str
+    status: HostStatus | None
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The modes as entered."""
+        return tuple(change.mode for change in self.changes)
 
 
 def contract_header(config: HandConfig) -> LogHeader:
@@ -70,20 +107,67 @@ def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> Non
         raise ConfigError(f"{log_path}: was made with {key} {found!r}, here it is {expected!r}: {way_out}")
 
 
+def read_bound_log(log_path: Path, config: HandConfig) -> tuple[LogRecord, ...]:
+    """The records of a log of this hand.
+
+    Raises LogError when it cannot be read, ConfigError when it belongs to another contract. ASC and BLF carry
+    no contract, and time of another zero: they are put on the bus clock.
+    """
+    log = read_any_log(log_path)
+    if log_path.suffix.lower() not in FOREIGN_FORMATS:
+        check_contract(log_path, log.header, config)
+        return log.records
+    return on_bus_clock(log.records, [finger.fingertip_node for finger in config.fingers])
+
+
+def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tuple[LogRecord, ...]:
+    """The records with stamps moved so that TPDO 3 comes when its exposure and latency say.
+
+    A recorder's time may have another zero than the bus's clock, which is known modulo 2^32 us only; without
+    TPDO 3 the records stay as they are.
+    """
+    ids = {TPDO_3_ID + node for node in fingertips}
+    shifts = []
+    for record in records:
+        if record.frame.can_id in ids and len(record.frame.data) == EXPOSURE.size:
+            exposed_us, _, latency_us = EXPOSURE.unpack(record.frame.data)
+            shifts.append(unwrap_us(exposed_us, record.stamp_us) + latency_us - record.stamp_us)
+    if not shifts:
+        return tuple(records)
+    shift_us = round(median(shifts))
+    return tuple(replace(record, stamp_us=record.stamp_us + shift_us) for record in records)
+
+
 def replay_to_log(log_path: Path, config: HandConfig, hand: Hand) -> Replay:
-    """Replay a log file; LogError when it cannot be read, ConfigError when it belongs to another contract."""
-    log = read_log(log_path)
-    check_contract(log_path, log.header, config)
-    if not log.records:
-        raise ConfigError(f"{log_path}: holds no frame: record it anew")
-    return replay(log.records, config, hand)
+    """Replay a log file; raises as `read_bound_log`."""
+    return replay(read_bound_log(log_path, config), config, hand)
 
 
 def replay(
     records: Sequence[LogRecord], config: HandConfig, hand: Hand, core: HostCore | None = None
 ) -> Replay:
-    """Run `records` (at least one) through a fresh HostCore, or `core`, from the host's first frame to the
-    last frame.
+    """Run `records` (at least one) through a fresh HostCore, or `core`; see `steps`."""
+    return replay_steps(steps(records, config, hand, core), config)
+
+
+def replay_steps(taken_steps: Iterable[Step], config: HandConfig) -> Replay:
+    """What came of the steps."""
+    answers: list[LogRecord] = []
+    changes: list[ModeChange] = []
+    taken, failure, status = 0, "", None
+    for step in taken_steps:
+        taken += len(step.taken)
+        answers += step.answers
+        status, failure = step.output.status, step.output.failure
+        if status is not None and (not changes or changes[-1].mode is not status.mode):
+            changes.append(ModeChange(step.now_us, status.mode, status.reason))
+    return Replay(contract_header(config), tuple(answers), taken, tuple(changes), failure, status)
+
+
+def steps(
+    records: Sequence[LogRecord], config: HandConfig, hand: Hand, core: HostCore | None = None
+) -> Iterator[Step]:
+    """The host's calls one by one, from its first frame in the log to the log's last frame.
 
     What came before the host's first heartbeat it did not hear; a log without a host is heard from its
     beginning.
@@ -95,20 +179,16 @@ def replay(
     now_us = next(own, records[0].stamp_us)
     end_us = records[-1].stamp_us
     inputs = [r for r in records if r.frame.can_id in wanted and r.stamp_us >= now_us]
-    answers: list[LogRecord] = []
-    modes: list[Mode] = []
     taken = 0
     while True:
         upto = taken
         while upto < len(inputs) and inputs[upto].stamp_us <= now_us:
             upto += 1
         output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
+        yield Step(now_us, tuple(inputs[taken:upto]), output)
         taken = upto
-        answers += [LogRecord(now_us, frame) for frame in output.frames_out]
-        if output.status is not None and (not modes or modes[-1] is not output.status.mode):
-            modes.append(output.status.mode)
         if output.finished or output.next_due_us > end_us:
-            return Replay(contract_header(config), tuple(answers), taken, tuple(modes), output.failure)
+            return
         now_us = output.next_due_us
 
 

@@ -138,9 +138,11 @@ def test_a_drives_values_have_names_and_units():
         (
             0x090,
             "01 ff 81 07 00 00 00 00",
-            "FF01h device specific; error register generic, manufacturer, 07 00 00 00 00",
+            "FF01h camera lost; error register generic, manufacturer, 07 00 00 00 00",
         ),
         (0x090, "00 00 00 00 00 00 00 00", "0000h error reset, or no error; error register none"),
+        (0x0A1, "01 ff 81 00 00 00 00 00", "FF01h device specific; error register generic, manufacturer"),
+        (0x090, "01 ff", "malformed: 2 bytes, an emergency has 8"),
         (0x710, "00", "boot-up"),
         (0x710, "7f", "pre-operational"),
         (0x710, "85", "operational"),

@@ -1,13 +1,16 @@
 """Renews the golden replays: the only way to do it.
 
     python tests/replay/refresh.py demo/run/bus.log   take the first seconds of a demo's log, then its answers
-    python tests/replay/refresh.py --virtual          make a new log in virtual time, then its answers
-    python tests/replay/refresh.py                    keep the logs, renew both answers after a meant change
+    python tests/replay/refresh.py --virtual          make new logs in virtual time, then their answers
+    python tests/replay/refresh.py                    keep the logs, renew all answers after a meant change
+    python tests/replay/refresh.py --frames           estimate the recorded frames anew, then the same
     python tests/replay/refresh.py --rebind           the same after an EDS changed and the recorded frames
                                                       stay valid: the logs' headers take the new hashes
 
-``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time.
-Logs and answers are candump logs, compressed. Look at the difference before you commit it.
+``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time, the
+others such a run with what scenarios.py does to it. ``*.answers`` is what the host sends, ``*.fingertip``
+what finger-2 sends (fingertip_rig.py). All are candump logs, compressed. Look at the difference before you
+commit it.
 """
 
 from __future__ import annotations
@@ -40,14 +43,20 @@ def unpack(source: Path, target: Path) -> Path:
     return target
 
 
-def load_bench():
-    spec = importlib.util.spec_from_file_location(
-        "palpate_virtual_bench", HERE.parent / "host" / "virtual_bench.py"
-    )
+def load(name: str, path: Path):
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def load_bench():
+    return load("palpate_virtual_bench", HERE.parent / "host" / "virtual_bench.py")
+
+
+scenarios = load("palpate_replay_scenarios", HERE / "scenarios.py")
+fingertip_rig = load("palpate_replay_fingertip_rig", HERE / "fingertip_rig.py")
 
 
 def virtual_log(path: Path) -> None:
@@ -62,6 +71,18 @@ def virtual_log(path: Path) -> None:
     rig = bench.VirtualBench(config, hand, feel=feel)
     rig.run(VIRTUAL_SECONDS)
     write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log])
+
+
+def scenario_logs(folder: Path) -> None:
+    """Every scenario's log from one normal run."""
+    bench = load_bench()
+    config, hand = bench.load_table_4()
+    rig = bench.VirtualBench(config, hand, feel=lambda finger, _time_us, _pose: (1.5 * finger, -4.0, 29.7))
+    rig.run(scenarios.SECONDS)
+    normal = [LogRecord(stamp, frame) for stamp, frame in rig.log]
+    for name, change in scenarios.SCENARIOS.items():
+        write_log(folder / name, contract_header(config), change(normal))
+        pack(folder / name, HERE / f"{name}.log.gz")
 
 
 def cut(source: Path, target: Path, seconds: float) -> None:
@@ -90,6 +111,10 @@ def renew_answers(name: str, config_path: Path | None) -> None:
         answers = Path(folder) / "answers"
         write_output(answers, result)
         pack(answers, HERE / f"{name}.answers.log.gz")
+        if name in scenarios.SCENARIOS and name != "node-id-clash":  # there the fingertip leaves the bus
+            frames = fingertip_rig.fingertip_frames(name, read_log(log).records)
+            write_log(answers, LogHeader(), frames)
+            pack(answers, HERE / f"{name}.fingertip.log.gz")
     modes = " ".join(mode.value for mode in result.modes)
     click.echo(f"{name}: {result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
 
@@ -98,14 +123,20 @@ def renew_answers(name: str, config_path: Path | None) -> None:
 @click.argument("recorded", required=False, type=click.Path(path_type=Path, exists=True))
 @click.option("--seconds", default=5.0, show_default=True, help="How much of a recorded log to keep.")
 @click.option("--virtual", is_flag=True, help="Make the log in virtual time anew.")
+@click.option("--frames", is_flag=True, help="Estimate the recorded frames anew (contacts.csv).")
 @click.option("--rebind", "rebinds", is_flag=True, help="Put the present EDS hashes into the logs' headers.")
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path), help="hand.toml; Table 4's by default."
 )
 def refresh(
-    recorded: Path | None, seconds: float, virtual: bool, rebinds: bool, config_path: Path | None
+    recorded: Path | None,
+    seconds: float,
+    virtual: bool,
+    frames: bool,
+    rebinds: bool,
+    config_path: Path | None,
 ) -> None:
-    """Write demo.log.gz, virtual.log.gz and their answers anew."""
+    """Write logs and answers anew."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log"
         if recorded is not None:
@@ -114,7 +145,10 @@ def refresh(
         if virtual:
             virtual_log(log)
             pack(log, HERE / "virtual.log.gz")
-    for name in ("demo", "virtual"):
+            scenario_logs(Path(folder))
+    if frames:
+        fingertip_rig.write_contacts()
+    for name in ("demo", "virtual", *scenarios.SCENARIOS):
         if rebinds:
             rebind(name, config_path)
         renew_answers(name, config_path)

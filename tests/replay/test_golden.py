@@ -14,14 +14,14 @@ import pytest
 
 import palpate_host
 from palpate_edge.errors import ConfigError
-from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_host.bus.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract, contract_header, replay, replay_to_log
 from palpate_host.supervisor import Mode
 
 HERE = Path(__file__).parent
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
-REPLAY = "from palpate_host.run_cli import replay; replay()"
+REPLAY = "from palpate_host.replay_cli import replay; replay()"
 
 
 @pytest.fixture(scope="session")
@@ -112,5 +112,5 @@ def test_a_log_of_another_contract_is_refused(tmp_path, hand_and_config, key, va
 def test_an_empty_log_is_refused(tmp_path, hand_and_config):
     path = tmp_path / "empty.log"
     write_log(path, contract_header(hand_and_config[0]), [])
-    with pytest.raises(ConfigError, match="holds no frame"):
+    with pytest.raises(LogError, match="holds no frame"):
         replay_to_log(path, *hand_and_config)

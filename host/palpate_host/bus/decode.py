@@ -95,6 +95,8 @@ class Decoder:
         elif service is Service.SDO and node_id is not None:
             listener = self._sdo.setdefault(node_id, SdoListener(device))
             text, readings = listener.listen(frame.can_id >= 0x600, frame.data)
+        elif service is Service.EMCY and len(frame.data) == 8:
+            text = _emcy(frame.data, device.product if device else "")
         else:
             text = self._plain(service, frame.data)
         return Decoded(record.stamp_us, frame, service, node_id, name, text, readings)
@@ -158,10 +160,10 @@ def _heartbeat(data: bytes) -> str:
     return _NMT_STATES.get(state, f"unknown state {state:02X}h")
 
 
-def _emcy(data: bytes) -> str:
+def _emcy(data: bytes, product: str) -> str:
     code = data[0] | data[1] << 8
     rest = f", {data[3:].hex(' ')}" if any(data[3:]) else ""
-    return f"{code:04X}h {emcy_text(code)}; error register {register_text(data[2])}{rest}"
+    return f"{code:04X}h {emcy_text(code, product)}; error register {register_text(data[2])}{rest}"
 
 
 def _time(data: bytes) -> str:
@@ -183,7 +185,7 @@ _PLAIN: dict[Service, Callable[[Decoder, bytes], str]] = {
     Service.NMT: Decoder._nmt,
     Service.SYNC: lambda _, data: _sync(data),
     Service.TIME: lambda _, data: _time(data),
-    Service.EMCY: lambda _, data: _emcy(data),
+    Service.EMCY: lambda _, data: f"malformed: {len(data)} bytes, an emergency has 8",
     Service.HEARTBEAT: lambda _, data: _heartbeat(data),
     Service.LSS: lambda _, data: lss_text(data),
     Service.OTHER: lambda _, data: data.hex(" "),

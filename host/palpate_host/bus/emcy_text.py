@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from palpate_edge.emergencies import Emergency
+from palpate_host.bus.units import FINGERTIP
+
 # CiA 301: the first that fits counts, from the special to the general. Mask, value, text.
 _CODES: tuple[tuple[int, int, str], ...] = (
     (0xFFFF, 0x8110, "CAN overrun, frames lost"),
@@ -58,8 +61,11 @@ _REGISTER_BITS = (
 )
 
 
-def emcy_text(code: int) -> str:
-    """The meaning of an error code."""
+def emcy_text(code: int, product: str = "") -> str:
+    """The meaning of an error code; FFxxh is the device's own, known for our fingertip."""
+    own = {int(emergency): emergency.name.lower().replace("_", " ") for emergency in Emergency}
+    if product == FINGERTIP and code in own:
+        return own[code]
     return next((text for mask, value, text in _CODES if code & mask == value), "unknown code")
 
 

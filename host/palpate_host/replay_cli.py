@@ -1,0 +1,145 @@
+"""`palpate-host replay`: a bus log through the host, at once, at any speed, or key press by key press."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from palpate_host import host
+from palpate_host.bus.candump import LogRecord
+from palpate_host.bus.decode import Decoder
+from palpate_host.bus.device import devices_of_hand
+from palpate_host.bus.monitor import line
+from palpate_host.hand_config import HandConfig
+from palpate_host.replay import Replay, Step, read_bound_log, replay_steps, steps, write_output
+from palpate_host.run_cli import CONFIG
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+KEYS = "space: next frame   t: to the end of the tick   m: to the next change of mode   q: quit"
+GO_ON = "tm"
+
+
+class Speed(click.ParamType[float]):
+    """How many times faster than the recording; ``max`` is infinity."""
+
+    name = "speed"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            speed = float("inf") if value == "max" else float(value)
+        except ValueError:
+            self.fail(f"{value!r} is no speed: write 0.1, 1, 10 or max", param, ctx)
+        if not speed > 0:
+            self.fail(f"{value} is no speed: above 0", param, ctx)
+        return speed
+
+
+@click.command()
+@click.argument("log_path", metavar="LOG", type=FILE)
+@CONFIG
+@click.option("-o", "--output", "output_path", type=FILE, help="Write the host's answers as a candump log.")
+@click.option("--speed", type=Speed(), default="max", show_default=True, help="0.1, 1, 10, ... or max.")
+@click.option("--frames", is_flag=True, help="Show every frame, decoded.")
+@click.option("--step", "stepwise", is_flag=True, help="Wait for a key after each frame and tick.")
+def replay(
+    log_path: Path, config_path: Path, output_path: Path | None, speed: float, frames: bool, stepwise: bool
+) -> None:
+    """Feed a bus log through the host on a virtual clock; the same log gives the same frames.
+
+    LOG is candump -L (also .gz), Vector ASC or BLF; it is only read. Changes of mode are shown as they come.
+
+    \b
+    palpate-host replay demo.log --config hand.toml -o answers.log
+    palpate-host replay demo.log --config hand.toml --speed 1
+    palpate-host replay trace.blf --config hand.toml --step
+    """
+    config, hand = host.load_hand(config_path)
+    records = read_bound_log(log_path, config)
+    begin_us = records[0].stamp_us
+    taken = steps(records, config, hand)
+    if stepwise:
+        taken = _by_key(taken, config, begin_us)
+    else:
+        taken = _shown(_paced(taken, speed), config, begin_us, frames)
+    result = replay_steps(taken, config)
+    if output_path is not None:
+        write_output(output_path, result)
+    _summarise(result)
+
+
+def _summarise(result: Replay) -> None:
+    modes = " ".join(mode.value for mode in result.modes)
+    click.echo(f"{result.frames_in} frames in, {len(result.records)} frames out, modes: {modes}")
+    if result.failure:
+        click.echo(f"the hand stopped: {result.failure}")
+
+
+def _paced(taken: Iterator[Step], speed: float) -> Iterator[Step]:
+    """Each step at its time, `speed` times faster; never earlier."""
+    begin_us, begin_s = None, time.monotonic()
+    for step in taken:
+        begin_us = step.now_us if begin_us is None else begin_us
+        ahead_s = (step.now_us - begin_us) / 1e6 / speed - (time.monotonic() - begin_s)
+        if ahead_s > 0:
+            time.sleep(ahead_s)
+        yield step
+
+
+def _shown(taken: Iterator[Step], config: HandConfig, begin_us: int, frames: bool) -> Iterator[Step]:
+    """Prints changes of mode, and every frame when asked."""
+    decoder, mode = Decoder(devices_of_hand(config)), None
+    for step in taken:
+        if frames:
+            for record in (*step.taken, *step.answers):
+                click.echo(line(decoder.decode(record), begin_us))
+        status = step.output.status
+        if status is not None and status.mode is not mode:
+            mode = status.mode
+            click.echo(_mode_line(step, begin_us))
+        yield step
+
+
+def _by_key(taken: Iterator[Step], config: HandConfig, begin_us: int) -> Iterator[Step]:
+    """Shows one frame or one tick's reaction at a time and waits for a key after each."""
+    decoder, mode, skip = Decoder(devices_of_hand(config)), None, ""
+    click.echo(KEYS, err=True)
+    for step in taken:
+        for record in step.taken:
+            click.echo("in   " + _line(decoder, record, begin_us))
+            skip = skip or _key()
+            if skip == "q":
+                return
+        for record in step.answers:
+            click.echo("out  " + _line(decoder, record, begin_us))
+        yield step
+        status = step.output.status
+        changed = status is not None and status.mode is not mode
+        if status is not None:
+            mode = status.mode
+            click.echo(_mode_line(step, begin_us))
+        if skip != "m" or changed:
+            skip = _key()
+        if skip == "q":
+            return
+        skip = skip if skip == "m" else ""
+
+
+def _key() -> str:
+    """t, m or q as it was pressed; empty for any other key."""
+    pressed = click.getchar().lower()
+    return "q" if pressed in ("q", "\x03", "\x04", "") else pressed if pressed in GO_ON else ""
+
+
+def _line(decoder: Decoder, record: LogRecord, begin_us: int) -> str:
+    return line(decoder.decode(record), begin_us)
+
+
+def _mode_line(step: Step, begin_us: int) -> str:
+    status = step.output.status
+    assert status is not None
+    warning = f"; {status.warning}" if status.warning else ""
+    return f"{(step.now_us - begin_us) / 1e6:>12.6f}  {status.mode.value.upper()}: {status.reason}{warning}"
