@@ -96,6 +96,8 @@ def virtual_network(channel: str, node_count: int = 0) -> Iterator[tuple[canopen
     finally:
         scheduler.stop()
         recording.stop()
+        while (message := buses[1].recv(0)) is not None:  # what a busy machine has left
+            recorder.on_message_received(message)
         for slave in slaves:
             slave.stop()
         master.disconnect()
