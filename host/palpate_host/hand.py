@@ -1,4 +1,4 @@
-"""The hand's kinematics and gravity from its MJCF description, by MuJoCo.
+"""The hand's kinematics and gravity from its MuJoCo model.
 
 Everything is in the hand's frame, the world of the MJCF: the palm in z = 0, +z towards the object. x_ci is
 always the CENTRE of tip i, never the contact: the paper's text uses x_i for both, Eqs. (10)-(14) mean the
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -40,30 +39,25 @@ class HandPose:
 
 
 class Hand:
-    """A hand loaded from MJCF; joints and tips in the order of the configuration.
+    """A hand's model; joints and tips in the order of the configuration.
 
     Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next.
     """
 
-    def __init__(self, mjcf: Path, joints: Sequence[str], tip_sites: Sequence[str]) -> None:
-        """Load `mjcf`; ConfigError when it cannot be read or lacks a named joint or site."""
-        try:
-            self._model = mujoco.MjModel.from_xml_path(str(mjcf))
-        except ValueError as exc:
-            reason = " ".join(str(exc).split())
-            raise ConfigError(
-                f"{mjcf}: not a readable MJCF ({reason}): correct it or set model.mjcf"
-            ) from exc
-        model = self._model
-        joint_ids = [_named(model, mjcf, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints]
+    def __init__(
+        self, model: mujoco.MjModel, joints: Sequence[str], tip_sites: Sequence[str], source: str
+    ) -> None:
+        """ConfigError, naming `source`, when the model lacks a named joint or site or has another joint."""
+        self._model = model
+        joint_ids = [_named(model, source, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints]
         if model.nv != len(joints) or model.nq != len(joints):
             raise ConfigError(
-                f"{mjcf}: has {model.nv} degrees of freedom, hand.toml names {len(joints)} joints:"
+                f"{source}: has {model.nv} degrees of freedom, hand.toml names {len(joints)} joints:"
                 " list every joint once under fingers.joints"
             )
         self._q_address = np.array([model.jnt_qposadr[j] for j in joint_ids])
         self._v_address = np.array([model.jnt_dofadr[j] for j in joint_ids])
-        self._sites = [_named(model, mjcf, mujoco.mjtObj.mjOBJ_SITE, "site", name) for name in tip_sites]
+        self._sites = [_named(model, source, mujoco.mjtObj.mjOBJ_SITE, "site", name) for name in tip_sites]
         self._scratch = mujoco.MjData(model)
 
     @property
@@ -92,8 +86,10 @@ class Hand:
         )
 
 
-def _named(model: mujoco.MjModel, mjcf: Path, kind: mujoco.mjtObj, word: str, name: str) -> int:
+def _named(model: mujoco.MjModel, source: str, kind: mujoco.mjtObj, word: str, name: str) -> int:
     number = int(mujoco.mj_name2id(model, kind, name))
     if number < 0:
-        raise ConfigError(f"{mjcf}: no {word} named {name!r}: correct the name in hand.toml or in the MJCF")
+        raise ConfigError(
+            f"{source}: no {word} named {name!r}: correct the name in hand.toml or in the model"
+        )
     return number

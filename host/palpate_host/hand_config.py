@@ -10,6 +10,8 @@ import msgspec
 
 from palpate_edge.bus import BusConfig
 from palpate_edge.errors import ConfigError
+from palpate_host.hand_geometry import GeometryConfig
+from palpate_host.twin_config import TwinConfig
 
 FINGER_COUNT = 3
 
@@ -33,10 +35,13 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class ModelConfig(_Strict, frozen=True):
-    """mjcf: path, relative to hand.toml. tip_sites: frame F of each dome, finger by finger."""
+    """mjcf: an MJCF or URDF file, relative to hand.toml; without it the model is made from [geometry].
 
-    mjcf: Text
+    tip_sites: frame F of each dome, finger by finger; in a URDF, the links that have it.
+    """
+
     tip_sites: Annotated[tuple[Name, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)]
+    mjcf: Text | None = None
 
 
 class JointConfig(_Strict, frozen=True):
@@ -65,7 +70,8 @@ class ControlConfig(_Strict, frozen=True):
 
     reference_frames: contacts a finger must give before its normal is a reference.
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
-    turned.
+    turned. integral_per_s: rate at which the error that a proportional law leaves is taken out; 0: as the
+    paper.
     """
 
     mode: ControlMode
@@ -77,6 +83,7 @@ class ControlConfig(_Strict, frozen=True):
     contact_filter_s: NotNegative
     reference_frames: Annotated[int, msgspec.Meta(ge=1, le=1000)]
     settle_ms: Milliseconds
+    integral_per_s: NotNegative = 0.0
 
 
 class TargetConfig(_Strict, frozen=True):
@@ -108,7 +115,7 @@ class NetworkConfig(_Strict, frozen=True):
 
 
 class HandConfig(_Strict, frozen=True):
-    """The whole of hand.toml; make it with `load`."""
+    """The whole of hand.toml; make it with `load`. geometry: in place of model.mjcf."""
 
     model: ModelConfig
     fingers: Annotated[
@@ -119,6 +126,8 @@ class HandConfig(_Strict, frozen=True):
     staleness: StalenessConfig
     bus: BusConfig
     network: NetworkConfig = NetworkConfig()
+    geometry: GeometryConfig | None = None
+    twin: TwinConfig | None = None
 
     @property
     def joints(self) -> tuple[JointConfig, ...]:
@@ -132,8 +141,8 @@ class HandConfig(_Strict, frozen=True):
         return names | {finger.fingertip_node: f"fingertip of {finger.name}" for finger in self.fingers}
 
 
-def load(path: Path) -> tuple[HandConfig, Path]:
-    """Read and check hand.toml; returns it with the MJCF's path resolved beside it.
+def load(path: Path) -> HandConfig:
+    """Read and check hand.toml; model.mjcf becomes a whole path.
 
     ConfigError (one line: file, key, way out) when it is missing, garbled, has an unknown or a missing key, a
     value out of range, or one node id for two nodes.
@@ -152,7 +161,10 @@ def load(path: Path) -> tuple[HandConfig, Path]:
         raise ConfigError(f"{path}: is not valid TOML ({exc}): correct that line") from exc
     _check_nodes(path, config)
     _check_ranges(path, config)
-    return config, path.parent / config.model.mjcf
+    if config.model.mjcf is not None:
+        model = msgspec.structs.replace(config.model, mjcf=str(path.parent / config.model.mjcf))
+        config = msgspec.structs.replace(config, model=model)
+    return config
 
 
 def _check_nodes(path: Path, config: HandConfig) -> None:
@@ -177,6 +189,10 @@ def _check_nodes(path: Path, config: HandConfig) -> None:
 
 
 def _check_ranges(path: Path, config: HandConfig) -> None:
+    if (config.model.mjcf is None) == (config.geometry is None):
+        raise ConfigError(
+            f"{path}: needs either model.mjcf or [geometry]: name a file, or give the hand's shape"
+        )
     for joint in config.joints:
         if joint.direction == 0:
             raise ConfigError(f"{path}: fingers.joints.direction of {joint.name} is 0: set 1 or -1")

@@ -15,6 +15,7 @@ from palpate_edge.stop_signals import on_stop_signal
 from palpate_host import hand_config
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
+from palpate_host.hand_model import model_of, source_of
 from palpate_host.master import HostCore
 from palpate_host.status_stream import StatusStream
 
@@ -24,10 +25,10 @@ LINGER_S = 0.05
 
 
 def load_hand(path: Path) -> tuple[HandConfig, Hand]:
-    """hand.toml and the hand it names; ConfigError as `hand_config.load` and `Hand` say."""
-    config, mjcf = hand_config.load(path)
-    hand = Hand(mjcf, [joint.name for joint in config.joints], config.model.tip_sites)
-    return config, hand
+    """hand.toml and its hand; ConfigError as `hand_config.load`, `model_of` and `Hand` say."""
+    config = hand_config.load(path)
+    joints = [joint.name for joint in config.joints]
+    return config, Hand(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
 def now_us() -> int:

@@ -1,10 +1,13 @@
 """Turns the object: from contacts and the target to the desired virtual frame and the joint torques.
 
 Holds what Eqs. (9)-(16) need from one tick to the next and nothing of the bus: the estimate M, the object's
-orientation when turning began, how far the ramp has come.
+orientation when turning began, how far the ramp has come, and the integral that the paper has not: its
+proportional law leaves a droop, which the integral moves the target by until it is gone.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -17,6 +20,9 @@ from palpate_host.object_orientation import ObjectOrientation
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
 from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame
+
+TRIM_LIMIT_RAD = math.radians(15.0)
+"""How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""
 
 
 class Manipulation:
@@ -32,6 +38,8 @@ class Manipulation:
         self._ramp_s = config.target.ramp_s
         self._turned_s = 0.0
         self._start: Array | None = None
+        self._integral_per_s = 0.0 if self._blind_by_choice else config.control.integral_per_s
+        self._trim_rad = np.zeros(3)
 
     @property
     def M(self) -> Array | None:
@@ -74,7 +82,13 @@ class Manipulation:
             self._start = R_vir @ M
         self._turned_s += dt_s
         self.R_d = target_step(self._full_step, self._turned_s, self._ramp_s) @ self._start
-        self.R_d_vir = desired_virtual_frame(self.R_d, M)
+        self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
+        self.R_d_vir = desired_virtual_frame(rotation.exp(self._trim_rad) @ self.R_d, M)
+
+    def _trim(self, missing: Array, dt_s: float) -> Array:
+        """The integral of the turn still missing, as a rotation vector (3,) of bounded length."""
+        trim = self._trim_rad + self._integral_per_s * dt_s * rotation.log(missing)
+        return np.asarray(trim * min(1.0, TRIM_LIMIT_RAD / max(TRIM_LIMIT_RAD, float(np.linalg.norm(trim)))))
 
 
 def gains_of(config: HandConfig) -> Gains:

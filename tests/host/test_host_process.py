@@ -68,7 +68,6 @@ def hub(tmp_path, processes):
 def config(tmp_path, hub, bench):
     """Table 4 on this hub, blind by choice: drives alone move it."""
     text = bench.TABLE_4.read_text()
-    text = text.replace('mjcf = "table4.xml"', f'mjcf = "{bench.TABLE_4.with_suffix(".xml")}"')
     text = text.replace('interface = "palpate"', f'interface = "palpate"\nchannel = "{hub[0]}"')
     path = tmp_path / "hand.toml"
     path.write_text(text)

@@ -17,9 +17,9 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host import hand_config
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig
+from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.network import SYNC
 from palpate_host.status import HostStatus
@@ -38,8 +38,7 @@ Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
 
 
 def load_table_4() -> tuple[HandConfig, Hand]:
-    config, mjcf = hand_config.load(TABLE_4)
-    return config, Hand(mjcf, [joint.name for joint in config.joints], config.model.tip_sites)
+    return load_hand(TABLE_4)
 
 
 def apex_only(_finger: int, _time_us: int, _pose: HandPose) -> tuple[float, float, float]:

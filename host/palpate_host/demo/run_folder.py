@@ -58,7 +58,7 @@ class RunFolder:
 
     def hand(self) -> HandConfig:
         """hand.toml as read back. Raises ConfigError."""
-        return hand_config.load(self.hand_toml)[0]
+        return hand_config.load(self.hand_toml)
 
     def fingertips(self) -> tuple[FingertipConfig, ...]:
         """Each fingertip's TOML as read back, in the hand's order. Raises ConfigError."""
@@ -80,7 +80,6 @@ def make_run_folder(path: Path, recording: Path, bitrate: int) -> RunFolder:
         path.mkdir(parents=True)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be made anew ({error.strerror}): give another --output") from error
-    shutil.copyfile(MODEL.with_suffix(".xml"), folder.path / MODEL.with_suffix(".xml").name)
     folder.hand_toml.write_text(_hand_toml(folder, bitrate), encoding="utf-8")
     hand = folder.hand()
     for part in ("press", *(finger.name for finger in hand.fingers)):

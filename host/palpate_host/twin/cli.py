@@ -32,7 +32,7 @@ TABLE_4_POSE_RAD = (0.0, 0.348, 1.221)
 )
 def drives(config_path: Path, pose_rad: tuple[float, float, float]) -> None:
     """Runs a simulated CiA 402 drive for each joint until SIGTERM or SIGINT."""
-    config, _ = hand_config.load(config_path)
+    config = hand_config.load(config_path)
     simulated = drives_of(config, pose_rad)
     with stop_event() as stop, open_bus(config.bus, "drives") as bus:
         nodes = ", ".join(str(drive.slave.node_id) for drive in simulated)

@@ -19,7 +19,7 @@ TEXT = (MODELS / "table4-az.toml").read_text()
 
 
 def test_the_shipped_file_covers_the_joints_of_table_4() -> None:
-    hand, _ = hand_config.load(MODELS / "table4.toml")
+    hand = hand_config.load(MODELS / "table4.toml")
     axes = [axis for port in az_config.load(MODELS / "table4-az.toml").ports for axis in port.axes]
     assert {axis.drive_node for axis in axes} == {joint.drive_node for joint in hand.joints}
     limits = {joint.drive_node: joint.torque_limit_Nm for joint in hand.joints}

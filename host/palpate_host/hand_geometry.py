@@ -1,0 +1,152 @@
+"""A hand's shape as hand.toml tells it, and the MuJoCo model made from it.
+
+Every finger is the same chain of links. With all joints at zero a finger stands straight up from the palm
+(z = 0): its base frame has +x towards the hand's axis, +y tangential, +z up. Abduction turns about +x,
+flexion about +y, so that a positive flexion closes the hand. The tip's centre is the end of the last link;
+frame F of the dome is there, +z along the link to the apex.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
+import mujoco
+import numpy as np
+
+from palpate_edge.errors import ConfigError
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+
+
+class Axis(enum.Enum):
+    """What a joint does to its finger."""
+
+    ABDUCTION = "abduction"
+    FLEXION = "flexion"
+
+    @property
+    def vector(self) -> tuple[float, float, float]:
+        """The axis in the finger's frame."""
+        return (1.0, 0.0, 0.0) if self is Axis.ABDUCTION else (0.0, 1.0, 0.0)
+
+
+class LinkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A link and the joints at its base, in the order in which they turn it.
+
+    centre_of_mass_m: from the base along the link, the middle by default. inertia_kgm2: about the centre of
+    mass, x, y, z of the link. radius_m: of the capsule that is drawn.
+    """
+
+    length_m: Positive
+    mass_kg: Positive
+    inertia_kgm2: tuple[Positive, Positive, Positive]
+    joints: Annotated[tuple[Axis, ...], msgspec.Meta(min_length=1)]
+    centre_of_mass_m: NotNegative | None = None
+    radius_m: Positive = 0.008
+
+
+class GeometryConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """base_circle_m: radius on which the fingers stand, at base_azimuth_deg, counter-clockwise from above."""
+
+    base_circle_m: Positive
+    base_azimuth_deg: Annotated[tuple[float, ...], msgspec.Meta(min_length=1)]
+    links: Annotated[tuple[LinkConfig, ...], msgspec.Meta(min_length=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class JointRange:
+    """A joint's name and limits, as the rest of hand.toml gives them."""
+
+    name: str
+    min_rad: float
+    max_rad: float
+
+
+def hand_spec(
+    geometry: GeometryConfig,
+    fingers: Sequence[Sequence[JointRange]],
+    tip_sites: Sequence[str],
+    tip_radius_m: float,
+) -> mujoco.MjSpec:
+    """The hand as a MuJoCo model: a body for each link, a sphere and a site for each tip.
+
+    ConfigError when fingers, azimuths and joints do not fit each other.
+    """
+    if len(geometry.base_azimuth_deg) != len(fingers):
+        raise ConfigError(
+            f"geometry.base_azimuth_deg has {len(geometry.base_azimuth_deg)} angles for"
+            f" {len(fingers)} fingers: give one for each"
+        )
+    spec = mujoco.MjSpec()
+    spec.modelname = "hand"
+    spec.compiler.degree = False
+    spec.option.gravity = (0.0, 0.0, -9.81)
+    for number, (azimuth_deg, joints, site) in enumerate(
+        zip(geometry.base_azimuth_deg, fingers, tip_sites, strict=True), start=1
+    ):
+        _add_finger(spec, geometry, number, math.radians(azimuth_deg), joints, site, tip_radius_m)
+    return spec
+
+
+def _add_finger(
+    spec: mujoco.MjSpec,
+    geometry: GeometryConfig,
+    number: int,
+    azimuth_rad: float,
+    joints: Sequence[JointRange],
+    site: str,
+    tip_radius_m: float,
+) -> None:
+    wanted = sum(len(link.joints) for link in geometry.links)
+    if len(joints) != wanted:
+        raise ConfigError(
+            f"geometry.links has {wanted} joints, finger {number} of [[fingers]] {len(joints)}:"
+            " give each joint of the links one entry"
+        )
+    half_turn_rad = (azimuth_rad + math.pi) / 2.0  # the base's +x looks at the hand's axis
+    body = spec.worldbody.add_body(
+        name=f"base_{number}",
+        pos=geometry.base_circle_m * np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0]),
+        quat=(math.cos(half_turn_rad), 0.0, 0.0, math.sin(half_turn_rad)),
+    )
+    remaining = iter(joints)
+    height_m = 0.0
+    for place, link in enumerate(geometry.links, start=1):
+        centre_m = link.length_m / 2.0 if link.centre_of_mass_m is None else link.centre_of_mass_m
+        body = body.add_body(
+            name=f"link_{number}_{place}",
+            pos=(0.0, 0.0, height_m),
+            explicitinertial=True,
+            mass=link.mass_kg,
+            ipos=(0.0, 0.0, centre_m),
+            inertia=link.inertia_kgm2,
+        )
+        for axis, joint in zip(link.joints, remaining, strict=False):
+            body.add_joint(
+                name=joint.name,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=axis.vector,
+                limited=True,
+                range=(joint.min_rad, joint.max_rad),
+            )
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=(0.0, 0.0, 0.0, 0.0, 0.0, link.length_m),
+            size=(link.radius_m, 0.0, 0.0),
+            contype=0,
+            conaffinity=0,
+        )
+        height_m = link.length_m
+    body.add_geom(
+        name=f"{site}_dome",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=(0.0, 0.0, height_m),
+        size=(tip_radius_m, 0, 0),
+    )
+    body.add_site(name=site, pos=(0.0, 0.0, height_m))

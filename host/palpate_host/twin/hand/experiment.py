@@ -1,0 +1,200 @@
+"""The paper's experiment: grasp an object, then turn it, with contacts that come late and 30 times a second.
+
+The controller is the host's own (`manipulation.Manipulation`), without bus and drives: it gives u of Eq. (9)
+at every tick, contacts reach it `delay_s` after their exposure. The damping -B qdot of Eq. (10) is part of
+the simulated joints, where it is continuous as in the paper; sampled, it would ring in Table 3's light links.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from palpate_host import rotation
+from palpate_host.fingertips import TipContact
+from palpate_host.hand import Hand, HandPose
+from palpate_host.hand_config import ControlMode, HandConfig
+from palpate_host.host import load_hand
+from palpate_host.manipulation import Manipulation
+from palpate_host.rotation import Array
+from palpate_host.supervisor import Mode
+from palpate_host.twin.hand.engine import Engine, LostGraspError
+from palpate_host.twin.hand.friction import FrictionHand
+from palpate_host.twin.hand.rolling import RollingHand
+from palpate_host.twin.hand.twin_model import TwinModel, twin_model
+from palpate_host.virtual_frame import virtual_frame
+
+TICK_S = 1e-3
+FRAME_RATE_HZ = 30.0
+RECORD_S = 0.02
+ENGINES: dict[str, Callable[[TwinModel], Engine]] = {"eqs": RollingHand, "mujoco": FrictionHand}
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What one run is to be.
+
+    rpy_deg: the turn. integral_per_s: 0 is the paper's law. noise_mm: standard deviation along each axis of
+    the contact's position on the dome.
+    """
+
+    mode: ControlMode
+    rpy_deg: tuple[float, float, float]
+    duration_s: float = 10.0
+    delay_s: float = 0.05
+    noise_mm: float = 0.0
+    integral_per_s: float = 0.0
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """time_s (n,), 0 where turning begins; rpy_deg (n, 3) the object's turn since then; poses (n), each its
+    rotation and its place in the hand's frame.
+
+    error_deg: angle that is missing at the end. slip_mm: (3,) path of each skin against the object since
+    turning began. friction_ratio: largest tangential over normal force. energy_error: energy that appeared
+    over the energy that damping took (engine eqs only).
+    """
+
+    trial: Trial
+    time_s: Array
+    rpy_deg: Array
+    poses: tuple[tuple[Array, Array], ...]
+    error_deg: float
+    slip_mm: Array
+    friction_ratio: float
+    energy_error: float | None
+
+
+def make_engine(config: HandConfig, name: str) -> Engine:
+    """`eqs`: Eqs. (4)-(8); `mujoco`: contacts with friction. No weight on the object, as in Eq. (5)."""
+    engine: Engine = ENGINES[name](
+        twin_model(config, with_contacts=name == "mujoco", has_object_weight=False)
+    )
+    return engine
+
+
+def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
+    """One run; the same arguments give the same bits. LostGraspError when the object is lost."""
+    config, hand = load_hand(hand_toml)
+    control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
+    target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
+    config = msgspec.structs.replace(config, control=control, target=target)
+    return _Run(config, hand, make_engine(config, engine_name), trial).run()
+
+
+class _Run:
+    """The loop's state: engine, controller, and the contacts on their way."""
+
+    def __init__(self, config: HandConfig, hand: Hand, engine: Engine, trial: Trial) -> None:
+        self._hand, self._engine, self._trial = hand, engine, trial
+        self._control = Manipulation(config)
+        self._settle_s = config.control.settle_ms * 1e-3
+        self._radius_mm = config.control.tip_radius_m * 1e3
+        self._rng = np.random.default_rng(trial.seed)
+        self._frames = 0
+        self._on_the_way: deque[tuple[float, int, TipContact, HandPose]] = deque()
+
+    def run(self) -> Outcome:
+        engine, trial = self._engine, self._trial
+        ticks = round((self._settle_s + trial.duration_s) / TICK_S)
+        settle_ticks, record_ticks = round(self._settle_s / TICK_S), round(RECORD_S / TICK_S)
+        start = energy = None
+        slip_m, ratio = np.zeros(3), 0.0
+        poses: list[tuple[Array, Array]] = []
+        for tick in range(ticks + 1):
+            now_s = tick * TICK_S
+            if tick == settle_ticks:
+                start, slip_m = engine.object_rotation, engine.slip_m.copy()
+                energy = self._energy()
+            if tick >= settle_ticks and (tick - settle_ticks) % record_ticks == 0:
+                poses.append((engine.object_rotation, engine.object_position_m))
+                ratio = max(ratio, self._friction_ratio())
+            torque = self._torque_Nm(now_s, turning=tick >= settle_ticks)
+            for _ in range(round(TICK_S / engine.step_s)):
+                engine.step(torque)
+        assert start is not None
+        turns = [rotation.to_rpy_deg(R @ start.T) for R, _ in poses]
+        goal = rotation.from_rpy_deg(*trial.rpy_deg) @ start
+        return Outcome(
+            trial=trial,
+            time_s=np.asarray(RECORD_S * np.arange(len(poses))),
+            rpy_deg=np.array(turns),
+            poses=tuple(poses),
+            error_deg=rotation.angle_deg(goal @ poses[-1][0].T),
+            slip_mm=1e3 * (engine.slip_m - slip_m),
+            friction_ratio=ratio,
+            energy_error=self._energy_error(energy),
+        )
+
+    def _torque_Nm(self, now_s: float, turning: bool) -> Array:
+        pose = self._hand.pose(self._engine.q_rad)
+        self._expose(now_s, pose)
+        self._deliver(now_s)
+        mode = Mode.HOLD
+        if turning:
+            mode = Mode.BLIND if self._trial.mode is ControlMode.BLIND else Mode.MANIPULATE
+        # B qdot acts in the simulated joints.
+        still = np.zeros(self._hand.joint_count)
+        return self._control.torque_Nm(mode, pose, still, virtual_frame(pose.tip_centre_m), TICK_S)
+
+    def _expose(self, now_s: float, pose: HandPose) -> None:
+        """A frame of every fingertip when it is due."""
+        if now_s < self._frames / FRAME_RATE_HZ - 1e-9:
+            return
+        exposed_us = round(now_s * 1e6)
+        for finger, touch in enumerate(self._engine.touches()):
+            if touch is None:
+                raise LostGraspError(
+                    f"tip {finger + 1} let go of the object at {self._engine.time_s:.2f} s:"
+                    " grasp harder or turn more slowly"
+                )
+            towards = pose.tip_rotation[finger].T @ (touch.point_m - pose.tip_centre_m[finger])
+            point_mm = self._radius_mm / np.linalg.norm(towards) * towards
+            point_mm = point_mm + self._trial.noise_mm * self._rng.normal(size=3)
+            contact = TipContact(
+                received_at_us=exposed_us + round(self._trial.delay_s * 1e6),
+                exposed_at_us=exposed_us,
+                sequence=self._frames,
+                latency_us=0,
+                position_mm=(float(point_mm[0]), float(point_mm[1]), float(point_mm[2])),
+                normal_force_N=touch.normal_force_N,
+                shear_N=(0.0, 0.0),
+                torsion_Nmm=0.0,
+                valid=True,
+                in_contact=True,
+                slip=False,
+                quality=255,
+            )
+            self._on_the_way.append((now_s + self._trial.delay_s, finger, contact, pose))
+        self._frames += 1
+
+    def _deliver(self, now_s: float) -> None:
+        while self._on_the_way and self._on_the_way[0][0] <= now_s + 1e-9:
+            _, finger, contact, pose = self._on_the_way.popleft()
+            self._control.add_contact(finger, contact, pose)
+
+    def _friction_ratio(self) -> float:
+        touches = [
+            touch for touch in self._engine.touches() if touch is not None and touch.normal_force_N > 0.0
+        ]
+        return max(float(np.linalg.norm(touch.friction_N)) / touch.normal_force_N for touch in touches)
+
+    def _energy(self) -> tuple[float, float, float] | None:
+        engine = self._engine
+        if not isinstance(engine, RollingHand):
+            return None
+        return engine.energy_J(), engine.account.work_J, engine.account.dissipated_J
+
+    def _energy_error(self, start: tuple[float, float, float] | None) -> float | None:
+        now = self._energy()
+        if now is None or start is None:
+            return None
+        energy, work, dissipated = (after - before for after, before in zip(now, start, strict=True))
+        return (energy - work + dissipated) / dissipated

@@ -1,0 +1,123 @@
+"""Engine two: the same hand and object with MuJoCo's contacts, so that tips may slip.
+
+MuJoCo finds the contacts, their friction and the motion. What makes the tips those of the paper:
+
+- softness, Eq. (8): before each step a contact's spring is set to the secant k Delta r, so that the force at
+  rest is k Delta r^2, and its damper to xi. MuJoCo's impedance d adds d/(1 - d) of the contact's effective
+  mass to the normal motion; 0.5 adds once the 3.5 g of it and keeps xi stable in steps of 0.5 ms.
+- the contact stands on the object's face, as x_i does, not in the middle of the overlap.
+- torsion, Eq. (7): a viscous moment about the normal.
+- creep: MuJoCo's friction is a damper. impratio makes it a hundred times harder, the iterations without slip
+  (noslip) take the rest away; alone, these would leave the normal forces 5 % off.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from palpate_host.rotation import Array
+from palpate_host.twin.hand.engine import STEP_S, TipTouch
+from palpate_host.twin.hand.twin_model import TwinModel
+
+IMPEDANCE = 0.5
+NOSLIP_ITERATIONS = 5
+IMPRATIO = 100.0
+
+
+class FrictionHand:
+    """Hand and object; `step` moves them on. MuJoCo's data is the state."""
+
+    def __init__(self, twin: TwinModel, step_s: float = STEP_S) -> None:
+        """`twin` made with contacts."""
+        self.twin, self.step_s = twin, step_s
+        model = twin.model
+        model.opt.timestep = step_s
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        model.opt.noslip_iterations = NOSLIP_ITERATIONS
+        model.opt.impratio = IMPRATIO
+        model.dof_damping[twin.v_address] = twin.damping_Nms_rad
+        model.pair_solimp[:, :2] = IMPEDANCE
+        self.data = twin.start()
+        self.slip_m = np.zeros(3)
+        self._tip_of_geom = np.full(model.ngeom, -1)
+        self._tip_of_geom[list(twin.tip_geoms)] = np.arange(3)
+        self._tip_bodies = [int(model.geom_bodyid[geom]) for geom in twin.tip_geoms]
+        # With |solref| = K (1 - d) A a contact of effective inverse mass A has the stiffness K.
+        inverse_mass = model.body_invweight0[self._tip_bodies, 0] + model.body_invweight0[twin.object_body, 0]
+        self._scale = (1.0 - IMPEDANCE) * inverse_mass
+        self._jac_r = np.zeros((3, 3, model.nv))
+        self._force = np.zeros(6)
+
+    @property
+    def time_s(self) -> float:
+        return float(self.data.time)
+
+    @property
+    def q_rad(self) -> Array:
+        return np.asarray(self.data.qpos[self.twin.q_address])
+
+    @property
+    def qdot_rad_s(self) -> Array:
+        return np.asarray(self.data.qvel[self.twin.v_address])
+
+    @property
+    def object_rotation(self) -> Array:
+        rotation = np.zeros(9)
+        start = self.twin.object_q + 3
+        mujoco.mju_quat2Mat(rotation, self.data.qpos[start : start + 4])
+        return rotation.reshape(3, 3)
+
+    @property
+    def object_position_m(self) -> Array:
+        start = self.twin.object_q
+        return np.array(self.data.qpos[start : start + 3])
+
+    def touches(self) -> tuple[TipTouch | None, ...]:
+        """As the last step found them."""
+        data = self.data
+        found: list[TipTouch | None] = [None, None, None]
+        for row, tip in enumerate(self._tip_of_geom[data.contact.geom1]):
+            mujoco.mj_contactForce(self.twin.model, data, row, self._force)
+            point_m = np.array(data.contact.pos[row])
+            found[tip] = TipTouch(point_m, float(self._force[0]), self._force[1:3].copy())
+        return tuple(found)
+
+    def step(self, torque_Nm: Array) -> None:
+        """MuJoCo's own step, taken apart so that contacts can be made soft before they bear."""
+        model, data = self.twin.model, self.data
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_factorM(model, data)
+        mujoco.mj_collision(model, data)
+        data.qfrc_applied[:] = 0.0
+        data.qfrc_applied[self.twin.v_address] = torque_Nm
+        tips = self._tip_of_geom[data.contact.geom1]
+        self._soften(tips)
+        mujoco.mj_makeConstraint(model, data)
+        mujoco.mj_projectConstraint(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
+        sliding = data.efc_vel[data.contact.efc_address[:, None] + np.array([1, 2])]
+        self.slip_m[tips] += self.step_s * np.sqrt((sliding * sliding).sum(axis=1))
+        mujoco.mj_implicit(model, data)
+
+    def _soften(self, tips: npt.NDArray[np.int64]) -> None:
+        """Eqs. (7), (8). A contact's first geom is the tip (spheres precede meshes): its normal is C_iY."""
+        model, data, parameters = self.twin.model, self.data, self.twin.twin.tip
+        contact, scale = data.contact, self._scale[tips]
+        contact.solref[:, 0] = parameters.k_N_m2 * scale * contact.dist  # dist is -Delta r
+        contact.solref[:, 1] = -parameters.xi_Ns_m * scale
+        normal = contact.frame[:, :3]
+        contact.pos[:] += 0.5 * contact.dist[:, None] * normal
+        for row, tip in enumerate(tips):
+            mujoco.mj_jacBody(model, data, None, self._jac_r[row], self._tip_bodies[tip])
+        twist = np.matmul(normal[:, None, :], self._jac_r[: len(tips)])[:, 0]
+        spin = slice(self.twin.object_v + 3, self.twin.object_v + 6)
+        twist[:, spin] -= normal @ data.xmat[self.twin.object_body].reshape(3, 3)
+        data.qfrc_applied[:] -= parameters.b_Nms * (twist @ data.qvel) @ twist
