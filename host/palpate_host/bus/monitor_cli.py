@@ -76,7 +76,7 @@ def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, .
 
     devices = devices_of_header(header)
     if config_path is not None:
-        devices |= devices_of_hand(load(config_path)[0])
+        devices |= devices_of_hand(load(config_path))
     for entry in eds:
         match = re.fullmatch(r"(0x[0-9a-fA-F]+|\d+)=(.+)", entry)
         node_id = int(match[1], 0) if match else 0
