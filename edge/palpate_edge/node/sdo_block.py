@@ -12,7 +12,13 @@ from enum import Enum, auto
 
 from palpate_edge.node.object_dictionary import Entry, ObjectKey
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
-from palpate_edge.node.sdo_segmented import SEGMENT_BYTES, Complete, check_room, check_size
+from palpate_edge.node.sdo_segmented import (
+    MAX_DOWNLOAD_BYTES,
+    SEGMENT_BYTES,
+    Complete,
+    check_room,
+    check_size,
+)
 
 MAX_BLOCK_SEGMENTS = 127
 LAST_SEGMENT = 0x80
@@ -58,11 +64,13 @@ class BlockDownload:
             raise SdoAbortError(AbortCode.SEQUENCE_NUMBER)
         if sequence == self._in_order + 1:
             self._in_order = sequence
-            self._data += data[1:]
             self._all_here = last
-            check_room(len(self._data) - SEGMENT_BYTES)
+            if len(self._data) <= MAX_DOWNLOAD_BYTES + SEGMENT_BYTES:
+                self._data += data[1:]
         if not last and sequence != MAX_BLOCK_SEGMENTS:
             return []
+        # An abort within the block would leave segments under way that look like requests.
+        check_room(len(self._data) - SEGMENT_BYTES)
         answer = struct.pack("<BBB5x", DOWNLOAD_BLOCK_ACK, self._in_order, MAX_BLOCK_SEGMENTS)
         self._in_order = 0
         return [answer]
@@ -72,6 +80,7 @@ class BlockDownload:
         content = bytes(self._data[: len(self._data) - unused_bytes])
         if self._with_crc and crc16(content) != struct.unpack_from("<H", data, 1)[0]:
             raise SdoAbortError(AbortCode.CRC)
+        check_room(len(content))
         check_size(self._size_bytes, len(content))
         self.held = not self._complete(self._entry, content)
         self.finished = True
