@@ -68,16 +68,20 @@ def sdo() -> Callable[[Slave, str], str | None]:
 
 
 @contextmanager
-def master_of(process: Process, interface: str, channel: str) -> Iterator[canopen.Network]:
-    """A master of the `canopen` package on a bus of its own, with a thread that serves `process`."""
+def master_of(*nodes: Process, interface: str, channel: str) -> Iterator[canopen.Network]:
+    """A master of the `canopen` package on a bus of its own, with a thread that serves `nodes`.
+
+    What several nodes say at once and alike (as LSS asks of them) is one frame, as it is on a wire.
+    """
     with can.Bus(channel, interface=interface) as slave_bus:
         stop = threading.Event()
 
         def serve() -> None:
             frames: tuple[CanFrame, ...] = ()
             while not stop.is_set():
-                output = process(time.monotonic_ns() // 1000, frames)
-                for frame in output.frames_out:
+                now_us = time.monotonic_ns() // 1000
+                answers = [frame for node in nodes for frame in node(now_us, frames).frames_out]
+                for frame in dict.fromkeys(answers) if len(nodes) > 1 else answers:
                     slave_bus.send(
                         can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
                     )
@@ -100,8 +104,31 @@ def master_of(process: Process, interface: str, channel: str) -> Iterator[canope
 
 
 @pytest.fixture(params=["virtual", *IN_A_KERNEL])
-def canopen_master(request: pytest.FixtureRequest) -> Callable[[Process], object]:
+def canopen_master(request: pytest.FixtureRequest) -> Callable[..., object]:
     """`master_of` on python-can's in-process bus, and on vcan0 in a kernel that has SocketCAN."""
     if request.param == "virtual":
         return partial(master_of, interface="virtual", channel=uuid.uuid4().hex)
     return partial(master_of, interface="socketcan", channel=request.getfixturevalue("vcan").name)
+
+
+@pytest.fixture
+def boots_after() -> Callable[[canopen.Network, int, int], bool]:
+    """Send an NMT command to all nodes; whether one of the id boots up then.
+
+    `wait_for_bootup` of the package misses a boot-up that comes before it waits.
+    """
+
+    def boots(network: canopen.Network, command: int, node_id: int) -> bool:
+        seen = threading.Event()
+
+        def listen(_can_id: int, data: bytearray, _stamp: float) -> None:
+            if data == b"\x00":
+                seen.set()
+
+        network.subscribe(0x700 + node_id, listen)
+        network.nmt.send_command(command)
+        came = seen.wait(10.0)
+        network.unsubscribe(0x700 + node_id, listen)
+        return came
+
+    return boots

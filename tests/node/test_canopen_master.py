@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import canopen
 import pytest
 
+from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
+from palpate_edge.node.emcy import ErrorRegister
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
+from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.node.slave import Output
 
 WAIT_S = 10.0
 
@@ -68,6 +74,88 @@ def test_segmented_download(master: canopen.RemoteNode) -> None:
     with master.sdo.open(0x1017, 0, "wb", size=2, force_segment=True) as stream:
         stream.write(b"\x2c\x01")
     assert master.sdo[0x1017].raw == 300
+
+
+def test_block_upload_and_download(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:
+    with master.sdo.open(0x1008, 0, "rb", block_transfer=True) as stream:
+        assert stream.read() == b"palpate fingertip"
+    text = b"left index finger, outer phalanx"
+    with master.sdo.open(0x2003, 0, "wb", size=len(text), block_transfer=True) as stream:
+        stream.write(text)
+    assert fingertip.slave.read(0x2003) == text.decode()
+    with master.sdo.open(0x2003, 0, "rb", block_transfer=True) as stream:
+        assert stream.read() == text
+    with pytest.raises(canopen.SdoAbortedError) as refused:
+        master.sdo.open(0x2001, 0, "wb", size=4, block_transfer=True)
+    assert refused.value.code == 0x06010002
+
+
+def test_every_readable_object_of_the_eds(master: canopen.RemoteNode) -> None:
+    for entry in load_eds(FINGERTIP_EDS, 0x10).entries.values():
+        if entry.access.readable and (entry.index != 0x1003 or not entry.subindex):
+            data = master.sdo.upload(entry.index, entry.subindex)
+            assert entry.size_bytes in (None, len(data))
+
+
+def test_an_emergency_arrives_and_goes(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:
+    fingertip.slave.emcy.report(0xFF01, ErrorRegister.MANUFACTURER, b"\x01\x02")
+    emergency = master.emcy.wait(0xFF01, WAIT_S)
+    assert (emergency.register, emergency.data) == (0x81, b"\x01\x02\x00\x00\x00")
+    fingertip.slave.emcy.clear(0xFF01, b"\x01\x02")
+    assert master.emcy.wait(0, WAIT_S).register == 0
+    assert master.emcy.active == []
+    assert master.sdo[0x1003][1].raw == 0x0201FF01
+
+
+def test_our_heartbeat_consumer_watches_the_master(master: canopen.RemoteNode) -> None:
+    master.sdo[0x1016][1].raw = 0x7F << 16 | 300
+    master.network.send_message(0x77F, b"\x05")
+    assert master.emcy.wait(0x8130, WAIT_S).data[0] == 0x7F
+    master.network.send_message(0x77F, b"\x05")
+    assert master.emcy.wait(0, WAIT_S) is not None
+
+
+def test_sync_with_a_counter(master: canopen.RemoteNode) -> None:
+    master.sdo[0x1019].raw = 20
+    master.tpdo.read()
+    pdo = master.tpdo[1]
+    pdo.trans_type, pdo.sync_start_value = 2, 3
+    pdo.save()
+    assert master.sdo[0x1800][6].raw == 3
+    arrived: queue.Queue[int] = queue.Queue()
+    pdo.add_callback(lambda _: arrived.put(1))
+    master.nmt.state = "OPERATIONAL"
+    while master.nmt.wait_for_heartbeat(WAIT_S) != "OPERATIONAL":
+        pass
+    for number in range(1, 8):  # 3 is the first that counts: 4 and 6 are answered
+        master.network.send_message(0x080, bytes([number]))
+    for _ in range(2):
+        arrived.get(timeout=WAIT_S)
+    assert master.sdo[0x1000].raw == 0x00020194  # all before is served
+    assert arrived.empty()
+
+
+def test_store_and_restore(
+    tmp_path: Path, fingertip: FingertipNode, canopen_master: Callable, boots_after: Callable
+) -> None:
+    file = ParameterFile(tmp_path / "parameters")
+
+    def process(now_us: int, frames: tuple[CanFrame, ...]) -> Output:
+        output = fingertip.process(now_us, frames)
+        assert answer_store_requests(fingertip.slave, output.events, file) == []
+        return output
+
+    with canopen_master(process) as network:
+        node = network.add_node(canopen.RemoteNode(0x10, str(FINGERTIP_EDS)))
+        node.sdo.RESPONSE_TIMEOUT = WAIT_S
+        node.sdo[0x1017].raw = 60
+        node.store()
+        assert file.load().objects == {(0x1017, 0): 60}
+        assert boots_after(network, 0x81, 0x10)
+        assert node.sdo[0x1017].raw == 60
+        node.restore()
+        assert boots_after(network, 0x81, 0x10)
+        assert node.sdo[0x1017].raw == 100
 
 
 def test_nmt_heartbeat_and_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:

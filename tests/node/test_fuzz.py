@@ -31,14 +31,21 @@ sdo = st.builds(
     st.integers(0, 9),
     st.binary(min_size=4, max_size=4) | st.sampled_from([bytes(4), b"\x20\x00\x12\x20", b"\x90\x01\x00\xc0"]),
 )
+SEGMENTS = [0x00, 0x01, 0x10, 0x11, 0x60, 0x70]
+BLOCKS = [0x02, 0x81, 0x82, 0xA1, 0xA2, 0xA3, 0xA4, 0xC1, 0xC5, 0xC6]
 segment = st.builds(
     lambda command, data: CanFrame(0x610, bytes([command]) + data),
-    st.sampled_from([0x00, 0x01, 0x10, 0x11, 0x60, 0x70]),
-    st.binary(min_size=7, max_size=7),
+    st.sampled_from(SEGMENTS + BLOCKS),
+    st.binary(min_size=7, max_size=7) | st.just(b"\x01\x7f" + bytes(5)),
 )
-rpdo = st.builds(CanFrame, st.just(0x210), st.binary(max_size=8))
-sync = st.just(CanFrame(0x80))
-frames = nmt | sdo | segment | rpdo | sync | anything
+lss = st.builds(
+    lambda command, data: CanFrame(0x7E5, bytes([command]) + data),
+    st.sampled_from([0x04, 0x11, 0x13, 0x15, 0x17, *range(0x40, 0x4D), 0x51, *range(0x5A, 0x5F)]),
+    st.binary(min_size=7, max_size=7) | st.sampled_from([bytes(7), b"\x01" + bytes(6), b"\xff" + bytes(6)]),
+)
+rpdo = st.builds(CanFrame, st.sampled_from([0x210, 0x1FF, 0x100, 0x77F]), st.binary(max_size=8))
+sync = st.builds(CanFrame, st.just(0x80), st.binary(max_size=1))
+frames = nmt | sdo | segment | lss | rpdo | sync | anything
 
 
 @settings(max_examples=300, deadline=None)
@@ -54,7 +61,7 @@ def test_no_traffic_makes_the_slave_raise(od, traffic) -> None:
         slave.trigger((1, 2))
         output = slave.process(now_us, frames_in)
         assert now_us <= output.next_due_us <= now_us + 1_000_000
-        assert slave.state is not NmtState.INITIALISING
+        assert (slave.state is NmtState.INITIALISING) is (slave.node_id == 255)
         for frame in output.frames_out:
             assert 0 <= frame.can_id <= 0x7FF
             assert len(frame.data) <= 8

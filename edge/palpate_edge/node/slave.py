@@ -155,11 +155,14 @@ class Slave:
             handler = self._handlers.get(frame.can_id)
             if handler is not None and not frame.remote:
                 handler(frame, now_us if arrived_us is None else arrived_us[number])
+        self._frames += self._keeper.poll(now_us)
+        due_us = now_us + IDLE_US
         if self.state is not NmtState.INITIALISING:
             self._poll()
+            due_us = min([*self._services.due_us(), due_us])
         frames, self._frames = tuple(self._frames), []
         events, self._events = tuple(self._events), []
-        return Output(frames, min([*self._services.due_us(), now_us + IDLE_US]), events)
+        return Output(frames, due_us, events)
 
     def _connect(self) -> None:
         """Who serves which identifier; where two want one, the later line has it."""
@@ -231,7 +234,6 @@ class Slave:
         for node_id in services.watch.poll(now_us):
             self._events.append(HeartbeatLost(node_id))
             self._behave_on_error()
-        self._frames += self._keeper.poll(now_us)
         self._frames += services.sdo.poll(now_us)
         self._frames += services.emcy.poll(now_us, self.state)
         self._frames += services.tpdo.poll(now_us)
