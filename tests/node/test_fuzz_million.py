@@ -7,6 +7,7 @@ import random
 import struct
 import sys
 import types
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -163,12 +164,12 @@ class Traffic:
         return [CanFrame(rng.randrange(0x800), rng.randbytes(rng.randrange(9)), rng.random() < 0.1)]
 
 
-def lengths_by_id(slave: Slave) -> dict[int, int]:
-    """Every identifier that the node may send with now, by its objects, and the length that goes with it."""
-    lengths = {0x7E4: 8, 0x700 + slave.node_id: 1, int(slave.read(0x1200, 2)): 8}
+def lengths_by_id(slave: Slave) -> dict[int, set[int]]:
+    """Every identifier that the node may send with now, by its objects, and the lengths that go with it."""
+    lengths = defaultdict(set, {0x7E4: {8}, 0x700 + slave.node_id: {1}, int(slave.read(0x1200, 2)): {8}})
     emcy = int(slave.read(0x1014))
     if not emcy >> 31:
-        lengths[emcy & 0x7FF] = 8
+        lengths[emcy & 0x7FF].add(8)
     for number in range(4):
         try:
             cob_id = int(slave.read(0x1800 + number, 1))
@@ -178,11 +179,13 @@ def lengths_by_id(slave: Slave) -> dict[int, int]:
             int(slave.read(0x1A00 + number, 1 + slot)) for slot in range(int(slave.read(0x1A00 + number)))
         ]
         if not cob_id >> 31:
-            lengths[cob_id & 0x7FF] = sum(word & 0xFF for word in words) // 8
+            lengths[cob_id & 0x7FF].add(sum(word & 0xFF for word in words) // 8)
     return lengths
 
 
-def check(slave: Slave, before: dict[int, int], was: NmtState, output: Output, now_us: int) -> dict[int, int]:
+def check(
+    slave: Slave, before: dict[int, set[int]], was: NmtState, output: Output, now_us: int
+) -> dict[int, set[int]]:
     """Everything that was said is whole, of this node, and allowed in its state."""
     assert now_us <= output.next_due_us <= now_us + 1_000_000
     if not output.frames_out and not output.events:
@@ -194,7 +197,7 @@ def check(slave: Slave, before: dict[int, int], was: NmtState, output: Output, n
     sdo_ids = {int(slave.read(0x1200, 2))}
     for frame in output.frames_out:
         assert not frame.remote
-        assert len(frame.data) in (before.get(frame.can_id), after.get(frame.can_id)), frame
+        assert len(frame.data) in before[frame.can_id] | after[frame.can_id], frame
         if frame.can_id == 0x7E4:
             assert frame.data[0] in LSS_ANSWERS
         elif frame.can_id == 0x700 + slave.node_id:

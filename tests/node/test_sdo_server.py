@@ -66,6 +66,11 @@ def test_upload(slave: Slave, sdo: Ask, request_: str, answer: str) -> None:
         ("23 00 18 01 90 01 00 00", "80 00 18 01 30 00 09 06"),  # RTR allowed, but there is none
         ("23 00 18 01 91 01 00 40", "80 00 18 01 30 00 09 06"),  # another id while the PDO is valid
         ("23 00 18 01 01 06 00 c0", "80 00 18 01 30 00 09 06"),  # restricted id 601h
+        ("23 00 18 01 90 00 00 c0", "80 00 18 01 30 00 09 06"),  # the id of our EMCY
+        ("23 00 18 01 80 00 00 c0", "80 00 18 01 30 00 09 06"),  # the id of SYNC
+        ("23 00 18 01 90 02 00 c0", "80 00 18 01 30 00 09 06"),  # the id of TPDO 2
+        ("23 14 10 00 90 01 00 80", "80 14 10 00 30 00 09 06"),  # the id of TPDO 1
+        ("23 00 14 01 90 01 00 80", "80 00 14 01 30 00 09 06"),  # an RPDO with the id of TPDO 1
         ("2b 00 18 03 0a 00 00 00", "80 00 18 03 22 00 00 08"),  # inhibit time while valid
         ("2f 00 1a 00 00 00 00 00", "80 00 1a 00 22 00 00 08"),  # mapping while valid
     ],

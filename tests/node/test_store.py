@@ -38,7 +38,7 @@ class Board:
         self.switch_on()
 
     def switch_on(self, node_id: int = 0x10) -> None:
-        self.node = FingertipNode(node_id, Method.PAPER, "", kept=self.file.load())
+        self.node = FingertipNode(node_id, Method.PAPER, "", kept=self.file.load(), has_led=True)
         self.node.process(0, ())
 
     @property

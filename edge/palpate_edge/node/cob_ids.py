@@ -6,7 +6,6 @@ from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 CAN_ID_MASK = 0x7FF
 NOT_VALID = 1 << 31
-SYNC_ID = 0x080
 
 RESTRICTED_IDS = (
     range(0x080),

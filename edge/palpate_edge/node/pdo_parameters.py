@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate_edge.errors import ConfigError
-from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, SYNC_ID, check_cob_id
+from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.pdo_codec import MappingFault, PdoDirection, PdoLayout, layout_of
@@ -108,10 +108,9 @@ def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Ent
 
 def _check_pdo_cob_id(direction: PdoDirection, old: int, new: int) -> None:
     check_cob_id(new, flags=NOT_VALID | COB_ID_NO_RTR)
-    can_id = new & CAN_ID_MASK
     answers_rtr = direction is PdoDirection.TRANSMIT and not new & COB_ID_NO_RTR
-    moves_while_valid = not (old | new) & NOT_VALID and can_id != old & CAN_ID_MASK
-    if answers_rtr or moves_while_valid or can_id == SYNC_ID:
+    moves_while_valid = not (old | new) & NOT_VALID and (old ^ new) & CAN_ID_MASK
+    if answers_rtr or moves_while_valid:
         raise SdoAbortError(AbortCode.VALUE_INVALID)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from palpate_edge.node import sync, time_stamp
+from palpate_edge.node.cob_ids import CAN_ID_MASK
 from palpate_edge.node.emcy import COB_ID as EMCY_COB_ID
 from palpate_edge.node.emcy import EmergencyProducer
 from palpate_edge.node.heartbeat import PRODUCER_TIME, HeartbeatProducer
@@ -13,8 +14,9 @@ from palpate_edge.node.nmt import ERROR_CONTROL_ID, NmtState
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ERROR_HISTORY, ObjectStore
 from palpate_edge.node.pdo_codec import PdoDirection
-from palpate_edge.node.pdo_parameters import MAX_PDOS, check_pdo_write
+from palpate_edge.node.pdo_parameters import COB_ID_SUB, MAX_PDOS, check_pdo_write, valid_can_ids
 from palpate_edge.node.rpdo import RpdoService
+from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.sdo_server import SdoServer
 from palpate_edge.node.tpdo import TpdoService
 
@@ -56,8 +58,11 @@ class Services:
 
     def check_write(self, entry: Entry, value: Value) -> None:
         """Raises SdoAbortError for a value that the service behind the object cannot have."""
-        if isinstance(value, int):
-            self._checks.get(entry.index, self._check_other)(entry, value)
+        if not isinstance(value, int):
+            return
+        self._checks.get(entry.index, self._check_other)(entry, value)
+        if self._is_cob_id(entry) and value & CAN_ID_MASK in self._taken_ids(entry.index):
+            raise SdoAbortError(AbortCode.VALUE_INVALID)
 
     def written(self, now_us: int, state: NmtState, entry: Entry) -> None:
         """Take over what a master wrote."""
@@ -85,6 +90,25 @@ class Services:
         """When each service that waits for a time wants to be polled."""
         services = (self.heartbeat, self.watch, self.sdo, self.emcy, self.tpdo, self.rpdo)
         return [at_us for service in services if (at_us := service.due_us()) is not None]
+
+    def _is_cob_id(self, entry: Entry) -> bool:
+        if entry.index in RPDO_PARAMETERS or entry.index in TPDO_PARAMETERS:
+            return entry.subindex == COB_ID_SUB and entry.index & 0x200 == 0
+        return entry.index in (EMCY_COB_ID, sync.COB_ID, time_stamp.COB_ID)
+
+    def _taken_ids(self, index: int) -> set[int | None]:
+        """The identifiers that another object of this node has already; RPDOs may share theirs."""
+        tpdos = [number for number in self.tpdo.numbers if TPDO_PARAMETERS.start + number - 1 != index]
+        taken: set[int | None] = {
+            self.sdo.response_id,
+            *valid_can_ids(self._store, PdoDirection.TRANSMIT, tpdos),
+        }
+        others = {
+            EMCY_COB_ID: self.emcy.can_id(),
+            sync.COB_ID: self.sync.can_id,
+            time_stamp.COB_ID: self.time.can_id,
+        }
+        return taken | {can_id for other, can_id in others.items() if other != index}
 
     def _check_other(self, entry: Entry, value: int) -> None:
         if entry.index in RPDO_PARAMETERS or entry.index in TPDO_PARAMETERS:

@@ -70,13 +70,13 @@ class TpdoService:
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
-        self._numbers = pdo_numbers(store.od, PdoDirection.TRANSMIT)
+        self.numbers = pdo_numbers(store.od, PdoDirection.TRANSMIT)
         self._tpdos: dict[int, Tpdo] = {}
-        for number in self._numbers:
+        for number in self.numbers:
             read_parameters(store, PdoDirection.TRANSMIT, number)
 
     def start(self, now_us: int) -> None:
-        for number in self._numbers:
+        for number in self.numbers:
             self.reconfigure(now_us, number)
 
     def reconfigure(self, now_us: int, number: int) -> None:
@@ -91,15 +91,13 @@ class TpdoService:
 
     def can_ids(self) -> set[int]:
         """The identifiers that this node alone sends its valid TPDOs with."""
-        return valid_can_ids(self._store, PdoDirection.TRANSMIT, self._numbers)
+        return valid_can_ids(self._store, PdoDirection.TRANSMIT, self.numbers)
 
     def trigger(self, numbers: Iterable[int]) -> None:
         """Ask for these TPDOs; without effect outside OPERATIONAL. Raises BusError for an unknown one."""
         for number in numbers:
-            if number not in self._numbers:
-                raise BusError(
-                    f"{self._store.od.source} has no TPDO {number}; trigger one of {self._numbers}"
-                )
+            if number not in self.numbers:
+                raise BusError(f"{self._store.od.source} has no TPDO {number}; trigger one of {self.numbers}")
             if number in self._tpdos:
                 self._tpdos[number].requested = True
 
