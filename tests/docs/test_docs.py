@@ -89,3 +89,27 @@ def test_quoted_messages_stand_in_the_sources(page):
         words = [part.strip() for part in re.split(r"\.\.\.|\bWxH\b|\bN\b|\bM\b|0x\.\.", message)]
         for part in filter(None, words):
             assert part in code, part
+
+
+NAMED_TESTS = re.findall(r"`(test_\w+)::(test_\w+)`", (ROOT / "docs" / "canopen.md").read_text())
+
+
+def test_every_row_of_the_canopen_page_names_a_test_or_says_no():
+    for row in re.findall(r"^\| .*\|$", (ROOT / "docs" / "canopen.md").read_text(), re.MULTILINE):
+        heads = row.endswith("| test |")
+        assert heads or "::test_" in row or "| no |" in row, row
+    assert len(NAMED_TESTS) > 50
+
+
+@pytest.mark.parametrize(("file", "name"), sorted(set(NAMED_TESTS)))
+def test_tests_of_the_canopen_page_exist(file, name):
+    source = (ROOT / "tests" / "node" / f"{file}.py").read_text()
+    assert re.search(rf"^def {name}\(", source, re.MULTILINE)
+
+
+def test_objects_of_the_canopen_page_are_in_the_eds():
+    """Of the tables, abort codes aside; the objects of node guarding are named because they are absent."""
+    rows = re.findall(r"^\|.*\|$", (ROOT / "docs" / "canopen.md").read_text(), re.MULTILINE)
+    named = {index for row in rows for index in re.findall(r"(?<![0-9A-F] )\b([1-7][0-9A-F]{3})h\b", row)}
+    missing = {index for index in named if int(index, 16) not in load_eds(FINGERTIP_EDS, 0x10).indices}
+    assert missing == {"100C", "100D", "1FFF"}
