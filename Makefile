@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit kernel-test uml-test vm-test accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit kernel-test uml-test vm-test firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -21,7 +21,7 @@ lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(VENV)/dev.stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
+unit: $(VENV)/firmware.stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
 	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
@@ -33,6 +33,9 @@ uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part o
 vm-test: $(VENV)/dev.stamp  ## those in a virtual machine: SocketCAN, CAN cards, V4L2 (its disks are built once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
 	$(BIN)/pytest -m vm $(PYTEST_ARGS)
+
+firmware-mutation: $(VENV)/dev.stamp  ## break the firmware's logic line by line, count what its tests notice (10 minutes)
+	$(BIN)/python tests/firmware/mutate.py
 
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
@@ -47,8 +50,9 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu (needs root or sudo)
+system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu, gcc-avr (needs root or sudo)
 	sh requirements/system-deps.sh
+	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
 	rm -rf $(VENV) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
@@ -68,4 +72,11 @@ $(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock pyproject.toml
 $(VENV)/dev.stamp: $(VENV)/host.stamp requirements/dev.lock
 	@echo "installing the test tools into $(VENV)"
 	@$(PIP) install --require-hashes -r requirements/dev.lock
+	@touch $@
+
+# Compiles from source for a minute or two, so only where the firmware can be built.
+$(VENV)/firmware.stamp: $(VENV)/dev.stamp requirements/firmware.lock
+	@if command -v avr-gcc >/dev/null && command -v g++ >/dev/null && test -e /usr/include/libelf.h; then \
+	  echo "installing the microcontroller's simulator into $(VENV)"; \
+	  $(PIP) install --require-hashes -r requirements/firmware.lock; fi
 	@touch $@

@@ -53,3 +53,9 @@ class BusError(PalpateError):
 
 class BusOffError(BusError):
     """The controller took itself off the bus after too many errors; it may come back."""
+
+
+class IlluminationError(PalpateError):
+    """The illumination controller does not answer, is another, or refuses."""
+
+    exit_status = 7

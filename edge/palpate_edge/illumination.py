@@ -1,0 +1,133 @@
+"""The illumination controller over I2C (firmware/illumination): LED level, strobe, temperatures, faults.
+
+Every register is an SMBus word with PEC. All of them may be written twice, so a transaction that the bus lost
+is repeated; what is written is read back.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+from smbus2 import SMBus
+
+from palpate_edge.errors import IlluminationError
+from palpate_edge.illumination_registers import (
+    I2C_ADDRESS,
+    IDENTITY,
+    MAP_CRC,
+    RANGES,
+    SIGNED,
+    VERSION,
+    Fault,
+    Register,
+)
+
+ATTEMPTS = 3
+PAUSE_S = 0.001
+SCALE_degC = 0.1
+
+
+class SmBus(Protocol):
+    """What is used of smbus2.SMBus; OSError for a transaction that failed."""
+
+    pec: int
+
+    def read_word_data(self, i2c_addr: int, register: int) -> int: ...
+    def write_word_data(self, i2c_addr: int, register: int, value: int) -> None: ...
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class IlluminationState:
+    """What the controller measures. duty: 0 to 1."""
+
+    led_degC: float
+    silicone_degC: float
+    duty: float
+    faults: Fault
+
+
+class Illumination:
+    """One controller; its watchdog darkens the LEDs when nobody asks for its (WATCHDOG) time."""
+
+    def __init__(self, bus: SmBus, name: str, address: int = I2C_ADDRESS) -> None:
+        """IlluminationError when nobody answers, or something else or another version does."""
+        self._bus = bus
+        self._name = f"illumination controller {address:02X}h on {name}"
+        self._address = address
+        bus.pec = 1
+        expected = {Register.IDENTITY: IDENTITY, Register.VERSION: VERSION, Register.MAP_CRC: MAP_CRC}
+        for register, value in expected.items():
+            found = self.read(register)
+            if found != value:
+                raise IlluminationError(
+                    f"{self._name}: {register.name} is {found:04X}h, not {value:04X}h: flash the"
+                    " firmware that belongs to this version"
+                )
+
+    @classmethod
+    def open(cls, bus_number: int) -> Illumination:
+        """The controller on /dev/i2c-N; IlluminationError as the constructor, or without that bus."""
+        try:
+            bus = SMBus(bus_number)
+        except OSError as exc:
+            raise IlluminationError(
+                f"/dev/i2c-{bus_number}: {exc.strerror}: enable I2C and add the user to group i2c"
+            ) from exc
+        return cls(bus, f"/dev/i2c-{bus_number}")
+
+    def close(self) -> None:
+        self._bus.close()
+
+    def read(self, register: Register) -> int:
+        """One register; signed where it says so."""
+        for attempt in range(ATTEMPTS):
+            try:
+                value = self._bus.read_word_data(self._address, register)
+            except OSError as exc:
+                self._again(attempt, register, exc)
+            else:
+                return value - 0x10000 if register in SIGNED and value & 0x8000 else value
+        raise AssertionError("unreachable")
+
+    def write(self, register: Register, value: int) -> None:
+        """One register, read back; IlluminationError when out of range or not taken."""
+        least, greatest = RANGES[register]
+        if not least <= value <= greatest:
+            raise IlluminationError(f"{register.name} {value} is not {least} to {greatest}")
+        for attempt in range(ATTEMPTS):
+            try:
+                self._bus.write_word_data(self._address, register, value)
+                if register is Register.FAULT_CLEAR or self.read(register) == value:
+                    return
+                problem = OSError(0, "another value was read back")
+            except OSError as exc:
+                problem = exc
+            self._again(attempt, register, problem)
+
+    def set_level(self, level: int) -> None:
+        """Brightness 0 to 255."""
+        self.write(Register.LEVEL, level)
+
+    def clear(self, faults: Fault) -> None:
+        """Clear latched faults; one whose cause stays comes back."""
+        self.write(Register.FAULT_CLEAR, int(faults))
+
+    def state(self) -> IlluminationState:
+        return IlluminationState(
+            led_degC=self.read(Register.LED_TEMPERATURE) * SCALE_degC,
+            silicone_degC=self.read(Register.SILICONE_TEMPERATURE) * SCALE_degC,
+            duty=self.read(Register.DUTY) / 1023,
+            faults=Fault(self.read(Register.FAULTS)),
+        )
+
+    def _again(self, attempt: int, register: Register, problem: OSError) -> None:
+        if attempt + 1 < ATTEMPTS:
+            time.sleep(PAUSE_S)
+            return
+        raise IlluminationError(
+            f"{self._name}: {register.name} failed {ATTEMPTS} times ({problem.strerror}):"
+            " check power and wiring"
+        ) from problem

@@ -1,0 +1,44 @@
+/* The controller's logic without hardware: the same file runs on the ATmega328P and, for tests, on a PC.
+
+   Nothing here blocks or knows a clock. tick_ms comes every millisecond, temperatures when the ADC has both,
+   the smbus functions byte by byte from the two-wire interface; all are called with interrupts off. */
+#ifndef CORE_H
+#define CORE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "registers.h"
+
+#define DUTY_MAX 1023
+
+typedef struct {
+    uint16_t reg[REGISTER_COUNT];
+    uint16_t level_now;    /* 8.8 fixed point: LEVEL after soft start and derating */
+    uint16_t silent_ms;    /* since the last valid transaction */
+    uint16_t ms;           /* part of a second, for UPTIME */
+    bool cool;             /* the LED temperature is known and below DERATE_START */
+    /* one SMBus transaction */
+    uint8_t received;      /* bytes after the address */
+    uint8_t sent;
+    uint8_t crc;
+    uint8_t command;
+    uint16_t value;
+} core_t;
+
+void core_init(core_t *core, uint8_t reset_faults);
+void core_tick_ms(core_t *core);
+void core_temperatures(core_t *core, uint16_t led_adc, uint16_t silicone_adc);
+void core_trigger(core_t *core);
+uint16_t core_duty(const core_t *core);
+
+/* The target's side of SMBus. smbus_write says whether to acknowledge the NEXT byte. */
+void smbus_start(core_t *core, uint8_t address_and_direction);
+bool smbus_write(core_t *core, uint8_t byte);
+uint8_t smbus_read(core_t *core);
+void smbus_stop(core_t *core);
+
+int16_t thermistor_dC(uint16_t adc);
+uint8_t crc8(uint8_t crc, uint8_t byte);
+
+#endif

@@ -1,0 +1,56 @@
+"""The firmware built once, as the chip's binary and as a library of its logic for this machine."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from firmware_rig.simulated_controller import SimulatedController
+
+SOURCES = Path(__file__).resolve().parents[2] / "firmware" / "illumination"
+
+
+def need(program: str, package: str) -> None:
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is missing: make system-deps installs it ({package})")
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of illumination.elf, built as a user does."""
+    need("avr-gcc", "gcc-avr, avr-libc")
+    folder = tmp_path_factory.mktemp("firmware")
+    subprocess.run(["make", "-C", SOURCES, f"BUILD={folder}"], check=True, capture_output=True, text=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def logic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """core.c as a shared library with every warning and the sanitizer of undefined behaviour."""
+    need("cc", "gcc")
+    library = tmp_path_factory.mktemp("logic") / "core.so"
+    command = ["cc", "-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    sanitize = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
+    core = os.environ.get("PALPATE_CORE_C", SOURCES / "core.c")  # set by mutate.py
+    subprocess.run([*command, *sanitize, f"-I{SOURCES}", "-o", library, core], check=True)
+    return library
+
+
+@pytest.fixture
+def controller(build: Path) -> Iterator[SimulatedController]:
+    """The real binary, 20 ms after power-on."""
+    if importlib.util.find_spec("yasimavr") is None:
+        pytest.skip("yasimavr is missing: make system-deps, then make test installs it")
+    from firmware_rig.simulated_controller import SimulatedController
+
+    simulated = SimulatedController(build / "illumination.elf")
+    simulated.run_ms(20)
+    yield simulated

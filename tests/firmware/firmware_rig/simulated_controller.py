@@ -1,0 +1,190 @@
+"""The real binary on a simulated ATmega328P: wires in, wires out, and an I2C controller bit by bit.
+
+A rig for tests, not a part of the product. Time is the simulation's own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+from yasimavr.device_library import load_device
+from yasimavr.lib import core
+
+CLOCK_HZ = 8_000_000
+I2C_HZ = 50_000
+QUARTER_BIT = CLOCK_HZ // I2C_HZ // 4
+BUS_FREE_CYCLES = CLOCK_HZ // 10_000  # what a board's driver needs from one transaction to the next
+STRETCH_LIMIT = 4_000  # quarter bits
+IO = 0x20  # the simulator counts I/O registers from there
+GLOBAL_INTERRUPTS = 0x80
+FORGOTTEN = (  # register, flag, enable, vector
+    (0xBC - IO, 0x80, 0x01, 24),  # TWCR: TWINT, TWIE
+    (0x7A - IO, 0x10, 0x08, 21),  # ADCSRA: ADIF, ADIE
+)
+TIMSK0 = 0x6E - IO
+COMPARE_OUTPUT, CHANNEL_A = 2, 0
+
+
+class SimulatedController:
+    """Pins: SDA, SCL as an open-drain bus; trigger, both thermistors, the LED's duty."""
+
+    def __init__(self, binary: Path) -> None:
+        self.device = load_device("atmega328p")
+        self.device.set_option(core.Device.Option.IgnoreBadCpuIO, True)  # it has no DIDR0
+        self._loop = core.SimLoop(self.device)
+        self._loop.set_fast_mode(True)
+        firmware = core.Firmware.read_elf(str(binary))
+        firmware.frequency = CLOCK_HZ
+        firmware.vcc = firmware.aref = 3.3
+        self.device.load_firmware(firmware)
+        self._probe = core.DeviceDebugProbe(self.device)
+        self._sda, self._scl = core.Wire(), core.Wire()
+        self._sda.attach(self.device.find_pin("PC4"))
+        self._scl.attach(self.device.find_pin("PC5"))
+        self._release(self._sda)
+        self._release(self._scl)
+        self._trigger = core.Wire()
+        self._trigger.attach(self.device.find_pin("PD2"))
+        self._trigger.set_state("L")
+        self._led: list[tuple[int, bool]] = [(0, False)]
+        _, request = self.device.ctlreq(core.IOCTL_TIMER("_", "1"), core.CTLREQ_GET_SIGNAL)
+        self._led_hook = core.CallableSignalHook(self._led_changed)
+        request.data.as_ptr(core.Signal).connect(self._led_hook, 0)
+        self._thermistors = [core.Wire(), core.Wire()]
+        for wire, name in zip(self._thermistors, ("PC0", "PC1"), strict=True):
+            wire.attach(self.device.find_pin(name))
+            wire.set_state("A", 0.5)
+
+    @property
+    def cycle(self) -> int:
+        return int(self._loop.cycle())
+
+    def run_ms(self, duration_ms: float) -> None:
+        self.run_cycles(round(duration_ms * CLOCK_HZ / 1000))
+
+    def run_cycles(self, count: int) -> None:
+        end = self.cycle + count
+        while self.cycle < end:
+            self._loop.run(min(QUARTER_BIT, end - self.cycle))
+            assert self.device.state() is not core.Device.State.Crashed, (
+                f"crash at {self._probe.read_pc():#x}"
+            )
+            self._raise_forgotten()
+
+    def _raise_forgotten(self) -> None:
+        """An interrupt whose flag software read before is forgotten by the simulator: raise it again."""
+        if not self._probe.read_sreg() & GLOBAL_INTERRUPTS:
+            return
+        for register, flag, enable, vector in FORGOTTEN:
+            value = self._probe.read_ioreg(register, False)
+            if value & flag and value & enable:
+                request = core.ctlreq_data_t()
+                request.data = core.vardata_t(1)
+                request.index = vector
+                self.device.ctlreq(core.IOCTL_INTR, core.CTLREQ_INTR_RAISE, request)
+
+    def set_adc(self, channel: int, reading: int) -> None:
+        """The voltage that reads as `reading` of 1023."""
+        self._thermistors[channel].set_state("A", (reading + 0.5) / 1024)
+
+    def trigger(self) -> None:
+        """A 100 us pulse of the camera."""
+        self._trigger.set_state("H")
+        self.run_ms(0.1)
+        self._trigger.set_state("L")
+
+    def _led_changed(self, event: core.signal_data_t, _tag: int) -> None:
+        """OC1A, which the simulator does not put on the pin; a disabled output is low."""
+        if event.sigid == COMPARE_OUTPUT and event.index == CHANNEL_A:
+            level = event.data.type() is not core.vardata_t.Type.Invalid and bool(event.data.as_uint())
+            if level != self._led[-1][1]:
+                self._led.append((self.cycle, level))
+
+    def led_share(self, duration_ms: float) -> float:
+        """How much of the next time the LED driver is on."""
+        start, count = self.cycle, len(self._led)
+        self.run_ms(duration_ms)
+        edges = [(start, self._led[count - 1][1]), *self._led[count:], (self.cycle, False)]
+        on = sum(level * (after - since) for (since, level), (after, _) in itertools.pairwise(edges))
+        return on / (self.cycle - start)
+
+    def led_edges(self, duration_ms: float) -> tuple[int, int]:
+        """Cycles of the first rise and of the last fall in the next time."""
+        count = len(self._led)
+        self.run_ms(duration_ms)
+        edges = self._led[count:]
+        return next(cycle for cycle, level in edges if level), edges[-1][0]
+
+    def stop_tick(self) -> None:
+        """Switch timer 0's interrupt off, as a firmware that went astray might."""
+        self._probe.write_ioreg(TIMSK0, 0)
+
+    def brown_out(self) -> None:
+        self.device.reset(core.Device.ResetFlag.BOD)
+
+    def _release(self, wire: core.Wire) -> None:
+        wire.set_state("U")
+
+    def _wait(self) -> None:
+        self.run_cycles(QUARTER_BIT)
+
+    def _raise_clock(self) -> None:
+        """Let SCL rise; the target may stretch its low time."""
+        self._release(self._scl)
+        for _ in range(STRETCH_LIMIT):
+            self._wait()
+            if self._scl.digital_state():
+                return
+        raise TimeoutError("SCL is held low")
+
+    def _clock(self) -> bool:
+        """One clock pulse; SDA while it is high."""
+        self._wait()
+        self._raise_clock()
+        bit = bool(self._sda.digital_state())
+        self._wait()
+        self._scl.set_state("L")
+        self._wait()
+        return bit
+
+    def start(self) -> None:
+        """Start or repeated start."""
+        self._release(self._sda)
+        self._wait()
+        self._raise_clock()
+        self._wait()
+        self._sda.set_state("L")
+        self._wait()
+        self._scl.set_state("L")
+        self._wait()
+
+    def stop(self) -> None:
+        self._sda.set_state("L")
+        self._wait()
+        self._raise_clock()
+        self._wait()
+        self._release(self._sda)
+        self.run_cycles(BUS_FREE_CYCLES)
+
+    def send(self, byte: int) -> bool:
+        """Eight bits out; whether they were acknowledged."""
+        for i in range(7, -1, -1):
+            if byte >> i & 1:
+                self._release(self._sda)
+            else:
+                self._sda.set_state("L")
+            self._clock()
+        self._release(self._sda)
+        return not self._clock()
+
+    def receive(self, acknowledge: bool) -> int:
+        self._release(self._sda)
+        byte = 0
+        for _ in range(8):
+            byte = byte << 1 | self._clock()
+        if acknowledge:
+            self._sda.set_state("L")
+        self._clock()
+        self._release(self._sda)
+        return byte
