@@ -103,12 +103,15 @@ def test_the_fingertip_answers_exactly_as_before(name):
 
 
 def test_the_fingertips_contacts_are_those_of_the_recorded_frames():
-    """Within what decoders and processors may differ in: 0.05 mm, 0.05 N."""
-    for now, stored in zip(fingertip_rig.estimate_frames(), fingertip_rig.read_contacts(), strict=True):
-        assert (now.valid, now.in_contact) == (stored.valid, stored.in_contact)
-        if stored.position_mm is not None:
-            assert now.position_mm == pytest.approx(stored.position_mm, abs=0.05)
-            assert now.normal_force_N == pytest.approx(stored.normal_force_N, abs=0.05)
+    """To what a change of the estimator may move them; how good they are is measured in docs/accuracy.md."""
+    pairs = list(zip(fingertip_rig.estimate_frames(), fingertip_rig.read_contacts(), strict=True))
+    other = [now for now, stored in pairs if (now.valid, now.in_contact) != (stored.valid, stored.in_contact)]
+    assert len(other) <= 0.05 * len(pairs)
+    both = [(n, s) for n, s in pairs if n.position_mm is not None and s.position_mm is not None]
+    assert len(both) > 0.4 * len(pairs)
+    for now, stored in both:
+        assert now.position_mm == pytest.approx(stored.position_mm, abs=1.0)
+        assert now.normal_force_N == pytest.approx(stored.normal_force_N, abs=0.3)
 
 
 @pytest.mark.parametrize("path", sorted(HERE.glob("*.log.gz")), ids=lambda path: path.name)
@@ -283,9 +286,21 @@ def test_a_jittering_sync_stops_nothing():
     assert replayed("sync-jitter").status.counters.late_ticks == 0
 
 
-@pytest.mark.parametrize("name", ["late", "duplicated", "reordered", "lossy", "emcy-storm", "sync-jitter"])
+def exposures_us(name):
+    frames = fingertip_rig.fingertip_frames(name, log(name).records)
+    return [struct.unpack_from("<I", r.frame.data)[0] for r in frames if r.frame.can_id == 0x391]
+
+
+def test_a_jittering_sync_moves_the_fingertips_clock_by_less_than_the_jitter():
+    """SYNC comes 0 to 3 ms late, 1013h tells when it left: soon the lateness is filtered out."""
+    moved = [abs(a - b) for a, b in zip(exposures_us("sync-jitter"), exposures_us("normal"), strict=True)]
+    assert 0 < max(moved) <= 3_000
+    assert max(moved[15:]) < 600
+
+
+@pytest.mark.parametrize("name", ["late", "duplicated", "reordered", "lossy", "emcy-storm"])
 def test_what_befalls_others_does_not_touch_a_fingertip(name):
-    """The host's frames are the normal ones in these logs (SYNC apart), so finger-2 sends the same."""
+    """The host's frames are the normal ones in these logs, so finger-2 sends the same."""
     normal = fingertip_rig.fingertip_frames("normal", log("normal").records)
     frames = fingertip_rig.fingertip_frames(name, log(name).records)
     assert lines(frames) == lines(normal)

@@ -18,7 +18,7 @@ DOES_NOT_FIT = 1
 @click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True)
 @click.option("--heartbeat-ms", type=click.FloatRange(1, 10_000), default=100, show_default=True)
 @click.option(
-    "--time-stamps", type=click.FloatRange(0, 1000), default=1, show_default=True, help="1013h a s."
+    "--time-stamps", type=click.FloatRange(0, 1000), default=20, show_default=True, help="1013h a s."
 )
 @click.option("--sdo", type=click.FloatRange(0, 10_000), default=20, show_default=True, help="Transfers a s.")
 def budget(

@@ -61,20 +61,29 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     return plain
 
 
-class _CountedLines:
-    """A text file that knows its line, for python-can's reader."""
+class _AscLines:
+    """An ASC file for python-can's reader, which knows its line.
+
+    That reader takes the first line after the header for another line of it, and so loses a frame in files
+    without "internal events logged": they get that line here.
+    """
 
     def __init__(self, file: TextIO) -> None:
         self.number = 0
         self._file = file
+        self._first_event: str | None = None
+        self._in_header = True
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        line = self._file.readline()
+        line, self._first_event = self._first_event or self._file.readline(), None
         if not line:
             raise StopIteration
+        if self._in_header and line.lstrip()[:1].isdigit():
+            self._in_header, self._first_event = False, line
+            return "internal events logged\n"
         self.number += 1
         return line
 
@@ -84,7 +93,7 @@ class _CountedLines:
 
 def _read_asc(path: Path) -> tuple[LogRecord, ...]:
     with path.open(encoding="latin-1") as file:
-        lines = _CountedLines(file)
+        lines = _AscLines(file)
         try:
             reader = can.ASCReader(lines)
             return tuple(_records(path, reader, lambda: f"line {lines.number}"))
