@@ -19,6 +19,7 @@ from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import BusError, ConfigError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS
 from palpate_host.bus.cli import bus
 from palpate_host.bus.device import Device, usual_device
 from palpate_host.bus.lss import parse_address
@@ -166,6 +167,15 @@ def test_refusals_say_why(hub, fingertips, command, error, text):
     with pytest.raises(error, match=re.escape(text)) as caught:
         run(hub, "sdo", *command)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_the_pdos_of_a_node_are_those_of_its_eds(hub, fingertips, tmp_path):
+    assert run(hub, "sdo", "check", "0x10").output == "node 0x10: 5 PDOs, 0 differences from fingertip.eds\n"
+    eds = tmp_path / "older.eds"
+    eds.write_text(FINGERTIP_EDS.read_text().replace("0x20140010", "0x20110008"))
+    said = run(hub, "sdo", "check", "0x10", "--eds", eds)
+    assert said.exit_code == 1
+    assert "Mapped object 3: is 0x20140010, the EDS says 0x20110008" in said.output
 
 
 def test_large_objects_go_in_blocks_and_come_back(hub, foreign_node, tmp_path):

@@ -58,12 +58,12 @@ class Device:
         self.node_id = node_id
         self.name = name
         self.eds = eds
-        self._variables: Variables = read_objects(sections, Findings())
-        if not self._variables:
+        self.variables: Variables = read_objects(sections, Findings())
+        if not self.variables:
             raise ConfigError(f"EDS {eds}: describes no object: palpate-host bus check-eds says why")
         self._containers = {
             int(section, 16): sections[section].value("ParameterName")
-            for section in {f"{index:04x}" for index, _ in self._variables}
+            for section in {f"{index:04x}" for index, _ in self.variables}
             if section in sections
         }
         device_info = sections.get("deviceinfo")
@@ -72,16 +72,12 @@ class Device:
 
     def variable(self, key: Key) -> Variable | None:
         """The object as the EDS describes it."""
-        return self._variables.get(key)
-
-    def keys(self) -> Iterable[Key]:
-        """Every object."""
-        return self._variables.keys()
+        return self.variables.get(key)
 
     def name_of(self, key: Key) -> str:
         """``7130h:01 AI input PV / Value of contact x``."""
         label = f"{key[0]:04X}h:{key[1]:02X}"
-        variable = self._variables.get(key)
+        variable = self.variables.get(key)
         container = self._containers.get(key[0], "")
         if variable is None:
             return f"{label} {container}".rstrip() if container else f"{label} (not in {self.eds.name})"
@@ -95,9 +91,9 @@ class Device:
         ConfigError when there is none or more than one.
         """
         wanted = _plain(name)
-        found = [key for key in self._variables if wanted in self._names(key)]
+        found = [key for key in self.variables if wanted in self._names(key)]
         if len(found) != 1:
-            close = sorted({part for key in self._variables for part in self._names(key) if wanted in part})
+            close = sorted({part for key in self.variables for part in self._names(key) if wanted in part})
             reason = "has no object" if not found else f"has {len(found)} objects"
             hint = f"such as {', '.join(close[:5])}" if close else "give its index, such as 1017"
             raise ConfigError(f"{self.eds.name} {reason} named {name!r}: {hint}")
@@ -114,7 +110,7 @@ class Device:
 
     def reading(self, key: Key, data: bytes) -> Reading:
         """The value in `data` as the EDS types it; an unknown object, or one of another length, as bytes."""
-        variable = self._variables.get(key)
+        variable = self.variables.get(key)
         name = variable.name if variable else f"{key[0]:04X}h:{key[1]:02X}"
         info = variable.info if variable else None
         if info is None:
@@ -157,17 +153,17 @@ class Device:
         return Reading(name, raw, "", raw, f"{text} ({meaning})" if meaning else text)
 
     def _number(self, key: Key) -> int | None:
-        variable = self._variables.get(key)
+        variable = self.variables.get(key)
         return variable.number() if variable else None
 
     def _names(self, key: Key) -> set[str]:
-        container, own = self._containers.get(key[0], ""), self._variables[key].name
+        container, own = self._containers.get(key[0], ""), self.variables[key].name
         names = {_plain(own), _plain(f"{container}/{own}")}
         return names if key[1] else names | {_plain(container)}
 
     def _read_pdos(self) -> Iterable[Pdo]:
         for kind in PDO_KINDS:
-            for number in pdo_numbers(self._variables, kind):
+            for number in pdo_numbers(self.variables, kind):
                 can_id = self._can_id((kind.communication + number - 1, 1))
                 mapping = kind.mapping + number - 1
                 words = [
@@ -179,7 +175,7 @@ class Device:
                     yield Pdo(f"{kind.label} {number}", can_id, fields)
 
     def _can_id(self, key: Key) -> int | None:
-        variable = self._variables.get(key)
+        variable = self.variables.get(key)
         if variable is None:
             return None
         try:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from palpate_edge.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 if TYPE_CHECKING:
     from palpate_host.bus.device import Device
     from palpate_host.bus.scan import FoundNode
 
+DIFFERS = 1
 FILE = click.Path(path_type=Path, dir_okay=False)
 TIMEOUT = click.option(
     "--timeout",
@@ -105,6 +108,7 @@ def sdo() -> None:
     palpate-host bus sdo read 0x10 1018:4
     palpate-host bus sdo write 0x10 1017 250ms
     palpate-host bus sdo write 0x10 1010:1 save
+    palpate-host bus sdo check 0x10
     """
 
 
@@ -181,6 +185,34 @@ def write(
         sdo_access.write(sdo_client(network, node, timeout_s), node, device, key, data, block)
     shown = f"{len(data)} bytes of {file_path}" if file_path else _shown(device, key, data)
     click.echo(f"{device.name_of(key) if device else object_name} = {shown}: written")
+
+
+@sdo.command()
+@click.argument("node", type=NODE)
+@BUS_OPTIONS
+@TIMEOUT
+@EDS
+def check(node: int, timeout_s: float, eds_path: Path | None, **bus: Any) -> None:
+    """Compare the PDOs that NODE has with those of its EDS. Exit status 1 when they differ.
+
+    \b
+    palpate-host bus sdo check 0x10
+    """
+    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
+    from palpate_host.bus.node_check import differences  # noqa: PLC0415
+    from palpate_host.bus.sdo_access import read_number  # noqa: PLC0415
+
+    device = _device(node, eds_path)
+    if device is None:
+        raise ConfigError(f"no EDS is known for node 0x{node:02X}: give --eds FILE")
+    with master(chosen_bus(**bus), "sdo") as network:
+        client = sdo_client(network, node, timeout_s)
+        found = list(differences(device, lambda key: read_number(client, node, device, key)))
+    for difference in found:
+        click.echo(difference)
+    click.echo(f"node 0x{node:02X}: {len(device.pdos)} PDOs, {len(found)} differences from {device.eds.name}")
+    if found:
+        sys.exit(DIFFERS)
 
 
 def _shown(device: Device | None, key: tuple[int, int], data: bytes) -> str:

@@ -17,7 +17,7 @@ from palpate_host.bus.eds_values import DataTypeInfo, parse_integer
 from palpate_host.bus.master_session import sdo_errors
 
 BLOCK_FROM_BYTES = 128  # below, the block transfer's own frames cost more than they save
-COMMAND_UNKNOWN = 0x0504_0001
+COMMAND_UNKNOWN, NO_OBJECT, NO_SUBINDEX = 0x0504_0001, 0x0602_0000, 0x0609_0011
 _INDEX = re.compile(r"(?:0x)?(?P<index>[0-9a-fA-F]{4})h?(?::(?:0x)?(?P<sub>[0-9a-fA-F]{1,2})h?)?")
 _SIGNATURE = re.compile(r"[a-z]{4}")
 
@@ -75,6 +75,17 @@ def read(client: SdoClient, node_id: int, device: Device | None, key: Key, block
 
     with sdo_errors(node_id, what, client.RESPONSE_TIMEOUT):
         return _blocks_or(in_blocks, lambda: client.upload(*key)) if large else client.upload(*key)
+
+
+def read_number(client: SdoClient, node_id: int, device: Device, key: Key) -> int | None:
+    """The object's bytes as an unsigned number; None when the node has no such object. BusError else."""
+    with sdo_errors(node_id, f"to tell {device.name_of(key)}", client.RESPONSE_TIMEOUT):
+        try:
+            return int.from_bytes(client.upload(*key), "little")
+        except SdoAbortedError as error:
+            if error.code not in (NO_OBJECT, NO_SUBINDEX):
+                raise
+            return None
 
 
 def write(client: SdoClient, node_id: int, device: Device | None, key: Key, data: bytes, block: bool) -> None:

@@ -1,0 +1,48 @@
+"""Does a node on the bus have the PDOs that its EDS says? Asked by SDO, before its values are believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from palpate_host.bus.device import Device, Key
+from palpate_host.bus.eds_communication import NOT_VALID, PDO_KINDS, pdo_numbers
+from palpate_host.bus.eds_values import parse_integer
+
+Read = Callable[[Key], int | None]
+"""An object's number, None when the node has none."""
+
+ID_BITS = NOT_VALID | 0x7FF
+
+
+def differences(device: Device, read: Read) -> Iterator[str]:
+    """One line for each PDO parameter in which the node differs from its EDS: COB-ID, type and mapping."""
+    for kind in PDO_KINDS:
+        for number in pdo_numbers(device.variables, kind):
+            communication, mapping = kind.communication + number - 1, kind.mapping + number - 1
+            yield from _compare(device, read, (communication, 1), ID_BITS)
+            yield from _compare(device, read, (communication, 2))
+            count = _expected(device, (mapping, 0)) or 0
+            yield from _compare(device, read, (mapping, 0))
+            for slot in range(1, count + 1):
+                yield from _compare(device, read, (mapping, slot))
+
+
+def _compare(device: Device, read: Read, key: Key, mask: int = 0xFFFF_FFFF) -> Iterator[str]:
+    expected = _expected(device, key)
+    if expected is None:
+        return
+    found = read(key)
+    if found is None:
+        yield f"{device.name_of(key)}: the node does not have it, the EDS says 0x{expected:X}"
+    elif (found ^ expected) & mask:
+        yield f"{device.name_of(key)}: is 0x{found:X}, the EDS says 0x{expected:X}"
+
+
+def _expected(device: Device, key: Key) -> int | None:
+    variable = device.variable(key)
+    if variable is None:
+        return None
+    try:
+        return parse_integer(variable.section.value("DefaultValue"), device.node_id)
+    except ValueError:
+        return None
