@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimator, frames, host, twin
+from bench import bus, estimator, frames, host, node, twin
 from bench.timing import table
 
 
@@ -13,6 +13,8 @@ def main() -> None:
     print(table("Estimator, 640x480, 85 beads, one core", estimator.rows(frames.load())))
     print()
     print(table("Fingertip node and hub", bus.rows()))
+    print()
+    print(node.report())
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
     print()

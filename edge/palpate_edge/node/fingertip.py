@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 from palpate_edge.can_frame import CanFrame
@@ -27,7 +27,7 @@ from palpate_edge.node.fingertip_objects import (
     encode_contact,
     encode_health,
 )
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, ObjectKey, Value, load_eds
+from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, Value, load_eds
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Output, Slave
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
@@ -76,26 +76,23 @@ class FingertipNode:
 
     def publish(self, contact: Contact, latency_us: int) -> None:
         """Have TPDO 1 to 3 sent by the next :meth:`process`; see :func:`encode_contact` for the clocks."""
-        self._write(encode_contact(contact, latency_us))
-        self._count(COUNTERS, Counter.FRAMES_ESTIMATED if contact.valid else Counter.FRAMES_REFUSED)
-        self._count(LATENCY_HISTOGRAM, 1 + bisect_right(LATENCY_BINS_US, latency_us))
+        objects = encode_contact(contact, latency_us)
+        counted = Counter.FRAMES_ESTIMATED if contact.valid else Counter.FRAMES_REFUSED
+        for index, subindex in (
+            (COUNTERS, counted),
+            (LATENCY_HISTOGRAM, 1 + bisect_right(LATENCY_BINS_US, latency_us)),
+        ):
+            objects[index, subindex] = (int(self.slave.read(index, subindex)) + 1) & UINT32_MAX
+        self.slave.write_all(objects)
         self.slave.trigger(CONTACT_TPDOS)
 
     def report_health(self, health: Health) -> None:
         """Set what TPDO 4 sends when its event timer asks."""
-        self._write(encode_health(health))
+        self.slave.write_all(encode_health(health))
 
     def report_bus_clock(self, state: BusClockState, drift_ppb: float, standard_error_us: float) -> None:
         """Set 2042h."""
-        self._write(encode_bus_clock(state, drift_ppb, standard_error_us))
-
-    def _count(self, index: int, subindex: int) -> None:
-        count = self.slave.read(index, subindex)
-        self.slave.write(index, subindex, (int(count) + 1) & UINT32_MAX)
-
-    def _write(self, objects: Mapping[ObjectKey, int]) -> None:
-        for (index, subindex), value in objects.items():
-            self.slave.write(index, subindex, value)
+        self.slave.write_all(encode_bus_clock(state, drift_ppb, standard_error_us))
 
 
 def check_write(has_led: bool, entry: Entry, value: Value) -> None:

@@ -98,6 +98,9 @@ OPTIONAL_CHANNELS = frozenset({Channel.SHEAR_X, Channel.SHEAR_Y, Channel.TORSION
 LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
 """Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
 
+FREE, TOUCHING = int(ContactFlag.VALID), int(ContactFlag.VALID | ContactFlag.CONTACT)
+"""2010h of a frame that is in no doubt."""
+
 NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
 
 
@@ -131,10 +134,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
         doubt = doubt or (status is not ChannelStatus.GOOD and not not_given)
         objects[AI_INPUT, channel] = increments
         objects[AI_STATUS, channel] = status
-    flags = ContactFlag(0)
-    if not doubt:
-        flags = ContactFlag.VALID | (ContactFlag.CONTACT if contact.in_contact else ContactFlag(0))
-    objects[FLAGS, 0] = flags
+    objects[FLAGS, 0] = 0 if doubt else TOUCHING if contact.in_contact else FREE
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
     objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & 0xFFFF_FFFF
     objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX

@@ -50,6 +50,13 @@ STRUCT_CODES = {
     DataType.UNSIGNED32: "I",
 }
 STRUCTS = {data_type: struct.Struct("<" + code) for data_type, code in STRUCT_CODES.items()}
+RANGES = {
+    data_type: range(-(1 << 8 * packer.size - 1), 1 << 8 * packer.size - 1)
+    if packer.format.islower()
+    else range(1 << 8 * packer.size)
+    for data_type, packer in STRUCTS.items()
+}
+"""The integers of each data type."""
 
 
 class Access(Enum):
@@ -99,6 +106,11 @@ class Entry:
         """Bytes on the bus; None where the length varies (strings)."""
         packer = STRUCTS.get(self.data_type)
         return None if packer is None else packer.size
+
+    def check(self, value: Value) -> None:
+        """Raises BusError when the value is not of the entry's data type."""
+        if not isinstance(value, int) or value not in RANGES.get(self.data_type, ()):
+            self.encode(value)
 
     def encode(self, value: Value) -> bytes:
         """The value's bytes, little endian.

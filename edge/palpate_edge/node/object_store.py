@@ -49,9 +49,15 @@ class ObjectStore:
 
     def write(self, index: int, subindex: int, value: Value) -> None:
         """The application's write: any access type, but only what fits the data type (else BusError)."""
-        entry = self.od.entry(index, subindex)
-        entry.encode(value)
-        self.values[entry.key] = value
+        self.od.entry(index, subindex).check(value)
+        self.values[index, subindex] = value
+
+    def write_all(self, objects: Mapping[ObjectKey, Value]) -> None:
+        """As :meth:`write`, all of them or none."""
+        entries = self.od.entries
+        for key, value in objects.items():
+            (entries.get(key) or self.od.entry(*key)).check(value)
+        self.values.update(objects)
 
     def restore(self, indices: Container[int]) -> None:
         """Objects in `indices` as at power-on: saved or default; what only the application writes stays."""

@@ -6,7 +6,7 @@ any counter of microseconds that does not go back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate_edge.can_frame import CanFrame
@@ -32,7 +32,13 @@ from palpate_edge.node.nmt import (
     boot_up,
     command_for,
 )
-from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, Entry, ObjectDictionary, Value
+from palpate_edge.node.object_dictionary import (
+    UNCONFIGURED_NODE_ID,
+    Entry,
+    ObjectDictionary,
+    ObjectKey,
+    Value,
+)
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.parameter_keeper import ParameterKeeper
 from palpate_edge.node.services import Services
@@ -117,6 +123,10 @@ class Slave:
     def write(self, index: int, subindex: int, value: Value) -> None:
         """Set an object, for the application. Raises BusError when it is not there or does not fit."""
         self._store.write(index, subindex, value)
+
+    def write_all(self, objects: Mapping[ObjectKey, Value]) -> None:
+        """As :meth:`write`, all of them or none."""
+        self._store.write_all(objects)
 
     def trigger(self, numbers: Sequence[int]) -> None:
         """Send these TPDOs in the next call of :meth:`process`, with the values they have then."""
