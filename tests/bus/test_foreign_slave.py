@@ -116,7 +116,6 @@ def test_the_host_starts_it_and_takes_its_contacts(rig):
 
 def test_its_emergency_is_heard_and_stops_nothing(rig):
     rig.run(1.0)
-    rig.tips[0].node.emcy._stopped = False  # durand learns that it operates only by its own call-back
     rig.tips[0].node.emcy.set(0x4210, 0x09)
     status = rig.run(0.2)
     assert status.last_emergency == "fingertip of finger-1 (node 0x10): EMCY 4210h"

@@ -216,6 +216,22 @@ def test_an_unconfigured_device_gets_an_id_and_keeps_it(hub, foreign_node):
     assert run(hub, "sdo", "read", "0x35", "1018:1", "--timeout", 5).output == "1018:1 = 34 12 00 00\n"
 
 
+def test_two_fingertips_without_an_id_are_found_and_named(hub):
+    """Our own slaves: the same type, told apart by their serial numbers alone."""
+    nodes = Nodes(hub.path, ())
+    nodes.nodes = [FingertipNode(255, Method.PAPER, "", serial_number=serial) for serial in (7, 0xC0FFEE)]
+    nodes.start()
+    try:
+        found = run(hub, "lss", "list").stdout.splitlines()
+        assert [address.rpartition(":")[2] for address in found] == ["7", "C0FFEE"]
+        assert run(hub, "lss", "set", "0x12", "--address", found[1]).exit_code == 0
+        assert run(hub, "lss", "list").stdout.splitlines() == found[:1]
+        assert run(hub, "sdo", "read", "0x12", "Serial number").output.endswith("= 0xC0FFEE\n")
+    finally:
+        nodes.stopped.set()
+        nodes.join()
+
+
 def test_an_lss_device_that_refuses_or_is_not_there(hub, foreign_node):
     foreign_node(0xFF)  # without a store
     with pytest.raises(BusError, match="LSS Error: 1"):
