@@ -11,7 +11,7 @@ lock() {
     "$uv" pip compile pyproject.toml $common --no-emit-package palpate "$@"
 }
 lock --all-extras --upgrade requirements/build.in -o requirements/full.lock
-lock -c requirements/full.lock --extra host --extra train --extra twin --extra dev -o requirements/dev.lock
+lock -c requirements/full.lock --extra host --extra train --extra twin --extra record --extra dev -o requirements/dev.lock
 lock -c requirements/full.lock --extra host --extra train requirements/build.in -o requirements/host.lock
 lock -c requirements/full.lock --extra onnx requirements/build.in -o requirements/edge.lock
 # shellcheck disable=SC2086

@@ -13,6 +13,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "run": ("palpate_host.run_cli:run", "Control the hand on its bus."),
     "replay": ("palpate_host.replay_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),
+    "export": ("palpate_host.recording.cli:export", "A bus log as MCAP, CSV or Parquet."),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
     "simulate": ("palpate_host.twin.simulate_cli:simulate", "The twin: the dome, its camera, datasets."),

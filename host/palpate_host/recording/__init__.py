@@ -1,0 +1,1 @@
+"""What a hand did, for other tools: MCAP, CSV, Parquet."""

@@ -1,0 +1,77 @@
+"""The host's status as rows, one a tick, with the columns that LeRobot's datasets use.
+
+timestamp (s from the first row), frame_index, episode_index, index, task_index; observation.state.JOINT
+(rad), observation.velocity.JOINT (rad/s), observation.effort.JOINT (N m), action.JOINT (commanded torque,
+N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty without a valid contact),
+.in_contact, .slip; mode.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from palpate_edge.errors import ConfigError
+from palpate_host.status import FingerStatus, HostStatus
+
+Cell = float | int | str | bool | None
+
+
+def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
+    """One row a status, all with the same columns."""
+    first_us: int | None = None
+    for number, status in enumerate(statuses):
+        first_us = status.time_us if first_us is None else first_us
+        row: dict[str, Cell] = {
+            "timestamp": (status.time_us - first_us) * 1e-6,
+            "frame_index": number,
+            "episode_index": 0,
+            "index": number,
+            "task_index": 0,
+        }
+        for joint in status.joints:
+            row[f"observation.state.{joint.name}"] = joint.position_rad
+            row[f"observation.velocity.{joint.name}"] = joint.velocity_rad_s
+            row[f"observation.effort.{joint.name}"] = joint.torque_Nm
+            row[f"action.{joint.name}"] = joint.command_Nm
+        for finger in status.fingers:
+            row |= _tactile(finger)
+        row["mode"] = status.mode.value
+        yield row
+
+
+def _tactile(finger: FingerStatus) -> dict[str, Cell]:
+    valid = finger.valid and finger.position_mm is not None
+    x, y, z = finger.position_mm if valid and finger.position_mm else (None, None, None)
+    fx, fy = finger.shear_N if valid and finger.shear_N else (None, None)
+    values: dict[str, Cell] = {
+        "x_mm": x,
+        "y_mm": y,
+        "z_mm": z,
+        "fn_N": finger.normal_force_N if valid else None,
+        "fx_N": fx,
+        "fy_N": fy,
+        "in_contact": finger.in_contact,
+        "slip": finger.slip,
+    }
+    return {f"observation.tactile.{finger.name}.{key}": value for key, value in values.items()}
+
+
+def write_csv(path: Path, statuses: Iterable[HostStatus]) -> int:
+    """The number of rows written; ConfigError when the file cannot be."""
+    table = rows(statuses)
+    count = 0
+    try:
+        with path.open("w", newline="") as file:
+            for first in table:
+                writer = csv.DictWriter(file, first)
+                writer.writeheader()
+                writer.writerow(first)
+                count = 1
+                for row in table:
+                    writer.writerow(row)
+                    count += 1
+    except OSError as exc:
+        raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
+    return count
