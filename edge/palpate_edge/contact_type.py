@@ -25,6 +25,7 @@ class Contact:
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
     radius95_mm: with 95 % probability the contact is no farther from position_mm; None when unknown.
+    slip: what touches slides over the skin (see slip.py).
     """
 
     sequence: int
@@ -40,6 +41,7 @@ class Contact:
     beads_found: int
     beads_expected: int
     radius95_mm: float | None = None
+    slip: bool = False
 
 
 def refused_contact(

@@ -20,6 +20,7 @@ from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion
 from palpate_edge.sensor import View
+from palpate_edge.slip import SlipWatch
 from palpate_edge.tracking import Beads, Reference, Tracker
 from palpate_edge.virtual_points import VirtualPointMesh
 
@@ -94,6 +95,7 @@ class Estimator:
         self._max_misfit = MAX_MISFIT if calibration.stiffness_scale is not None else UNTAUGHT_MISFIT
         self._refused = 0
         self._last_image: Image | None = None
+        self._slip = SlipWatch()
         self._tare_left = 0
         self._tare_sum = np.zeros_like(self._rest.position_px)
         self._tare_count = np.zeros(len(self._rest.position_px))
@@ -140,7 +142,7 @@ class Estimator:
             return self._refuse(
                 frame, "skin moves unlike any single press: a torn frame, or several contacts", found
             )
-        return Contact(
+        answer = Contact(
             sequence=frame.sequence,
             exposed_at_us=frame.exposed_at_us,
             valid=True,
@@ -155,6 +157,7 @@ class Estimator:
             beads_expected=len(beads.found),
             radius95_mm=self._with_noise(contact.radius95_mm, motion_px),
         )
+        return replace(answer, slip=self._slip.slips(answer))
 
     def _with_noise(self, radius95_mm: float | None, motion_px: float) -> float | None:
         """The model's radius, and what noise adds to it: the lighter the touch, the more."""

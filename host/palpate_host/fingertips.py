@@ -25,6 +25,7 @@ EXPOSED_AT = (0x2012, 0)
 SEQUENCE = (0x2013, 0)
 LATENCY = (0x2014, 0)
 
+NOT_GIVEN = -0x8000  # of torsion: no estimator measures it yet
 FLAG_CONTACT, FLAG_SLIP, FLAG_VALID = 1, 2, 4
 
 # The three parts leave the node together; on a 1 Mbit/s bus they arrive within a few of its frame times.
@@ -41,7 +42,7 @@ class TipContact:
     """One frame's contact as the bus told it; vectors in the dome's frame F.
 
     exposed_at_us: on the host's clock (epoch us), unwrapped from the bus clock's 32 bits.
-    in_contact counts only with valid.
+    in_contact counts only with valid. torsion_Nmm: None when the fingertip's method gives none.
     """
 
     received_at_us: int
@@ -51,7 +52,7 @@ class TipContact:
     position_mm: tuple[float, float, float]
     normal_force_N: float
     shear_N: tuple[float, float]
-    torsion_Nmm: float
+    torsion_Nmm: float | None
     valid: bool
     in_contact: bool
     slip: bool
@@ -184,7 +185,7 @@ def decode_triple(codecs: list[PdoCodec], parts: list[tuple[int, bytes]]) -> Tip
         position_mm=(x / 100.0, y / 100.0, z / 100.0),
         normal_force_N=normal / 1000.0,
         shear_N=(shear_x / 1000.0, shear_y / 1000.0),
-        torsion_Nmm=torsion / 100.0,
+        torsion_Nmm=None if torsion == NOT_GIVEN else torsion / 100.0,
         valid=valid,
         in_contact=valid and bool(flags & FLAG_CONTACT),
         slip=bool(flags & FLAG_SLIP),

@@ -75,9 +75,15 @@ def test_shear_is_the_part_across_the_normal() -> None:
 
 def test_nothing_touches() -> None:
     free = replace(TOUCH, in_contact=False, position_mm=None, force_N=None, torsion_Nmm=None)
-    assert inputs(free) == [0] * 7
-    assert status(free) == [0] * 7
+    assert inputs(free) == [0] * 6 + [-0x8000]  # torsion: not given, which is no zero
+    assert status(free) == [0] * 6 + [ChannelStatus.NOT_VALID]
     assert flags(free) == ContactFlag.VALID
+
+
+def test_slip_goes_only_with_a_contact() -> None:
+    assert flags(replace(TOUCH, slip=True)) == ContactFlag.VALID | ContactFlag.CONTACT | ContactFlag.SLIP
+    assert flags(replace(TOUCH, slip=True, in_contact=False)) == ContactFlag.VALID
+    assert flags(replace(TOUCH, slip=True, valid=False)) == 0
 
 
 def test_a_refused_frame_is_not_valid_and_touches_nothing() -> None:

@@ -24,6 +24,7 @@ LATENCY_HISTOGRAM, COUNTERS, BUS_CLOCK = 0x2040, 0x2041, 0x2042
 INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
 INT32_MIN, INT32_MAX, UINT32_MAX = -0x8000_0000, 0x7FFF_FFFF, 0xFFFF_FFFF
 TEMPERATURE_UNKNOWN = INT16_MAX
+TORSION_NOT_GIVEN = INT16_MIN
 
 
 class Method(IntEnum):
@@ -53,7 +54,7 @@ class BusClockState(IntEnum):
 
 
 class ContactFlag(IntFlag):
-    """Object 2010h. SLIP stays 0 while no estimator tells slip."""
+    """Object 2010h. SLIP only together with CONTACT and VALID."""
 
     CONTACT = 0x01
     SLIP = 0x02
@@ -99,6 +100,7 @@ LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
 """Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
 
 FREE, TOUCHING = int(ContactFlag.VALID), int(ContactFlag.VALID | ContactFlag.CONTACT)
+SLIPPING = int(ContactFlag.VALID | ContactFlag.CONTACT | ContactFlag.SLIP)
 """2010h of a frame that is in no doubt."""
 
 NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
@@ -134,7 +136,10 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
         doubt = doubt or (status is not ChannelStatus.GOOD and not not_given)
         objects[AI_INPUT, channel] = increments
         objects[AI_STATUS, channel] = status
-    objects[FLAGS, 0] = 0 if doubt else TOUCHING if contact.in_contact else FREE
+    if contact.torsion_Nmm is None:
+        objects[AI_INPUT, Channel.TORSION] = TORSION_NOT_GIVEN  # a zero would pass for a measured one
+    touching = SLIPPING if contact.slip else TOUCHING
+    objects[FLAGS, 0] = 0 if doubt else touching if contact.in_contact else FREE
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
     objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & 0xFFFF_FFFF
     objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX
@@ -176,7 +181,7 @@ def channel_values(contact: Contact) -> dict[Channel, float | None]:
     if not contact.valid:
         return NOTHING_KNOWN
     if not contact.in_contact:
-        return dict.fromkeys(Channel, 0.0)
+        return dict.fromkeys(Channel, 0.0) | {Channel.TORSION: contact.torsion_Nmm}
     if contact.position_mm is None:
         return NOTHING_KNOWN
     values: dict[Channel, float | None] = dict(zip(Channel, contact.position_mm, strict=False))
