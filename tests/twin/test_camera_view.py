@@ -144,23 +144,35 @@ def test_skin_is_darker_farther_from_the_lights(library: FieldLibrary) -> None:
     assert blank[10, 10] < 30
 
 
+def _middle_light(view: CameraView, press: ProbePress | None) -> float:
+    """Light in the middle of the picture, relative to the brightest at rest."""
+    part = view._part
+    light = view._light.at_rest() if press is None else view._light.pressed(view.dome.press(press).skin_mm)
+    return float(light[(240 - part.top) // 8, (320 - part.left) // 8, 1])
+
+
 def test_skin_pushed_towards_the_lights_is_brighter(library: FieldLibrary) -> None:
     view = CameraView(_twin(), library)
-    rest = view._light.at_rest()
-    pressed = view._light.pressed(view.dome.press(ProbePress(0.0, 0.0, 3.5)).skin_mm)
-    shapes = [light[30, 40, 1] for light in (rest, pressed)]  # the middle of the picture
-    assert shapes[1] > 1.02 * shapes[0]
-    assert pressed[30, 68] == pytest.approx(rest[30, 68], rel=0.1)  # near the rim, which does not move
+    apex, side = ProbePress(0.0, 0.0, 3.5), ProbePress(1.2, 0.0, 1.0)
+    assert _middle_light(view, apex) > 1.02 * _middle_light(view, None)
+    assert _middle_light(view, side) == pytest.approx(_middle_light(view, None), rel=0.01)
 
 
 def test_ambient_light_is_kept_out_where_something_touches(library: FieldLibrary) -> None:
-    lit = msgspec.structs.replace(QUIET, ambient=0.8)
-    view = CameraView(_twin(lit), library)
-    deformation = view.dome.press(ProbePress(0.0, 0.0, 3.5))
-    ambient = view._light.at_rest() - CameraView(_twin(), library)._light.at_rest()
-    dark = CameraView(_twin(), library)._light.pressed(deformation.skin_mm)
-    left = view._light.pressed(deformation.skin_mm) - dark
-    assert left[30, 40, 1] < 0.3 * ambient[30, 40, 1]
+    lit, unlit = (
+        CameraView(_twin(msgspec.structs.replace(QUIET, ambient=share)), library) for share in (0.8, 0.0)
+    )
+    apex = ProbePress(0.0, 0.0, 3.5)
+    at_rest = _middle_light(lit, None) - _middle_light(unlit, None)
+    under_the_plate = _middle_light(lit, apex) - _middle_light(unlit, apex)
+    assert under_the_plate < 0.3 * at_rest
+
+
+def test_a_camera_that_does_not_see_the_dome_is_refused(library: FieldLibrary) -> None:
+    away = msgspec.structs.replace(SENSOR.camera, matrix=(380.0, 380.0, 3200.0, 240.0))
+    sensor = msgspec.structs.replace(SENSOR, camera=away)
+    with pytest.raises(ConfigError, match="does not see the dome"):
+        CameraView(msgspec.structs.replace(_twin(), sensor=sensor), library)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(library: FieldLibrary) -> None:

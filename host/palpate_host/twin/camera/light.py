@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate_edge.sensor import Sensor, View
 from palpate_host.twin.camera.deformation import AZIMUTHS, skin_directions
 from palpate_host.twin.camera.look import Look
+from palpate_host.twin.camera.still import Part
 from palpate_host.twin.dome import field_grid as grid
 
 Array = NDArray[np.float64]
@@ -25,20 +26,28 @@ WRAP = 2  # columns of the polar grid that are repeated on either side
 
 
 class SkinLight:
-    """Light over a camera's picture, 1 where the LEDs' is fullest at rest: (height/8, width/8, 3), BGR."""
+    """Light over a part of a camera's picture, 1 where the LEDs' is fullest at rest: (height/8, width/8, 3),
+    BGR."""
 
-    def __init__(self, sensor: Sensor, view: View, look: Look) -> None:
+    def __init__(self, sensor: Sensor, view: View, look: Look, part: Part) -> None:
+        """part: of the picture, its sides multiples of `STEP`."""
         rng = np.random.default_rng([look.seed, 1])
         self._inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
         self._directions = skin_directions()
-        self._leds_mm, self._led_power = _leds(view, look, rng)
-        self._rest = self._irradiance(self._inner_mm * self._directions, self._inner_mm * self._directions)
-        x, y = _coarse_pixels(sensor.camera.width, sensor.camera.height)
+        leds_mm, powers = _leds(view, look, rng)
+        rest_mm = self._inner_mm * self._directions
+        # A press changes the light of all LEDs nearly alike: one lamp amid them tells by how much.
+        self._lamp_mm = np.average(leds_mm, axis=0, weights=powers)
+        self._lamp_at_rest = _irradiance(rest_mm, rest_mm, self._lamp_mm)
+        x, y = _coarse_pixels(part)
         theta, phi = _polar_coordinates(view, self._inner_mm, x, y)
         self._ring = (theta / np.radians(grid.RING_STEP_DEG)).astype(np.float32)
         self._turn = (phi % (2 * np.pi) * AZIMUTHS / (2 * np.pi) + WRAP).astype(np.float32)
-        lens = _vignetting(view, look.vignetting, x, y)
-        leds = self._on_picture(self._rest.astype(np.float32)[..., None]) * lens
+        lens = _vignetting(view, sensor.camera.matrix[2:], look.vignetting, x, y)
+        of_each = [
+            power * _irradiance(rest_mm, rest_mm, led) for led, power in zip(leds_mm, powers, strict=True)
+        ]
+        leds = self._on_picture(np.sum(of_each, axis=0).astype(np.float32)[..., None]) * lens
         self._leds: Floats = leds / leds.max() * np.ones(3, dtype=np.float32)
         self._ambient: Floats = _ambient(x, y, look, rng) * lens
 
@@ -49,7 +58,7 @@ class SkinLight:
         """skin_mm: the displacement of the polar grid (:class:`Deformation`)."""
         rest_mm = self._inner_mm * self._directions
         moved = rest_mm + skin_mm
-        gain = self._irradiance(moved, _normals(moved)) / self._rest
+        gain = _irradiance(moved, _normals(moved), self._lamp_mm) / self._lamp_at_rest
         gain[0] = gain[1].mean()  # all of row 0 is the pole, where the grid has no normal
         inward_mm = np.clip(-(skin_mm * self._directions).sum(axis=2), 0, None)
         shade = 1 / (1 + (inward_mm / BLOCKING_MM) ** 2)
@@ -57,24 +66,22 @@ class SkinLight:
         picture = self._on_picture(both)
         return np.asarray(self._leds * picture[..., :1] + self._ambient * picture[..., 1:])
 
-    def _irradiance(self, points_mm: Array, outward: Array) -> Array:
-        """(rings, azimuths) of Lambert's law for skin and LEDs, which are points that look along +z."""
-        total = np.zeros(points_mm.shape[:2])
-        length = np.maximum(np.sqrt(np.einsum("raj,raj->ra", outward, outward)), 1e-9)
-        for led_mm, power in zip(self._leds_mm, self._led_power, strict=True):
-            way = points_mm - led_mm
-            distance2 = np.einsum("raj,raj->ra", way, way)
-            # cos at the skin times cos at the LED over distance^2; way's length cancels into one square.
-            cosine = np.einsum("raj,raj->ra", way, outward) / length
-            total += power * np.maximum(cosine * way[..., 2], 0.05 * distance2) / distance2**2
-        return total
-
     def _on_picture(self, polar: Floats) -> Floats:
         """(rings, azimuths, k) -> (height/8, width/8, k)."""
         wrapped = np.concatenate([polar[:, -WRAP:], polar, polar[:, : WRAP + 1]], axis=1)
         border = cv2.BORDER_REPLICATE
         mapped = cv2.remap(wrapped, self._turn, self._ring, cv2.INTER_CUBIC, borderMode=border)
         return np.asarray(mapped.reshape(*self._ring.shape, -1), dtype=np.float32)
+
+
+def _irradiance(points_mm: Array, outward: Array, lamp_mm: Array) -> Array:
+    """(rings, azimuths) of Lambert's law for skin and lamp, a point that looks along +z."""
+    length = np.maximum(np.sqrt(np.einsum("raj,raj->ra", outward, outward)), 1e-9)
+    way = points_mm - lamp_mm
+    distance2 = np.einsum("raj,raj->ra", way, way)
+    # cos at the skin times cos at the lamp over distance^2; the way's length cancels into one square.
+    cosine = np.einsum("raj,raj->ra", way, outward) / length
+    return np.asarray(np.maximum(cosine * way[..., 2], 0.05 * distance2) / distance2**2)
 
 
 def _leds(view: View, look: Look, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -95,10 +102,10 @@ def _normals(points_mm: Array) -> Array:
     return np.cross(along, around)
 
 
-def _coarse_pixels(width: int, height: int) -> tuple[Array, Array]:
+def _coarse_pixels(part: Part) -> tuple[Array, Array]:
     """Pixel coordinates of every eighth pixel, each (height/8, width/8), as cv2.resize places them."""
-    x = STEP * np.arange(-(-width // STEP)) + (STEP - 1) / 2
-    y = STEP * np.arange(-(-height // STEP)) + (STEP - 1) / 2
+    x = part.left + STEP * np.arange(part.width // STEP) + (STEP - 1) / 2
+    y = part.top + STEP * np.arange(part.height // STEP) + (STEP - 1) / 2
     columns, rows = np.meshgrid(x, y)
     return columns, rows
 
@@ -112,10 +119,10 @@ def _polar_coordinates(view: View, radius_mm: float, x: Array, y: Array) -> tupl
     return theta.reshape(x.shape), phi.reshape(x.shape)
 
 
-def _vignetting(view: View, power: float, x: Array, y: Array) -> Floats:
-    """(height/8, width/8, 1) how much light of each direction the lens lets through."""
+def _vignetting(view: View, axis_px: tuple[float, ...], power: float, x: Array, y: Array) -> Floats:
+    """(height/8, width/8, 1) how much light of each direction the lens lets through; axis_px: its axis."""
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    axis = view.rays(pixels.mean(axis=0, keepdims=True))[0]
+    axis = view.rays(np.array([axis_px]))[0]
     cosine = np.clip(view.rays(pixels) @ axis, 0.05, 1)
     return np.asarray(cosine**power, dtype=np.float32).reshape(*x.shape, 1)
 

@@ -12,10 +12,10 @@ from palpate_edge.sensor import View
 from palpate_host.twin.camera.bead_ellipse import BeadProjector
 from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
 from palpate_host.twin.camera.deformation import DeformableDome, Deformation, ProbePress
-from palpate_host.twin.camera.light import SkinLight
+from palpate_host.twin.camera.light import STEP, SkinLight
 from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.noise import NoiseField
-from palpate_host.twin.camera.still import dome_mask, overlay, skin_picture
+from palpate_host.twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
 from palpate_host.twin.dome.library import FieldLibrary
 
 Array = NDArray[np.float64]
@@ -41,16 +41,17 @@ class CameraView:
         self.dome = DeformableDome(library, twin.sensor.dome, self._normal)
         view = View(camera, twin.pose)
         self._projector = BeadProjector(camera, twin.pose)
-        self._light = SkinLight(twin.sensor, view, look)
-        self._layer = BeadLayer(camera.width, camera.height, look.softness_px, look.highlight)
-        self._skin = skin_picture(twin.sensor, view, look)
-        self._opening = np.rint(255 * dome_mask(twin.sensor, view, look)).astype(np.uint8)
+        opening = np.asarray(np.rint(255 * dome_mask(twin.sensor, view, look)), dtype=np.uint8)
+        part = self._part = part_with_dome(opening, STEP)  # beads and skin are drawn there only
+        self._light = SkinLight(twin.sensor, view, look, part)
+        self._layer = BeadLayer(part.width, part.height, look.softness_px, look.highlight)
+        self._opening = part.of(opening).copy()
+        self._skin = part.of(skin_picture(twin.sensor, view, look)).copy()
         self._over = overlay(twin.sensor, view, look)
         self._noise = NoiseField(camera.height, camera.width, look.noise_grey, look.seed)
         self._bead_colour = _colour_table(look.bead_bgr)
-        self._size = (camera.width, camera.height)
         # Made once: fresh pages cost more than the pixels' arithmetic.
-        self._fine_light, self._beads = np.empty_like(self._skin), np.empty_like(self._skin)
+        self._fine_light, self._beads, self._dome = (np.empty_like(self._skin) for _ in range(3))
 
     def frame(
         self,
@@ -87,19 +88,22 @@ class CameraView:
         light = self._light.at_rest() if deformation is None else self._light.pressed(deformation.skin_mm)
         flicker = max(0.0, 1 + self.twin.look.flicker * float(rng.standard_normal()))
         coarse = cv2.convertScaleAbs(light, alpha=FULL_LIGHT * exposure * flicker)
-        cv2.resize(coarse, self._size, self._fine_light, interpolation=cv2.INTER_LINEAR)
+        size = (self._part.width, self._part.height)
+        cv2.resize(coarse, size, self._fine_light, interpolation=cv2.INTER_LINEAR)
         centre_px, shape = self.outlines(deformation)
         if hidden:
             shown = np.setdiff1d(np.arange(len(centre_px)), np.fromiter(hidden, dtype=np.intp))
             centre_px, shape = centre_px[shown], shape[shown]
-        covered = cv2.multiply(self._layer.draw(centre_px, shape), self._opening, scale=1 / 255)
-        bare = cv2.bitwise_not(cv2.convertScaleAbs(covered, alpha=255 / WHOLE))
-        image: Image = np.empty_like(self._skin)
-        cv2.cvtColor(bare, cv2.COLOR_GRAY2BGR, image)
-        cv2.multiply(self._skin, image, image, scale=1 / 255)
-        cv2.add(image, cv2.applyColorMap(covered, self._bead_colour, self._beads), image)
-        cv2.multiply(image, self._fine_light, image, scale=1 / FULL_LIGHT)
-        cv2.add(image, self._over, image)
+        beads = self._layer.draw(centre_px - [self._part.left, self._part.top], shape)
+        covered = cv2.multiply(beads, self._opening, scale=1 / 255)
+        dome, bare = self._dome, cv2.bitwise_not(cv2.convertScaleAbs(covered, alpha=255 / WHOLE))
+        cv2.cvtColor(bare, cv2.COLOR_GRAY2BGR, dome)
+        cv2.multiply(self._skin, dome, dome, scale=1 / 255)
+        cv2.add(dome, cv2.applyColorMap(covered, self._bead_colour, self._beads), dome)
+        cv2.multiply(dome, self._fine_light, dome, scale=1 / FULL_LIGHT)
+        image = self._over.copy()
+        seen = self._part.of(image)
+        cv2.add(seen, dome, seen)
         self._noise.add(image, rng)
         return image
 

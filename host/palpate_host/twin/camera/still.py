@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.errors import ConfigError
 from palpate_edge.sensor import Sensor, View
 from palpate_host.twin.camera.look import Look
 
@@ -17,6 +21,35 @@ MOTTLE_PX = 9.0
 MOTTLE = 0.02  # relative standard deviation of the skin's brightness
 GLINT_SIGMA_PX = 1.8
 OUTSIDE_MOTTLE_GREY = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A rectangle of a picture, in pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of(self, picture: NDArray[Any]) -> NDArray[Any]:
+        return picture[self.top : self.top + self.height, self.left : self.left + self.width]
+
+
+def part_with_dome(mask: Image, multiple: int) -> Part:
+    """The smallest part outside of which the mask (height, width) is 0; its sides are multiples of so many
+    pixels, as far as the picture goes. Raises ConfigError where there is none.
+    """
+    if not mask.any():
+        raise ConfigError(
+            "the camera does not see the dome: correct camera.matrix and camera.position_mm in sensor.toml"
+        )
+    height, width = mask.shape
+    (top, bottom), (left, right) = (
+        (int(seen.min()) // multiple * multiple, -(-(int(seen.max()) + 1) // multiple) * multiple)
+        for seen in (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    )
+    return Part(left, top, min(right, width) - left, min(bottom, height) - top)
 
 
 def skin_picture(sensor: Sensor, view: View, look: Look) -> Image:
