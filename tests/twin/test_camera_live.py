@@ -19,11 +19,14 @@ from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.capture import shared_memory
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.simulate_cli import simulate
+
+PATIENCE_S = 150  # of a machine with other work
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +42,7 @@ def _camera(sensor: Path, ring: Path, *options: str) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [*command, "--shm", str(ring), *options], stderr=subprocess.PIPE, text=True, stdout=subprocess.DEVNULL
     )
-    deadline_s = time.monotonic() + 20
+    deadline_s = time.monotonic() + PATIENCE_S
     while not ring.exists():
         assert process.poll() is None
         assert time.monotonic() < deadline_s
@@ -47,10 +50,13 @@ def _camera(sensor: Path, ring: Path, *options: str) -> subprocess.Popen[str]:
     return process
 
 
-def test_live_contacts_are_where_the_camera_says_something_presses(sensor: Path, tmp_path: Path) -> None:
+def test_live_contacts_are_where_the_camera_says_something_presses(
+    sensor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shared_memory, "STALLED_AFTER_S", PATIENCE_S)
     calibration = calibrate(read_dataset(sensor), dome=load_dome_model())
     ring, truth = tmp_path / "ring", tmp_path / "truth.csv"
-    process = _camera(sensor, ring, "--truth", str(truth), "--seconds", "60")
+    process = _camera(sensor, ring, "--truth", str(truth), "--seconds", "600")
     source = SharedMemorySource(ring, calibration.sensor, lambda stamp_us: stamp_us)
     estimator = Estimator(calibration)
     begin_us = time.monotonic_ns() // 1000
@@ -59,10 +65,10 @@ def test_live_contacts_are_where_the_camera_says_something_presses(sensor: Path,
         frame = source.read()
         assert frame is not None
         contacts[frame.sequence] = estimator.estimate(frame)
-        assert -1e6 < frame.exposed_at_us - begin_us < 60e6
+        assert -1e6 < frame.exposed_at_us - begin_us < 1e6 * PATIENCE_S
     source.close()
     process.send_signal(signal.SIGTERM)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "camera stopped" in said
     assert not ring.exists()
@@ -92,11 +98,11 @@ def test_live_contacts_are_where_the_camera_says_something_presses(sensor: Path,
 
 def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, tmp_path: Path) -> None:
     process = _camera(sensor, tmp_path / "ring", "--seconds", "1")
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "exposures skipped" in said
     command = [sys.executable, "-m", "palpate_host.cli", "simulate", "camera", "--shm", "/nowhere/ring"]
-    failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert failed.returncode == 5
     assert failed.stderr.startswith("camera of 85 beads")
     assert "error: /nowhere/ring cannot be made" in failed.stderr
@@ -137,7 +143,7 @@ def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) ->
     finally:
         for process in reversed(processes):
             process.terminate()
-            process.communicate(timeout=20)
+            process.communicate(timeout=PATIENCE_S)
     assert len(places) >= 40
     radius_mm = found.sensor.dome.outer_radius_mm
     assert np.linalg.norm(places, axis=1) == pytest.approx(radius_mm, abs=0.1)
@@ -147,7 +153,7 @@ def _some_places(bus: Bus, count: int) -> list[NDArray[np.float64]]:
     """So many contacts of TPDO 1, mm, without those that were sent before."""
     places: list[NDArray[np.float64]] = []
     bus.receive(0)
-    deadline_s = time.monotonic() + 40
+    deadline_s = time.monotonic() + PATIENCE_S
     while len(places) < count and time.monotonic() < deadline_s:
         bus.send([CanFrame(0x000, bytes([0x01, 16]))])  # NMT start, until the node is there
         for _, frame in bus.receive(0.5):
