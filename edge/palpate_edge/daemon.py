@@ -289,7 +289,7 @@ class _Daemon:
                 error_passive=link.error_passive,
             ),
             clock=ClockHealth(
-                state=core.clock.state(now_us).name.lower(),
+                state=core.clock.state(now_us).value,
                 local_us=now_us,
                 bus_us=core.clock.to_bus_us(now_us),
                 drift_ppm=core.clock.drift_ppb / 1000,
