@@ -26,6 +26,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.bus import Bus, BusConfig, open_bus
+from palpate_edge.bus_clock import WRAP_US
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
 from palpate_edge.can_frame import CanFrame
@@ -41,7 +42,7 @@ from palpate_host.network import SYNC, TimeStampProducer
 
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"
 TICK_S = 0.01
-SETTLE_S = 5.0
+SETTLE_S = 10.0  # starting processes takes half of it
 HUB = "from palpate_host.bus.cli import bus; bus()"
 
 
@@ -80,16 +81,25 @@ class SkewedClock(LocalClock):
 
 
 class Truth(msgspec.Struct):
-    """From a reading of a skewed clock back to Unix time: the inverse of `at_monotonic_us`."""
+    """From a reading of a skewed clock back to CLOCK_MONOTONIC: the inverse of `at_monotonic_us`."""
 
     unix_offset_us: int
     begin_us: int
     oscillator: Oscillator
 
-    def unix_us(self, local_us: int) -> float:
+    def monotonic_us(self, local_us: int) -> float:
         drift = self.oscillator.drift
         unskewed_us = local_us - self.unix_offset_us - self.oscillator.offset_us - self.begin_us
-        return self.unix_offset_us + self.begin_us + unskewed_us / (1 + drift)
+        return self.begin_us + unskewed_us / (1 + drift)
+
+
+def unix_offset_us() -> float:
+    """Unix time minus CLOCK_MONOTONIC, read without being interrupted in between."""
+    readings = []
+    for _ in range(1000):
+        before_ns, unix_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        readings.append((after_ns - before_ns, unix_ns - (before_ns + after_ns) / 2))
+    return min(readings)[1] / 1000
 
 
 def daemon(folder: Path, number: int, bus: BusConfig) -> None:
@@ -137,9 +147,10 @@ def master(bus: Bus, seconds: float, folder: Path) -> dict[tuple[str, int], floa
     errors: dict[tuple[str, int], float] = {}
     begin_s = time.monotonic()
     for tick in range(round(seconds / TICK_S)):
-        for stamp_us, frame in bus.receive(max(0.0, begin_s + tick * TICK_S - time.monotonic())):
-            if frame == SYNC:
-                producer.sync_left(stamp_us)
+        while (left_s := begin_s + tick * TICK_S - time.monotonic()) > 0:
+            for stamp_us, frame in bus.receive(left_s):
+                if frame == SYNC:
+                    producer.sync_left(stamp_us)
         bus.send([*producer.due(time.time_ns() // 1000), SYNC])
         if tick % 100 == 50:
             bus.send([CanFrame(0x000, b"\x01\x00")])
@@ -151,10 +162,12 @@ def master(bus: Bus, seconds: float, folder: Path) -> dict[tuple[str, int], floa
 def told(folder: Path) -> dict[tuple[str, int], float]:
     """What each daemon's health file says of the bus's time, against the truth."""
     found = {}
+    offset_us = unix_offset_us()
     for path in folder.glob("*.health"):
         clock = msgspec.json.decode(path.read_bytes(), type=HealthReport).clock
         truth = msgspec.json.decode(path.with_suffix(".truth").read_bytes(), type=Truth)
-        found[path.stem, clock.local_us] = clock.bus_us - truth.unix_us(clock.local_us)
+        error_us = clock.bus_us - truth.monotonic_us(clock.local_us) - offset_us
+        found[path.stem, clock.local_us] = (error_us + WRAP_US / 2) % WRAP_US - WRAP_US / 2
     return found
 
 
