@@ -36,6 +36,7 @@ def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_ba
 def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
     bus = rig.listen()
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    rig.until((rig.folder / "finger.health").exists)
     before = json.loads((rig.folder / "finger.health").read_bytes())
     rig.hub.kill()
     rig.hub.wait()
