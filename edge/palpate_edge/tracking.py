@@ -85,7 +85,7 @@ class Tracker:
         self._pairs = _neighbours(reference.position_px, self._spacing)
         self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
         gap = self._spacing - 0.5 * reference.diameter_px
-        self._still_apart = float(gap.min()) / np.sqrt(8)  # two beads that both move diagonally by this
+        self._still_apart = float(gap.min()) / 2  # two beads that move towards each other by less
         self.counters = TrackingCounters()
 
     def reset(self) -> None:
@@ -147,7 +147,8 @@ class Tracker:
 
     def _doubles(self, position_px: Array, found: Mask) -> Mask:
         """Beads that sit on another one's place, all but the one that came from nearer by."""
-        if np.abs(position_px - self._reference.position_px).max() < self._still_apart:
+        away = position_px - self._reference.position_px
+        if np.hypot(away[:, 0], away[:, 1]).max() < self._still_apart:
             return np.zeros(len(found), dtype=np.bool_)
         first, second = self._pairs
         apart = position_px[first] - position_px[second]

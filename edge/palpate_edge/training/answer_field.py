@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.training.compress import compressed
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples
 
@@ -22,6 +23,7 @@ LENGTH = 1.0
 PLACE_WEIGHT, FORCE_WEIGHT, SIZE_WEIGHT = 2.0, 2.0, 0.3  # of the answer's parts before the kernel
 OWN_RIDGE, DOME_RIDGE = 1e-3, 1e-1  # another dome's fields count little where the sensor's own are near
 MOST_CENTRES = 800  # of each kind: an answer has but five degrees of freedom
+KEPT_CENTRES = 250
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,9 @@ def fit_answer_field(
         ridges.append(np.full(len(some), ridge))
     points, target = np.concatenate(centres), np.concatenate(shapes)
     offset = np.asarray(target.mean(axis=0))
-    gram = _gauss(points, points) + np.diag(np.concatenate(ridges))
-    return AnswerField(points, np.linalg.solve(gram, target - offset), offset)
+    gram, each_ridge = _gauss(points, points), np.concatenate(ridges)
+    fitted = gram @ np.linalg.solve(gram + np.diag(each_ridge), target - offset)
+    return AnswerField(*compressed(points, fitted, _gauss, KEPT_CENTRES, each_ridge**-0.25), offset)
 
 
 def _gauss(a: Array, b: Array) -> Array:

@@ -10,12 +10,13 @@ sensor's own presses leave of it. Either may be absent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.training.answer_field import AnswerField, fit_answer_field
+from palpate_edge.training.compress import compressed
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples
 from palpate_edge.training.spread import Spread, constant_spread, fit_spread, left_out_residuals
@@ -23,10 +24,13 @@ from palpate_edge.training.spread import Spread, constant_spread, fit_spread, le
 Array = NDArray[np.float64]
 
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
-KEPT_VARIANCE = 0.9995  # of the shapes by their principal components
+KEPT_VARIANCE = 0.998  # of the shapes by their principal components
 DOME_LENGTH, DOME_RIDGE = 2.2, 1e-4
 SETTINGS = tuple((length, ridge) for length in (1.5, 4.0) for ridge in (1e-4, 1e-3, 1e-2, 1.0))
 FORCE_IN_MM = 0.2  # 1 % of the largest force weighs like 0.2 mm when settings are compared
+MOST_CENTRES = 900
+COMMON_LENGTH = 2.2  # of the kernel about the centres that are kept
+OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
 
@@ -115,7 +119,8 @@ def fit(
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
         own, spread = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
-    return _sum(projection, base, own, spread, scale, answer_field)
+    whole = _sum(projection, base, own, spread, scale, answer_field)
+    return _with_fewer_centres(whole, 0 if own is None else len(own.centres))
 
 
 def gauss(a: Array, b: Array, length: Array | float) -> Array:
@@ -219,3 +224,16 @@ def _sum(
         stiffness_scale=stiffness_scale if base is not None else 1.0,
         answer_field=answer_field,
     )
+
+
+def _with_fewer_centres(whole: Regression, own: int) -> Regression:
+    """Nearly the same model with `MOST_CENTRES`; the last `own` centres are the sensor's samples."""
+    count = len(whole.centres)
+    if count <= MOST_CENTRES:
+        return whole
+    importance = np.where(np.arange(count) < count - own, 1.0, OWN_IMPORTANCE)
+    values = gauss(whole.centres, whole.centres, whole.lengths) @ whole.weights
+    centres, weights = compressed(
+        whole.centres, values, lambda a, b: gauss(a, b, COMMON_LENGTH), MOST_CENTRES, importance
+    )
+    return replace(whole, centres=centres, lengths=np.full(len(centres), COMMON_LENGTH), weights=weights)
