@@ -68,7 +68,10 @@ def test_services_are_those_that_tshark_sees(tmp_path, name):
     done = subprocess.run([*command, "-e", "_ws.col.Info"], capture_output=True, text=True, check=True)
     decoder = Decoder(devices_of_header(log.header.entries))
     ours = [decoder.decode(record) for record in log.records]
-    assert [decoded.service for decoded in ours] == [service_of(line) for line in done.stdout.splitlines()]
+    theirs = [service_of(line) for line in done.stdout.splitlines()]
+    # The host's time stamp is every fingertip's RPDO 1 by the EDS; tshark goes by the identifier alone.
+    differ = {d.frame.can_id for d, service in zip(ours, theirs, strict=True) if d.service is not service}
+    assert differ <= {0x1FF}
     assert not [decoded for decoded in ours if "malformed" in decoded.text or "unknown" in decoded.text]
     starts = [d.text for d in ours if d.service is Service.NMT and d.text.startswith("start")]
     assert len(starts) >= 12 and "start finger-1" in starts

@@ -20,8 +20,9 @@ from palpate_host.bus.eds_cli import check_eds
 from palpate_host.bus.fault_cli import fault_rule_options
 from palpate_host.bus.faults import FaultRule
 from palpate_host.bus.hub import Hub
+from palpate_host.bus.lss_cli import lss
 from palpate_host.bus.monitor_cli import monitor
-from palpate_host.bus.node_cli import lss, scan, sdo
+from palpate_host.bus.node_cli import scan, sdo
 from palpate_host.bus.pcap import write_pcap
 from palpate_host.bus.stats_table import stats_table, status_line
 

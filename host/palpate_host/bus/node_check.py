@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from palpate_host.bus.device import Device, Key
-from palpate_host.bus.eds_communication import NOT_VALID, PDO_KINDS, pdo_numbers
+from palpate_host.bus.eds_pdo import NOT_VALID, PDO_KINDS, pdo_numbers
 from palpate_host.bus.eds_values import parse_integer
 
 Read = Callable[[Key], int | None]

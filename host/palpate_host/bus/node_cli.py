@@ -1,4 +1,4 @@
-"""``palpate-host bus scan | sdo | lss``: questions to the nodes of a bus."""
+"""``palpate-host bus scan | sdo``: questions to the nodes of a bus."""
 
 from __future__ import annotations
 
@@ -223,50 +223,3 @@ def _device(node: int, eds_path: Path | None) -> Device | None:
     from palpate_host.bus.device import Device, usual_device  # noqa: PLC0415
 
     return Device(node, f"node 0x{node:02X}", eds_path) if eds_path else usual_device(node)
-
-
-@click.group()
-def lss() -> None:
-    """Give node ids to devices that have none (CiA 305).
-
-    \b
-    palpate-host bus lss list
-    palpate-host bus lss set 0x11 --store
-    palpate-host bus lss set 0x12 --address 0:404:10000:2A
-    """
-
-
-@lss.command("list")
-@BUS_OPTIONS
-def list_(**bus: Any) -> None:
-    """Find every device without a node id by fastscan; prints vendor:product:revision:serial.
-
-    \b
-    palpate-host bus lss list
-    """
-    from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
-    from palpate_host.bus.master_session import master  # noqa: PLC0415
-
-    with master(chosen_bus(**bus), "lss") as network:
-        found = find_unconfigured(network, lambda address: click.echo(str(address)))
-    click.echo(f"{len(found)} devices without a node id", err=True)
-
-
-@lss.command("set")
-@click.argument("node", type=NODE)
-@BUS_OPTIONS
-@click.option("--address", help="vendor:product:revision:serial; the only unconfigured one otherwise.")
-@click.option("--store", is_flag=True, help="Have the device keep the id through power off.")
-def set_(node: int, address: str | None, store: bool, **bus: Any) -> None:
-    """Give the id NODE to a device.
-
-    \b
-    palpate-host bus lss set 0x11 --store
-    """
-    from palpate_host.bus.lss import only_unconfigured, parse_address, set_node_id  # noqa: PLC0415
-    from palpate_host.bus.master_session import master  # noqa: PLC0415
-
-    with master(chosen_bus(**bus), "lss") as network:
-        device = parse_address(address) if address else only_unconfigured(network)
-        set_node_id(network, device, node, store)
-    click.echo(f"{device} has node id 0x{node:02X}{', stored' if store else ''}")
