@@ -24,7 +24,7 @@ settings.load_profile("any-machine")
 
 @pytest.fixture(scope="session")
 def hand_config() -> HandConfig:
-    return load(MODEL)[0]
+    return load(MODEL)
 
 
 @pytest.fixture(scope="session")

@@ -99,6 +99,10 @@ class RollingHand:
             for i in range(3)
         )
 
+    def tip_distances_m(self) -> Array:
+        """(3,) from each tip's centre to its face: r less the indentation."""
+        return self.twin.tip_radius_m - self._indentation()[2]
+
     def step(self, torque_Nm: Array) -> None:
         """Move on by one step under the joint torques u (nq,)."""
         twin, data, h = self.twin, self.data, self.step_s

@@ -1,0 +1,154 @@
+"""The paper's simulation (Fig. 17) and experiment (Fig. 20): every turn, law and engine, and their table."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from palpate_host import hand_config, rotation
+from palpate_host.hand_config import ControlMode
+from palpate_host.rotation import Array
+from palpate_host.twin.hand.experiment import RECORD_S, Outcome, Trial, run_trial
+from palpate_host.twin.hand.external_camera import MarkerTruth, camera_above
+
+STEP_DEG = 30.0
+AXES = ("roll", "pitch", "yaw")
+INTEGRAL_PER_S = 3.0
+MARKER_EVERY = 10  # of the recorded poses: 5 pictures a second
+
+
+class Law(enum.Enum):
+    """Which controller turns the object."""
+
+    PROPOSED = "proposed"
+    BLIND = "blind"
+    INTEGRAL = "integral"
+
+    def trial(self, axis: int, duration_s: float, noise_mm: float, seed: int) -> Trial:
+        """The 30 degrees step about one axis under this law, 50 ms late."""
+        rpy = [0.0, 0.0, 0.0]
+        rpy[axis] = STEP_DEG
+        return Trial(
+            mode=ControlMode.BLIND if self is Law.BLIND else ControlMode.PROPOSED,
+            rpy_deg=(rpy[0], rpy[1], rpy[2]),
+            duration_s=duration_s,
+            noise_mm=noise_mm,
+            integral_per_s=INTEGRAL_PER_S if self is Law.INTEGRAL else 0.0,
+            seed=seed,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run of the study. by_marker: also measured by an external camera."""
+
+    hand_toml: Path
+    engine: str
+    law: Law
+    axis: int
+    duration_s: float
+    noise_mm: float
+    seed: int
+    by_marker: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A case and what became of it; marker_rpy_deg (m, 3) at marker_s (m,), as the external camera saw it."""
+
+    case: Case
+    outcome: Outcome
+    marker_s: Array
+    marker_rpy_deg: Array
+    marker_error_deg: float | None
+
+
+def all_cases(
+    hand_toml: Path, engines: Sequence[str], duration_s: float, noise_mm: float, seed: int, by_marker: bool
+) -> list[Case]:
+    """Three axes, three laws, each engine."""
+    return [
+        Case(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker)
+        for engine in engines
+        for axis in range(3)
+        for law in Law
+    ]
+
+
+def run_all(cases: Sequence[Case], jobs: int, done: Callable[[], None]) -> list[Result]:
+    """Every case, `jobs` at a time; the order and the results do not depend on `jobs`."""
+    if jobs == 1:
+        results = []
+        for case in cases:
+            results.append(run_case(case))
+            done()
+        return results
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(run_case, case) for case in cases]
+        for future in futures:
+            future.add_done_callback(lambda _: done())
+        return [future.result() for future in futures]
+
+
+def run_case(case: Case) -> Result:
+    """One simulation, and what the external camera measured of it."""
+    trial = case.law.trial(case.axis, case.duration_s, case.noise_mm, case.seed)
+    outcome = run_trial(case.hand_toml, case.engine, trial)
+    if not case.by_marker:
+        return Result(case, outcome, np.zeros(0), np.zeros((0, 3)), None)
+    times, turns = _seen_by_camera(case, outcome)
+    goal = rotation.from_rpy_deg(*trial.rpy_deg)
+    rpy = np.array([rotation.to_rpy_deg(turn) for turn in turns])
+    return Result(case, outcome, times, rpy, rotation.angle_deg(goal @ turns[-1].T))
+
+
+def _seen_by_camera(case: Case, outcome: Outcome) -> tuple[Array, list[Array]]:
+    """The object's turn since the first picture, from pictures of its marker."""
+    twin = hand_config.load(case.hand_toml).twin
+    assert twin is not None  # the trial ran
+    camera = camera_above(np.array(twin.object.position_m), twin.object.length_m)
+    truth, rng = MarkerTruth(camera), np.random.default_rng(case.seed)
+    times, turns = [], []
+    start: Array | None = None
+    last = len(outcome.poses) - 1
+    for index in sorted({*range(0, len(outcome.poses), MARKER_EVERY), last}):
+        turn, place_m = outcome.poses[index]
+        R = truth.object_rotation(camera.picture(turn, place_m, rng))
+        if R is None:
+            continue
+        start = R if start is None else start
+        times.append(index * RECORD_S)
+        turns.append(R @ start.T)
+    return np.array(times), turns
+
+
+def table(results: Sequence[Result]) -> str:
+    """Markdown: a row for each engine and axis, the final error under each law, and what the run was like."""
+    lines = [
+        "| hand | engine | turn | proposed deg | blind deg | integral deg | marker: proposed, blind deg"
+        " | friction/normal | slip mm | energy error |",
+        "|---|---|---|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    cases = {(r.case.hand_toml.stem, r.case.engine, r.case.axis): r for r in results}
+    for hand, engine, axis in cases:
+        of = {
+            r.case.law: r
+            for r in results
+            if (r.case.hand_toml.stem, r.case.engine, r.case.axis) == (hand, engine, axis)
+        }
+        proposed = of[Law.PROPOSED].outcome
+        errors = [f"{of[law].outcome.error_deg:.2f}" for law in Law]
+        seen = [of[law].marker_error_deg for law in (Law.PROPOSED, Law.BLIND)]
+        energy = "" if proposed.energy_error is None else f"{abs(proposed.energy_error):.0e}"
+        lines.append(
+            f"| {hand} | {engine} | {AXES[axis]} {STEP_DEG:g} | {errors[0]} | {errors[1]} | {errors[2]} | "
+            f"{', '.join(f'{error:.2f}' for error in seen if error is not None)} | "
+            f"{proposed.friction_ratio:.2f} | {proposed.slip_mm.max():.3f} | {energy} |"
+        )
+    return "\n".join(lines)
