@@ -94,10 +94,10 @@ def test_impossible_objects_are_refused(table_3, change, says):
 def test_a_hand_without_a_twin_or_with_another_pose_is_refused(table_3):
     config = table_3[0]
     with pytest.raises(ConfigError, match=r"no \[twin\] section"):
-        twin_model(msgspec.structs.replace(config, twin=None), False, False)
+        twin_model(msgspec.structs.replace(config, twin=None), with_contacts=False)
     short = msgspec.structs.replace(config.twin, start_pose_rad=(0.0, 0.3))
     with pytest.raises(ConfigError, match=r"start_pose_rad has 2 angles, finger-1 5 joints"):
-        twin_model(msgspec.structs.replace(config, twin=short), False, False)
+        twin_model(msgspec.structs.replace(config, twin=short), with_contacts=False)
 
 
 def test_newton_and_euler_hold_for_the_object(table_3):
@@ -263,7 +263,7 @@ def test_geometry_must_fit_the_fingers(table_3):
     fewer = msgspec.structs.replace
     short = fewer(config.geometry, links=config.geometry.links[:2])
     with pytest.raises(ConfigError, match=r"geometry.links has 3 joints, finger 1 of \[\[fingers\]\] 5"):
-        twin_model(fewer(config, geometry=short), False, False)
+        twin_model(fewer(config, geometry=short), with_contacts=False)
     alone = fewer(config.geometry, base_azimuth_deg=(0.0,))
     with pytest.raises(ConfigError, match="1 angles for 3 fingers"):
-        twin_model(fewer(config, geometry=alone), False, False)
+        twin_model(fewer(config, geometry=alone), with_contacts=False)

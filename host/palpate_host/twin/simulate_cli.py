@@ -10,6 +10,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "dome": ("palpate_host.twin.dome.cli:dome", "The dome by finite elements and its library."),
     "dataset": ("palpate_host.twin.camera.cli:dataset", "Press datasets of simulated sensors."),
     "paper": ("palpate_host.twin.hand.cli:paper", "The paper's Figs. 17 and 20: an object turned in a hand."),
+    "loop": ("palpate_host.twin.hand.cli:loop", "Hand, fingertips, bus, drives and host in lock step."),
     "hand": ("palpate_host.twin.hand.cli:hand", "Check a hand.toml: print and draw its hand."),
     "camera": ("palpate_host.twin.camera.cli:camera", "A simulated sensor's camera, live, in shared memory."),
 }

@@ -126,3 +126,106 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
     if picture is not None:
         draw(path, picture)
         click.echo(f"{picture}")
+
+
+@click.command()
+@hand_option
+@click.option(
+    "--turn",
+    "turns",
+    type=click.Choice(["roll", "pitch", "yaw"]),
+    multiple=True,
+    default=("roll", "pitch", "yaw"),
+    show_default=True,
+    help="About which axis, by 30 deg; each is a run of its own.",
+)
+@click.option("--seconds", type=click.FloatRange(2.0, 600), default=8.0, show_default=True, help="Of a run.")
+@click.option("--friction", type=click.FloatRange(0.05, 5.0), help="Of the tips.  [default: the hand's]")
+@click.option(
+    "--integral",
+    type=click.FloatRange(0.0, 10.0),
+    default=0.0,
+    show_default=True,
+    help="control.integral_per_s.",
+)
+@click.option("--engine", type=click.Choice(["eqs", "mujoco"]), default="mujoco", show_default=True)
+@click.option("--direct", is_flag=True, help="True contacts with noise in place of rendered frames.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("loop"),
+    show_default=True,
+    help="Folder for the sensors, kept for the next run, and results.md.",
+)
+def loop(
+    hand_name: str,
+    turns: tuple[str, ...],
+    seconds: float,
+    friction: float | None,
+    integral: float,
+    engine: str,
+    direct: bool,
+    seed: int,
+    output: Path,
+) -> None:
+    """The whole chain in lock step: physics, rendered fingertips, estimators, CAN nodes, drives, host.
+
+    Grasps the object and turns it. One process on a virtual clock: the same options give the same numbers,
+    however busy the machine is. The first run makes a sensor for each finger and calibrates it.
+
+    \b
+    Examples:
+      palpate-host simulate loop --turn yaw
+      palpate-host simulate loop --direct --friction 0.8 --integral 1
+    """
+    from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
+
+    from palpate_host import hand_config  # noqa: PLC0415
+    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_host.twin.hand.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
+    from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+    from palpate_host.twin.hand.loop import loop_table, run_loop  # noqa: PLC0415
+    from palpate_host.twin.hand.paper import AXES  # noqa: PLC0415
+
+    path = hand_file(hand_name)
+    config = hand_config.load(path)
+    radius_mm = 1e3 * config.control.tip_radius_m
+    output.mkdir(parents=True, exist_ok=True)
+    with Progress() as progress:
+        task = progress.add_task("fingertips", total=len(turns))
+        sensors = None
+        if not direct:
+            library = load_library()
+            names = [finger.name for finger in config.fingers]
+            sensors = fingertip_sensors(
+                output, names, radius_mm, seed, library, lambda text: progress.update(task, description=text)
+            )
+
+        def make_feel() -> Feel:
+            if sensors is None:
+                return DirectFeel(radius_mm, CONTACT_NOISE_MM, seed)
+            return RenderedFeel(sensors, library, seed)
+
+        results = []
+        for turn in turns:
+            progress.update(task, description=turn)
+            results.append(
+                run_loop(
+                    path,
+                    AXES.index(turn),
+                    make_feel,
+                    seconds=seconds,
+                    friction=friction,
+                    integral_per_s=integral,
+                    engine=engine,
+                )
+            )
+            progress.advance(task)
+    text = loop_table(results)
+    (output / "results.md").write_text(text + "\n", encoding="utf-8")
+    click.echo(text)
+    for result in results:
+        if result.failure:
+            raise click.ClickException(f"the host stopped the hand: {result.failure}")

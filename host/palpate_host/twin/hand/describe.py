@@ -52,7 +52,7 @@ def mjcf(hand_toml: Path) -> str:
 
 def draw(hand_toml: Path, path: Path) -> None:
     """Hand and object in the start pose. ConfigError when this machine can draw nothing."""
-    twin = twin_model(hand_config.load(hand_toml), with_contacts=False, has_object_weight=False)
+    twin = twin_model(hand_config.load(hand_toml), with_contacts=False)
     image = render(twin.model, twin.start())
     if not cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
         raise ConfigError(f"{path}: cannot be written: give another --picture")

@@ -72,12 +72,12 @@ class Outcome:
     energy_error: float | None
 
 
-def make_engine(config: HandConfig, name: str) -> Engine:
-    """`eqs`: Eqs. (4)-(8); `mujoco`: contacts with friction. No weight on the object, as in Eq. (5)."""
-    engine: Engine = ENGINES[name](
-        twin_model(config, with_contacts=name == "mujoco", has_object_weight=False)
-    )
-    return engine
+def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
+    """`eqs`: Eqs. (4)-(8); `mujoco`: contacts with friction. No weight on the object, as in Eq. (5).
+
+    has_B: the joints themselves have the damping of Eq. (10).
+    """
+    return ENGINES[name](twin_model(config, with_contacts=name == "mujoco", has_B=has_B))
 
 
 def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:

@@ -53,8 +53,13 @@ class TwinModel:
         return data
 
 
-def twin_model(config: HandConfig, with_contacts: bool, has_object_weight: bool) -> TwinModel:
-    """The model of `config`. with_contacts: MuJoCo finds the contacts. has_object_weight: Eq. (5) has none.
+def twin_model(
+    config: HandConfig, *, with_contacts: bool, has_object_weight: bool = False, has_B: bool = True
+) -> TwinModel:
+    """The model of `config`.
+
+    with_contacts: MuJoCo finds the contacts. has_object_weight: Eq. (5) has none. has_B: the joints have the
+    damping B of Eq. (10), which is then not to be asked for as a torque.
 
     ConfigError when hand.toml has no [twin] or its start pose does not fit the fingers.
     """
@@ -85,7 +90,7 @@ def twin_model(config: HandConfig, with_contacts: bool, has_object_weight: bool)
         twin=twin,
         prism=prism,
         tip_radius_m=config.control.tip_radius_m,
-        damping_Nms_rad=np.array([j.B_Nms_rad for j in config.joints]) + twin.joint_friction_Nms_rad,
+        damping_Nms_rad=has_B * np.array([j.B_Nms_rad for j in config.joints]) + twin.joint_friction_Nms_rad,
         start_rad=np.tile(twin.start_pose_rad, len(config.fingers)),
         q_address=model.jnt_qposadr[joints],
         v_address=model.jnt_dofadr[joints],

@@ -1,0 +1,106 @@
+"""What the simulated fingertips feel: from a tip on the object to the Contact that its node publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from palpate_edge.calibration import Calibration
+from palpate_edge.capture.frame import Frame
+from palpate_edge.contact_type import Contact
+from palpate_edge.estimator import Estimator
+from palpate_host.rotation import Array
+from palpate_host.twin.camera.deformation import ProbePress
+from palpate_host.twin.camera.look import TwinSensor
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.dome.library import FieldLibrary
+
+LARGEST_THETA_DEG = 74.0
+"""The library's fields end at 75 degrees from the pole."""
+
+
+class Feel(Protocol):
+    """Turns one exposure of one fingertip into a Contact."""
+
+    def contact(
+        self, finger: int, into_F_mm: Array | None, normal_force_N: float, exposed_at_us: int, sequence: int
+    ) -> Contact:
+        """into_F_mm: (3,) from the dome's centre to the contact on the object, in F; None: no touch."""
+        ...
+
+
+class DirectFeel:
+    """The true contact with noise, as good as the estimator is on average; no pictures."""
+
+    def __init__(self, radius_mm: float, noise_mm: float, seed: int) -> None:
+        self._radius_mm, self._noise_mm = radius_mm, noise_mm
+        self._rng = np.random.default_rng(seed)
+
+    def contact(
+        self,
+        finger: int,  # noqa: ARG002 - every finger has the same noise
+        into_F_mm: Array | None,
+        normal_force_N: float,
+        exposed_at_us: int,
+        sequence: int,
+    ) -> Contact:
+        """See :class:`Feel`."""
+        position = None
+        if into_F_mm is not None:
+            on_dome = self._radius_mm / np.linalg.norm(into_F_mm) * into_F_mm
+            x, y, z = on_dome + self._noise_mm * self._rng.normal(size=3)
+            position = (float(x), float(y), float(z))
+        return Contact(
+            sequence=sequence,
+            exposed_at_us=exposed_at_us,
+            valid=True,
+            in_contact=position is not None,
+            position_mm=position,
+            normal_force_N=normal_force_N,
+            force_N=None,
+            torsion_Nmm=None,
+            quality=1.0,
+            reason="",
+            beads_found=0,
+            beads_expected=0,
+        )
+
+
+class RenderedFeel:
+    """The sensor's picture of a dome pressed by the object's face, and the fingertip's own estimator on it.
+
+    The dome by finite elements is indented as deep as the tip; its force is its own. Tangential forces do not
+    show in the picture.
+    """
+
+    def __init__(
+        self, sensors: Sequence[tuple[TwinSensor, Calibration]], library: FieldLibrary, seed: int
+    ) -> None:
+        """sensors: each finger's sensor as it is, and the calibration that it runs with."""
+        self._views = [CameraView(twin, library) for twin, _ in sensors]
+        self._estimators = [Estimator(calibration) for _, calibration in sensors]
+        self._radius_mm = [twin.sensor.dome.outer_radius_mm for twin, _ in sensors]
+        self._rng = np.random.default_rng(seed)
+
+    def contact(
+        self,
+        finger: int,
+        into_F_mm: Array | None,
+        normal_force_N: float,  # noqa: ARG002 - the picture tells
+        exposed_at_us: int,
+        sequence: int,
+    ) -> Contact:
+        """See :class:`Feel`."""
+        press = None if into_F_mm is None else self._press(finger, into_F_mm)
+        image, _ = self._views[finger].frame(press, self._rng)
+        return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
+
+    def _press(self, finger: int, into_F_mm: Array) -> ProbePress:
+        x, y, z = into_F_mm
+        distance_mm = float(np.linalg.norm(into_F_mm))
+        theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
+        depth_mm = self._radius_mm[finger] - distance_mm
+        deepest_mm = self._views[finger].dome.largest_depth_mm(theta_rad, ProbePress(0.0, 0.0, 0.0).probe)
+        return ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))

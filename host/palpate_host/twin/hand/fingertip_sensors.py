@@ -1,0 +1,66 @@
+"""Simulated fingertip sensors for a hand, each made up from a seed, pressed, and calibrated as a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import Calibration, load_calibration, save_calibration
+from palpate_edge.dataset import read_dataset
+from palpate_edge.errors import ConfigError
+from palpate_edge.training.dome_model import load_dome_model
+from palpate_host.twin.camera import layouts
+from palpate_host.twin.camera.look import TwinSensor, load_twin
+from palpate_host.twin.camera.random_sensor import random_sensor
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_host.twin.dome.library import FieldLibrary
+
+PRESSES = 60
+SEEDS_TO_TRY = 100
+RADIUS_TOLERANCE_MM = 0.01
+
+
+def fingertip_sensors(
+    folder: Path,
+    names: Sequence[str],
+    radius_mm: float,
+    seed: int,
+    library: FieldLibrary,
+    done: Callable[[str], None],
+) -> list[tuple[TwinSensor, Calibration]]:
+    """A sensor and its calibration for each finger, made in `folder` or found there from an earlier run.
+
+    radius_mm: of the hand's domes. ConfigError when no seed near `seed` has that size, or when a sensor found
+    there has another.
+    """
+    sensors = []
+    candidates = iter(range(1000 * seed, 1000 * seed + SEEDS_TO_TRY))
+    for name in names:
+        dataset, calibration = folder / name, folder / f"{name}.cal"
+        if not calibration.exists():
+            view = CameraView(_sensor_of_size(candidates, radius_mm), library)
+            done(f"{name}: {PRESSES} presses")
+            write_dataset(dataset, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
+            done(f"{name}: calibration")
+            save_calibration(calibrate(read_dataset(dataset), dome=load_dome_model()), calibration)
+        twin = load_twin(dataset / "twin.json")
+        if abs(twin.sensor.dome.outer_radius_mm - radius_mm) > RADIUS_TOLERANCE_MM:
+            raise ConfigError(
+                f"{dataset}: a dome of {twin.sensor.dome.outer_radius_mm:g} mm, the hand's tips have"
+                f" {radius_mm:g}: give another --output, or remove that folder and {calibration.name}"
+            )
+        sensors.append((twin, load_calibration(calibration)))
+    return sensors
+
+
+def _sensor_of_size(seeds: Iterator[int], radius_mm: float) -> TwinSensor:
+    """The next made-up sensor with 85 beads in rings and that radius."""
+    for seed in seeds:
+        twin = random_sensor(seed, layouts.NAMES[0])
+        if abs(twin.sensor.dome.outer_radius_mm - radius_mm) <= RADIUS_TOLERANCE_MM:
+            return twin
+    raise ConfigError(
+        f"no made-up sensor has a dome of {radius_mm:g} mm: use a hand with tips of 30 mm, or --direct"
+    )

@@ -1,0 +1,200 @@
+"""The closed loop in one process on a virtual clock: hand, object, fingertips, drives and host, on one bus.
+
+Everything but the physics is what runs as a process elsewhere: the host's core, the fingertips' CANopen
+nodes, the drives' CiA 402 slaves, and every frame between them. Time goes on in steps of the engine; nothing
+waits, nothing depends on the machine: the same arguments give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.contact_type import Contact
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
+from palpate_host import rotation
+from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig, JointConfig
+from palpate_host.master import HostCore
+from palpate_host.network import SYNC
+from palpate_host.rotation import Array
+from palpate_host.supervisor import Mode
+from palpate_host.twin.drive_plant import JointParameters
+from palpate_host.twin.hand.engine import Engine
+from palpate_host.twin.hand.fingertip_feel import Feel
+
+START_US = 1_700_000_000_000_000
+FRAME_PERIOD_US = 33_333
+DELAY_US = 40_000
+"""From a frame's exposure to its contact in the node: half a frame of exposure, read-out, the estimate."""
+WIRE_US = 130
+"""A frame of 8 bytes with its stuff bits at 1 Mbit/s."""
+
+
+class HandMotor:
+    """Table 4's motor on a joint that the engine moves; the angles are the drive's own."""
+
+    def __init__(self, joint: JointConfig) -> None:
+        self._joint = joint
+        self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
+        self._torque_Nm = 0.0
+        self._state = MotorState(0.0, 0.0)
+
+    @property
+    def joint_torque_Nm(self) -> float:
+        """On the joint, in the direction of q."""
+        return self._joint.direction * self._torque_Nm
+
+    def moved(self, q_rad: float, qdot_rad_s: float) -> None:
+        """Where the engine brought the joint."""
+        direction = self._joint.direction
+        self._state = MotorState(direction * (q_rad - self._joint.zero_offset_rad), direction * qdot_rad_s)
+
+    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the loop keeps it up to date
+        return self._state
+
+    def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
+        self._torque_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
+
+    def reset_fault(self) -> None:
+        """Has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One host tick: virtual seconds since the start, the host's mode, the object's rotation (3, 3)."""
+
+    time_s: float
+    mode: Mode
+    object_rotation: Array
+
+
+@dataclass(slots=True)
+class LoopRecord:
+    """contacts: (finger, what was published, the true point on the dome or None)."""
+
+    samples: list[Sample] = field(default_factory=list)
+    contacts: list[tuple[int, Contact, Array | None]] = field(default_factory=list)
+    bus_frames: int = 0
+    failure: str = ""
+
+
+class LockstepLoop:
+    """Everything on one virtual bus; `run` moves it on."""
+
+    def __init__(self, config: HandConfig, hand: Hand, engine: Engine, feel: Feel) -> None:
+        self.engine, self.record = engine, LoopRecord()
+        self._hand, self._feel = hand, feel
+        self._radius_mm = 1e3 * config.control.tip_radius_m
+        self._host = HostCore(config, hand)
+        self._motors = [HandMotor(joint) for joint in config.joints]
+        drives = [
+            Cia402Device(joint.drive_node, motor)
+            for joint, motor in zip(config.joints, self._motors, strict=True)
+        ]
+        self._tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self._nodes: list[Cia402Device | FingertipNode] = [*drives, *self._tips]
+        self._due_us = [START_US] * len(self._nodes)
+        self._now_us = START_US
+        self._wire: deque[tuple[int, CanFrame, bool]] = deque()
+        self._wire_free_us = START_US
+        self._exposure = [START_US + finger * FRAME_PERIOD_US // 3 for finger in range(3)]
+        self._sequence = [0, 0, 0]
+        self._pending: deque[tuple[int, int, Contact]] = deque()
+
+    def run(self, duration_s: float) -> LoopRecord:
+        """Move on; ends early when the host has stopped the hand."""
+        end_us = self._now_us + round(duration_s * 1e6)
+        finished = False
+        while self._now_us < end_us and not finished:
+            finished = self._step()
+        return self.record
+
+    def _step(self) -> bool:
+        engine, now_us = self.engine, self._now_us
+        for motor, q_rad, qdot_rad_s in zip(self._motors, engine.q_rad, engine.qdot_rad_s, strict=True):
+            motor.moved(float(q_rad), float(qdot_rad_s))
+        to_nodes, to_host = self._arrived(now_us)
+        self._expose(now_us)
+        self._publish(now_us)
+        for index, node in enumerate(self._nodes):
+            if to_nodes or now_us >= self._due_us[index]:
+                answer = node.process(now_us, to_nodes)
+                self._due_us[index] = answer.next_due_us
+                self._send(now_us, answer.frames_out, from_host=False)
+        output = self._host.process(now_us, to_host)
+        self._send(now_us, output.frames_out, from_host=True)
+        if output.frames_out and output.status is not None:
+            seconds = (now_us - START_US) * 1e-6
+            self.record.samples.append(Sample(seconds, output.status.mode, engine.object_rotation))
+        self.record.failure = output.failure
+        engine.step(np.array([motor.joint_torque_Nm for motor in self._motors]))
+        self._now_us += round(engine.step_s * 1e6)
+        return output.finished
+
+    def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
+        """Onto the wire, one after the other."""
+        for frame in frames:
+            self._wire_free_us = max(self._wire_free_us, now_us) + WIRE_US
+            self._wire.append((self._wire_free_us, frame, from_host))
+            self.record.bus_frames += 1
+
+    def _arrived(self, now_us: int) -> tuple[list[CanFrame], list[tuple[int, CanFrame]]]:
+        """What nodes and host receive until now; the host hears its own SYNC."""
+        to_nodes: list[CanFrame] = []
+        to_host: list[tuple[int, CanFrame]] = []
+        while self._wire and self._wire[0][0] <= now_us:
+            stamp_us, frame, from_host = self._wire.popleft()
+            if from_host:
+                to_nodes.append(frame)
+            if not from_host or frame == SYNC:
+                to_host.append((stamp_us, frame))
+        return to_nodes, to_host
+
+    def _expose(self, now_us: int) -> None:
+        """A frame of each fingertip that is due, taken now, known to the node DELAY_US later."""
+        due = [finger for finger in range(3) if now_us >= self._exposure[finger]]
+        if not due:
+            return
+        pose = self._hand.pose(self.engine.q_rad)
+        touches = self.engine.touches()
+        for finger in due:
+            touch = touches[finger]
+            into_F_mm = None
+            if touch is not None:
+                arm_m = touch.point_m - pose.tip_centre_m[finger]
+                into_F_mm = 1e3 * pose.tip_rotation[finger].T @ arm_m
+            force_N = 0.0 if touch is None else touch.normal_force_N
+            contact = self._feel.contact(finger, into_F_mm, force_N, now_us, self._sequence[finger])
+            truth = None if into_F_mm is None else self._radius_mm / np.linalg.norm(into_F_mm) * into_F_mm
+            self.record.contacts.append((finger, contact, truth))
+            self._pending.append((now_us, finger, contact))
+            self._sequence[finger] += 1
+            self._exposure[finger] += FRAME_PERIOD_US
+
+    def _publish(self, now_us: int) -> None:
+        while self._pending and self._pending[0][0] + DELAY_US <= now_us:
+            exposed_us, finger, contact = self._pending.popleft()
+            self._tips[finger].publish(contact, now_us - exposed_us)
+            self._due_us[self._nodes.index(self._tips[finger])] = now_us
+
+
+def missing_turn_deg(record: LoopRecord, rpy_deg: tuple[float, float, float]) -> tuple[float, Array]:
+    """Angle between the object and where it should be at the end, and its roll, pitch, yaw (n, 3) since the
+    host began to turn it; the start is the first tick in MANIPULATE."""
+    turning = [sample for sample in record.samples if sample.time_s >= _begin_s(record)]
+    start = turning[0].object_rotation
+    rpy = np.array([rotation.to_rpy_deg(sample.object_rotation @ start.T) for sample in turning])
+    goal = rotation.from_rpy_deg(*rpy_deg) @ start
+    return rotation.angle_deg(goal @ turning[-1].object_rotation.T), rpy
+
+
+def _begin_s(record: LoopRecord) -> float:
+    return next((s.time_s for s in record.samples if s.mode in (Mode.MANIPULATE, Mode.BLIND)), np.inf)

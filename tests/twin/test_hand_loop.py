@@ -1,0 +1,104 @@
+"""The closed loop in lock step: physics, fingertip nodes, bus, drives and host on one virtual clock."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.dataset import read_dataset
+from palpate_edge.training.dome_model import load_dome_model
+from palpate_host.drives.cia402_device import MotorState
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.host import load_hand
+from palpate_host.supervisor import Mode
+from palpate_host.twin.camera import layouts
+from palpate_host.twin.camera.random_sensor import random_sensor
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_host.twin.dome.library import load_library
+from palpate_host.twin.hand.cli import PACKAGED
+from palpate_host.twin.hand.experiment import make_engine
+from palpate_host.twin.hand.fingertip_feel import DirectFeel, RenderedFeel
+from palpate_host.twin.hand.lockstep import HandMotor, LockstepLoop
+from palpate_host.twin.hand.loop import run_loop
+
+TABLE_4 = PACKAGED["table4"]
+YAW = 2
+
+
+def test_the_chain_turns_the_object():
+    """Grasp, settle, 30 deg of yaw within 2 s: within 3 deg, no tip slides, the host never stops."""
+    result = run_loop(
+        TABLE_4,
+        YAW,
+        lambda: DirectFeel(30.0, 0.09, 1),
+        seconds=3.5,
+        friction=None,
+        integral_per_s=0.0,
+        engine="mujoco",
+    )
+    assert result.failure == ""
+    assert result.error_deg < 3.0
+    assert result.slip_mm.max() < 1.0
+    assert result.refused == 0
+    assert 0.05 < result.contact_error_mm < 0.2
+
+
+def test_a_run_repeats_bit_for_bit():
+    config, hand = load_hand(TABLE_4)
+
+    def rotations(seed):
+        loop = LockstepLoop(
+            config, hand, make_engine(config, "mujoco", has_B=False), DirectFeel(30, 0.5, seed)
+        )
+        return np.array([sample.object_rotation for sample in loop.run(0.9).samples]).tobytes()
+
+    first = rotations(1)
+    assert rotations(1) == first
+    assert rotations(2) != first
+
+
+def test_a_touch_that_ends_is_no_more_turned_by():
+    """Contacts vanish at 0.8 s: the host freezes the target, then only grasps."""
+    config, hand = load_hand(TABLE_4)
+
+    class Numb(DirectFeel):
+        def contact(self, finger, into_F_mm, normal_force_N, exposed_at_us, sequence):
+            felt = None if sequence > 24 else into_F_mm
+            return super().contact(finger, felt, normal_force_N, exposed_at_us, sequence)
+
+    loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), Numb(30.0, 0.0, 1))
+    modes = [sample.mode for sample in loop.run(2.2).samples]
+    order = list(dict.fromkeys(modes))
+    assert order.index(Mode.MANIPULATE) < order.index(Mode.BLIND)
+    assert modes[-1] is Mode.HOLD
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_reversed_drive_turns_its_joint_the_same_way(direction):
+    joint = load_hand(TABLE_4)[0].joints[0]
+    motor = HandMotor(msgspec.structs.replace(joint, direction=direction, zero_offset_rad=0.2))
+    motor.moved(0.5, 1.0)
+    assert motor.state(0) == MotorState(pytest.approx(direction * 0.3), direction * 1.0)
+    motor.order(0, JointCommand(DriveGoal.TORQUE, direction * 0.1))
+    assert motor.joint_torque_Nm == pytest.approx(0.1)
+    motor.order(0, JointCommand(DriveGoal.QUICK_STOP, 0.1))
+    assert motor.joint_torque_Nm == 0.0
+
+
+def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):
+    """Picture and estimator between the true contact and the published one."""
+    library = load_library()
+    twin = random_sensor(0, layouts.NAMES[0])
+    view = CameraView(twin, library)
+    write_dataset(tmp_path / "dome", view, single_presses(view, Plan(12, 0), 1), 4, 1)
+    calibration = calibrate(read_dataset(tmp_path / "dome"), dome=load_dome_model())
+    feel = RenderedFeel([(twin, calibration)], library, 1)
+    radius = twin.sensor.dome.outer_radius_mm
+    assert not feel.contact(0, None, 0.0, 0, 0).in_contact
+    towards = np.array([0.4, -0.2, 0.89])
+    towards /= np.linalg.norm(towards)
+    for sequence, depth in enumerate((0.6, 1.2, 1.8), start=1):
+        contact = feel.contact(0, (radius - depth) * towards, 1.0, 33_333 * sequence, sequence)
+    assert contact.valid and contact.in_contact
+    assert np.linalg.norm(np.array(contact.position_mm) - radius * towards) < 1.0
