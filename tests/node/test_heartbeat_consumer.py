@@ -59,6 +59,9 @@ def test_silence_is_told_once_and_taken_back(slave: Slave) -> None:
     slave.process(0, (ALIVE,))
     assert HeartbeatLost(HOST) in slave.process(200_000, ()).events
     assert slave.read(0x1001) == 0x11
+    later = slave.process(200_001, (START,))
+    assert HeartbeatLost(HOST) not in later.events
+    assert slave.state is NmtState.OPERATIONAL
     assert emergencies(slave, 900_000) == []
     assert emergencies(slave, 900_001, ALIVE) == [BACK]
     assert slave.read(0x1001) == 0
@@ -98,6 +101,19 @@ def test_two_nodes_are_watched_apart(slave: Slave) -> None:
     assert emergencies(slave, 100_000) == [CanFrame(0x090, bytes.fromhex("30 81 11 01 00 00 00 00"))]
     assert emergencies(slave, 150_000, CanFrame(0x701, b"\x7f")) == [BACK]
     assert emergencies(slave, 200_000) == [LOST]
+
+
+def test_another_entry_leaves_a_watch_as_it_is(slave: Slave) -> None:
+    slave.process(0, (ALIVE,))
+    slave.process(150_000, (write(0x1016, 2, 0x01 << 16 | 100),))
+    assert emergencies(slave, 200_000) == [LOST]
+
+
+def test_a_node_that_is_watched_no_longer_is_no_error(slave: Slave) -> None:
+    slave.process(0, (ALIVE,))
+    assert emergencies(slave, 200_000) == [LOST]
+    assert emergencies(slave, 200_001, write(0x1016, 1, 0)) == [BACK]
+    assert slave.read(0x1001) == 0
 
 
 @pytest.mark.parametrize(

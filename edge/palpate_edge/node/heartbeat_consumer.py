@@ -27,10 +27,20 @@ class HeartbeatConsumer:
         self.start()
 
     def start(self) -> None:
-        """After a reset or a write to 1016h: every node waits for its first message again."""
+        """After a reset: every node waits for its first message."""
         entries = [self._entry(sub) for sub in range(1, 1 + self._store.optional_number(CONSUMER_TIMES))]
         self._times_us = {node_id: time_us for node_id, time_us in entries if time_us}
         self._deadlines_us.clear()
+
+    def reconfigure(self) -> None:
+        """After a write to 1016h: who is new waits for its first message, who left has no error."""
+        times_us, deadlines_us = self._times_us, dict(self._deadlines_us)
+        self.start()
+        for node_id, time_us in times_us.items():
+            if node_id not in self._times_us:
+                self._emcy.clear(EmcyCode.HEARTBEAT, bytes([node_id]))
+            elif self._times_us[node_id] == time_us and node_id in deadlines_us:
+                self._deadlines_us[node_id] = deadlines_us[node_id]
 
     def check_write(self, entry: Entry, value: int) -> None:
         """Raises SdoAbortError for reserved bits, and for a node that another sub-index watches."""

@@ -70,7 +70,7 @@ class Services:
         if index == PRODUCER_TIME:
             self.heartbeat.reconfigure(now_us)
         elif index == CONSUMER_TIMES:
-            self.watch.start()
+            self.watch.reconfigure()
         elif index in (sync.COB_ID, sync.WINDOW, sync.COUNTER_OVERFLOW):
             self.sync.start()
         elif index == time_stamp.COB_ID:
