@@ -165,6 +165,13 @@ def test_parameters_of_another_eds_are_not_used(board: Board) -> None:
     )  # of node 0x20, as LSS stored
 
 
+def test_a_save_does_not_take_over_what_another_eds_kept(board: Board) -> None:
+    board.file.save(StoredParameters("0123456789abcdef", None, None, {(0x1017, 0): 250, (0x5FFF, 0): 1}))
+    board.switch_on()
+    board.send(LED_40, write(0x1010, 4, SAVE))
+    assert dict(board.file.load().objects) == {(0x2030, 0): 40}
+
+
 def test_a_torn_file_gives_the_one_before(board: Board, tmp_path: Path) -> None:
     board.send(HEARTBEAT_250, write(0x1010, 1, SAVE))
     board.send(write(0x1017, 0, 500, "<H"), write(0x1010, 1, SAVE))

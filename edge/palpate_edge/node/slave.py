@@ -7,7 +7,7 @@ any counter of microseconds that does not go back.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.node import lss
@@ -92,14 +92,15 @@ class Slave:
         self._events: list[Event] = []
         self._check_write = check_write
         self._store = ObjectStore(od)
+        usable = fits(self._store, kept)
+        if not usable:
+            kept = replace(kept, objects={})
         self._keeper = ParameterKeeper(self._store, kept)
         if kept.node_id is not None:
             self._store.set_node_id(kept.node_id)
         self._first_node_id = self.node_id
-        usable = fits(self._store, kept)
-        if usable:
-            self._store.saved = kept.objects
-            self._store.restore(ALL_OBJECTS)
+        self._store.saved = kept.objects
+        self._store.restore(ALL_OBJECTS)
         self._services = Services(self._store, self._commit)
         self._lss = lss.LssSlave(self._store, self._store_lss, self._activate_bit_rate)
         self._handlers: dict[int, Callable[[CanFrame, int], None]] = {}
