@@ -87,7 +87,7 @@ HARMS: dict[str, Harm] = {
     "noise, sigma 8 grey levels": noise,
     "5 beads painted over": hide(5),
     "12 beads painted over": hide(12),
-    "25 beads painted over": hide(25),
+    **{f"25 beads painted over, draw {draw}": hide(25) for draw in range(1, 11)},
     f"a glare patch of {GLARE_PX} px": glare,
     TOGETHER: all_together,
 }

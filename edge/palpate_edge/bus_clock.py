@@ -25,7 +25,9 @@ MAX_SLEW = 500e-6  # how fast a correction goes in: 0.5 ms a second
 STEP_US = 2_000  # a correction larger than this is a step: slewing would take seconds
 EARLY_US = 3_000  # before the line by more than this: the stamp belongs to another SYNC
 LATE_US = 5_000
-RESTART_AFTER = 40  # early or late ones in a row: the bus has a new time; fewer are frames out of order
+# Nothing arrives before it was sent: a few early ones among the last are the truth, all others were late.
+EARLY_AMONG, EARLY_OF = 5, 20
+LATE_IN_A_ROW = 40  # not one in time: the bus has a new time
 LOST_AFTER_US = 5_000_000
 HOLDOVER_DRIFT = 1e-6  # by which an oscillator's rate changes while nobody tells
 
@@ -66,7 +68,8 @@ class BusClock:
         self._mean_delay_us = 0.0
         self._line = Line(0, 0.0, 0.0)
         self._correction_us = 0.0  # to go in from _line.at_us on
-        self._early = self._late = 0
+        self._early: deque[bool] = deque(maxlen=EARLY_OF)
+        self._late = 0
         self._last_us: int | None = None
         self._was_synchronised = False
 
@@ -117,20 +120,20 @@ class BusClock:
         return round(hidden_us + abs(self._left_us(now_us)) + holdover_us)
 
     def _is_believable(self, local_us: int, offset_us: int) -> bool:
-        """Too early is impossible, very late is useless; many of one kind in a row are a new time."""
+        """Early is another SYNC's stamp, late one that was overtaken; many of one kind are a new time."""
         if not self._samples:
             return True
         beyond_us = offset_us - self._line.offset_at(local_us)
-        self._early = self._early + 1 if beyond_us < -EARLY_US else 0
-        self._late = self._late + 1 if beyond_us > LATE_US else 0
-        if max(self._early, self._late) >= RESTART_AFTER:
+        early, late = beyond_us < -EARLY_US, beyond_us > LATE_US
+        self._early.append(early)
+        self._late = self._late + 1 if late else 0
+        if sum(self._early) >= EARLY_AMONG or self._late >= LATE_IN_A_ROW:
             self._samples.clear()
-            self._seen = 0
+            self._early.clear()
+            self._late = self._seen = 0
             return True
-        if self._early or self._late:
-            self.rejected += 1
-            return False
-        return True
+        self.rejected += early or late
+        return not (early or late)
 
     def _add(self, local_us: int, offset_us: int) -> None:
         self._last_us = local_us

@@ -16,6 +16,7 @@ from palpate_edge import __version__
 from palpate_edge.errors import PalpateError
 from palpate_edge.inspect_cli import follow, inspect
 from palpate_edge.progress import progress_bar
+from palpate_edge.service_cli import check, record
 
 if TYPE_CHECKING:
     from palpate_edge.calibration import Calibration
@@ -42,6 +43,7 @@ def cli() -> None:
       palpate-edge estimate press-sample --calibration finger-1.cal --csv contacts.csv
       palpate-edge evaluate press-sample --calibration finger-1.cal
       palpate-edge run --config finger-1.toml
+      palpate-edge check --config finger-1.toml
       palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
       palpate-edge follow video.avi -o tracks.png
     """
@@ -187,6 +189,8 @@ def run(config_path: Path) -> None:
 
 cli.add_command(inspect)
 cli.add_command(follow)
+cli.add_command(check)
+cli.add_command(record)
 
 
 def method_of(name: str) -> Method | None:

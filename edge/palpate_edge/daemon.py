@@ -152,7 +152,9 @@ class _Daemon:
         frames = link.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
         for change in link.changes():
-            self._report(f"{self._config.name}: bus {change.state.value}. {change.reason}".rstrip(". "))
+            self._report(
+                f"{self._config.name}: the bus is {change.state.value}. {change.reason}".rstrip(". ")
+            )
             core.link_changed(change)
         core.error_passive(link.error_passive)
         self._take_pixels()
@@ -289,7 +291,7 @@ class _Daemon:
                 error_passive=link.error_passive,
             ),
             clock=ClockHealth(
-                state=core.clock.state(now_us).name.lower(),
+                state=core.clock.state(now_us).value,
                 local_us=now_us,
                 bus_us=core.clock.to_bus_us(now_us),
                 drift_ppm=core.clock.drift_ppb / 1000,

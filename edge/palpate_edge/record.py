@@ -160,3 +160,16 @@ class Recorder:
             ring.write_index()
         except CaptureError as error:  # a full disk ends the recording, never the fingertip
             self.failure = str(error)
+
+
+def recorded_fps(folder: Path) -> float | None:
+    """At which rate the frames of a recording were exposed; None for a folder that is none."""
+    try:
+        lines = (folder / INDEX).read_text().splitlines()[1:]
+        rows = [line.split(",") for line in lines]
+        stamps = [(int(exposed_at_us), int(sequence)) for _, exposed_at_us, sequence in rows]
+    except (OSError, ValueError):
+        return None
+    if len(stamps) < 2 or stamps[-1][0] <= stamps[0][0]:
+        return None
+    return 1e6 * (stamps[-1][1] - stamps[0][1]) / (stamps[-1][0] - stamps[0][0])

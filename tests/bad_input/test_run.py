@@ -139,9 +139,11 @@ def test_a_hub_that_dies_is_told_and_found_again(edge, hub, start_hub, fingertip
     process = edge("run", "--config", fingertip())
     wait_until_it_runs(process)
     hub.kill()
-    says(process.stderr.readline(), "bus down", tmp_path / "hub.sock", "finger", "palpate-host bus hub")
+    says(
+        process.stderr.readline(), "the bus is down", tmp_path / "hub.sock", "finger", "palpate-host bus hub"
+    )
     start_hub()
-    says(process.stderr.readline(), "bus up")
+    says(process.stderr.readline(), "the bus is up")
     process.terminate()
     said = last_words(process)
     assert process.returncode == 0

@@ -21,6 +21,7 @@ from palpate_edge.dataset import is_dataset, read_dataset
 from palpate_edge.errors import CaptureError, DatasetError
 from palpate_edge.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images, read_image
 from palpate_edge.markers import Image
+from palpate_edge.record import recorded_fps
 from palpate_edge.sensor import Sensor
 
 DEFAULT_FPS = 30.0
@@ -114,7 +115,7 @@ def open_recording(path: Path, *, grey: bool = True) -> Recording:
         raise DatasetError(f"{path} is neither an image nor a video: give .png, .jpg, .mp4, .avi or a folder")
     if is_dataset(path):
         return _open_dataset(path, grey)
-    return ImageRecording(list_images(path), DEFAULT_FPS, None, grey)
+    return ImageRecording(list_images(path), recorded_fps(path) or DEFAULT_FPS, None, grey)
 
 
 def _open_dataset(folder: Path, grey: bool) -> Recording:

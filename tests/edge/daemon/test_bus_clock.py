@@ -145,6 +145,16 @@ def test_a_sync_that_overtook_the_stamp_before_it_does_no_harm():
     assert abs(clocks.error_us()) <= 200
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_where_every_other_sync_overtakes_the_stamp_before_it_the_truth_wins(seed):
+    """From the first on: half of the pairs are 10 ms late, and nobody says which."""
+    clocks = TwoClocks(drift=30e-6, seed=seed)
+    for _ in range(300):
+        late = clocks.random.random() < 0.5
+        clocks.pair(delay_us=clocks.random.uniform(0, 1000) + 10_000 * late)
+    assert abs(clocks.error_us()) <= 200
+
+
 def test_a_lost_pair_of_sync_and_stamp_does_no_harm():
     """The SYNC before is still unpaired: 10 ms too early for this stamp."""
     clocks = TwoClocks()

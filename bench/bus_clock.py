@@ -1,0 +1,209 @@
+"""How well three fingertips keep the bus's time: `python -m bench.bus_clock`.
+
+Three real daemons on the hub, each with an oscillator of its own: offset and drift are put on its clock. SYNC
+and 1013h come from the host's `TimeStampProducer`; the hub holds each back for up to 1 ms at random (so they
+also change order), and each daemon stamps what arrives up to 1 ms late at random, as a loaded board without
+stamps of its kernel would. The truth is this machine's one clock.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import click
+import msgspec
+import numpy as np
+
+from palpate_edge.bus import Bus, BusConfig, open_bus
+from palpate_edge.bus_clock import WRAP_US
+from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import save_calibration
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.config import CaptureConfig, EstimatorConfig, FingertipConfig, NodeConfig
+from palpate_edge.daemon import run
+from palpate_edge.dataset import read_dataset
+from palpate_edge.health import HealthReport
+from palpate_edge.local_clock import LocalClock
+from palpate_host.bus.connection import ask
+from palpate_host.bus.control import Inject
+from palpate_host.bus.faults import FaultKind, FaultRule
+from palpate_host.network import SYNC, TimeStampProducer
+
+RECORDING = Path(__file__).parent.parent / "demo" / "recording"
+TICK_S = 0.01
+SETTLE_S = 10.0  # starting processes takes half of it
+HUB = "from palpate_host.bus.cli import bus; bus()"
+
+
+DELAY_US = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Oscillator:
+    """What a board's clock is off by."""
+
+    offset_us: int
+    drift: float
+
+
+OSCILLATORS = (Oscillator(0, 0.0), Oscillator(3_600_000_000, 40e-6), Oscillator(-123_456_789, -60e-6))
+
+
+class SkewedClock(LocalClock):
+    """A LocalClock with another oscillator, and stamps of frames that are late at random."""
+
+    def __init__(self, oscillator: Oscillator) -> None:
+        super().__init__()
+        self._oscillator = oscillator
+        self._begin_us = time.monotonic_ns() // 1000
+        self._random = Random(oscillator.offset_us)
+
+    def at_monotonic_us(self, stamp_us: int) -> int:
+        skew_us = self._oscillator.offset_us + self._oscillator.drift * (stamp_us - self._begin_us)
+        return super().at_monotonic_us(stamp_us) + round(skew_us)
+
+    def at_unix_us(self, stamp_us: int) -> int:
+        return super().at_unix_us(stamp_us) + self._random.randint(0, DELAY_US)
+
+    def truth(self) -> Truth:
+        return Truth(super().at_monotonic_us(0), self._begin_us, self._oscillator)
+
+
+class Truth(msgspec.Struct):
+    """From a reading of a skewed clock back to CLOCK_MONOTONIC: the inverse of `at_monotonic_us`."""
+
+    unix_offset_us: int
+    begin_us: int
+    oscillator: Oscillator
+
+    def monotonic_us(self, local_us: int) -> float:
+        drift = self.oscillator.drift
+        unskewed_us = local_us - self.unix_offset_us - self.oscillator.offset_us - self.begin_us
+        return self.begin_us + unskewed_us / (1 + drift)
+
+
+def unix_offset_us() -> float:
+    """Unix time minus CLOCK_MONOTONIC, read without being interrupted in between."""
+    readings = []
+    for _ in range(1000):
+        before_ns, unix_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        readings.append((after_ns - before_ns, unix_ns - (before_ns + after_ns) / 2))
+    return min(readings)[1] / 1000
+
+
+def daemon(folder: Path, number: int, bus: BusConfig) -> None:
+    """One fingertip of the demo; it leaves behind what its clock is truly like."""
+    clock = SkewedClock(OSCILLATORS[number])
+    name = f"finger-{number + 1}"
+    config = FingertipConfig(
+        name=name,
+        capture=CaptureConfig("recorded", str(RECORDING / name), True),
+        estimator=EstimatorConfig(str(folder / "finger.cal")),
+        node=NodeConfig(0x10 + number),
+        bus=bus,
+        health=str(folder / f"{name}.health"),
+    )
+    (folder / f"{name}.truth").write_bytes(msgspec.json.encode(clock.truth()))
+    run(config, clock=clock)
+
+
+@contextmanager
+def running(folder: Path, bus: BusConfig) -> Iterator[None]:
+    """Hub and daemons."""
+    hub = subprocess.Popen(
+        [sys.executable, "-c", HUB, "hub", "--socket", bus.channel], stderr=subprocess.PIPE, text=True
+    )
+    assert hub.stderr is not None
+    hub.stderr.readline()
+    context = multiprocessing.get_context("spawn")
+    boards = [context.Process(target=daemon, args=(folder, number, bus)) for number in range(3)]
+    try:
+        for board in boards:
+            board.start()
+        yield
+    finally:
+        for board in boards:
+            if board.pid is not None and board.is_alive():
+                os.kill(board.pid, signal.SIGTERM)
+            board.join()
+        hub.terminate()
+        hub.communicate()
+
+
+def master(bus: Bus, seconds: float, folder: Path) -> dict[tuple[str, int], float]:
+    """SYNC every 10 ms, and what the boards say meanwhile: (name, moment) -> error in us."""
+    producer = TimeStampProducer()
+    errors: dict[tuple[str, int], float] = {}
+    begin_s = time.monotonic()
+    for tick in range(round(seconds / TICK_S)):
+        while (left_s := begin_s + tick * TICK_S - time.monotonic()) > 0:
+            for stamp_us, frame in bus.receive(left_s):
+                if frame == SYNC:
+                    producer.sync_left(stamp_us)
+        bus.send([*producer.due(time.time_ns() // 1000), SYNC])
+        if tick % 100 == 50:
+            bus.send([CanFrame(0x000, b"\x01\x00")])
+            if tick * TICK_S > SETTLE_S:
+                errors |= told(folder)
+    return errors
+
+
+def told(folder: Path) -> dict[tuple[str, int], float]:
+    """What each daemon's health file says of the bus's time, against the truth."""
+    found = {}
+    offset_us = unix_offset_us()
+    for path in folder.glob("*.health"):
+        clock = msgspec.json.decode(path.read_bytes(), type=HealthReport).clock
+        truth = msgspec.json.decode(path.with_suffix(".truth").read_bytes(), type=Truth)
+        error_us = clock.bus_us - truth.monotonic_us(clock.local_us) - offset_us
+        found[path.stem, clock.local_us] = (error_us + WRAP_US / 2) % WRAP_US - WRAP_US / 2
+    return found
+
+
+@click.command()
+@click.option("--seconds", default=60.0, show_default=True, help="How long to measure.")
+def main(seconds: float) -> None:
+    """Print each daemon's clock error in us against the host's clock, and that between any two."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        save_calibration(calibrate(read_dataset(RECORDING / "press")), folder / "finger.cal")
+        config = BusConfig(interface="palpate", channel=str(folder / "hub.sock"))
+        with running(folder, config):
+            rule = FaultRule(kind=FaultKind.DELAY, port="master", delay_us=0, delay_max_us=DELAY_US)
+            ask(Path(config.channel), Inject(rule))
+            with open_bus(config, "master", [SYNC.can_id], echo=True) as bus:
+                errors = master(bus, SETTLE_S + seconds, folder)
+    _print(errors)
+
+
+def _print(errors: dict[tuple[str, int], float]) -> None:
+    by_name: dict[str, list[float]] = {}
+    for (name, _), error_us in sorted(errors.items()):
+        by_name.setdefault(name, []).append(error_us)
+    print("clock error, us            n  median     p99     max")
+    for name, values in by_name.items():
+        _line(name, np.abs(values))
+    rows = list(by_name.values())
+    count = min(map(len, rows))
+    aligned = np.array([row[:count] for row in rows])  # the same seconds, within one
+    _line("between two daemons", np.ptp(aligned, axis=0))
+
+
+def _line(name: str, values: np.ndarray) -> None:
+    p50, p99 = np.percentile(values, [50, 99])
+    print(f"{name:<22}{len(values):>6}{p50:>8.0f}{p99:>8.0f}{values.max():>8.0f}")
+
+
+if __name__ == "__main__":
+    main()

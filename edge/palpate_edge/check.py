@@ -1,0 +1,245 @@
+"""The state of a fingertip, part by part, with limits and the way out of what is not right.
+
+Beside a running daemon its own words are judged (health.py); without one the parts are tried for a second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from palpate_edge.bus import open_bus
+from palpate_edge.bus_clock import BusClock, ClockState
+from palpate_edge.calibration import Calibration, load_calibration
+from palpate_edge.config import FingertipConfig
+from palpate_edge.errors import PalpateError
+from palpate_edge.estimator import MIN_BEADS_SHARE, Estimator, best_method
+from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, HealthReport
+from palpate_edge.local_clock import LocalClock
+from palpate_edge.open_source import open_source
+
+TRY_S = 1.5
+FEW_BEADS_SHARE = 0.9
+LEAST_RATE_SHARE = 0.95
+MOST_DROPPED_SHARE = 0.01
+CLOCK_LIMIT_US = 200
+SYNC_ID, TIME_STAMP_ID = 0x080, 0x1FF
+
+
+class Verdict(Enum):
+    """ABSENT: not there, and nothing is missing."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "fail"
+    ABSENT = "absent"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One part. way_out: empty when it is in order."""
+
+    part: str
+    value: str
+    limit: str
+    verdict: Verdict
+    way_out: str
+
+
+def check(config: FingertipConfig, report: HealthReport | None) -> list[Row]:
+    """All parts; report: what the running daemon says, None when none runs."""
+    calibration, calibration_rows = _check_calibration(config)
+    if report is None:
+        rows = [*_try_frames(config, calibration), *calibration_rows, *_try_bus(config)]
+    else:
+        rows = [
+            judge_camera(report.camera, report.frames, config.capture.timeout_ms),
+            judge_beads(report.beads),
+            *calibration_rows,
+            judge_bus(report.bus),
+            judge_clock(report.clock),
+        ]
+    rows.append(Row("temperature", "no illumination controller", "", Verdict.ABSENT, ""))
+    return rows
+
+
+def exit_status(rows: list[Row]) -> int:
+    """0, or 1 when a part fails."""
+    return int(any(row.verdict is Verdict.FAIL for row in rows))
+
+
+def as_table(rows: list[Row]) -> str:
+    """Columns of text, a line for each part and one for each way out."""
+    lines = []
+    for row in rows:
+        lines.append(f"{row.verdict.value:<7}{row.part:<13}{row.value:<46}  {row.limit}".rstrip())
+        if row.way_out:
+            lines.append(f"{'':<7}-> {row.way_out}")
+    return "\n".join(lines)
+
+
+def judge_camera(camera: CameraHealth, frames: int, timeout_ms: int) -> Row:
+    """Frames of the last second against the rate that was asked for."""
+    limit = f"a frame each {timeout_ms} ms"
+    if camera.wanted_fps is not None:
+        limit = f">= {LEAST_RATE_SHARE * camera.wanted_fps:.1f} frames/s, {limit}"
+    value = f"{camera.fps:.1f} frames/s, {camera.dropped} dropped"
+    if camera.age_ms is None or camera.age_ms > timeout_ms:
+        way_out = f"{camera.source} gives no frames: check its cable, then the daemon's last lines"
+        return Row("camera", value, limit, Verdict.FAIL, way_out)
+    if camera.wanted_fps is not None and camera.fps < LEAST_RATE_SHARE * camera.wanted_fps - 1:
+        way_out = "shorten capture.camera.exposure_us, or choose another capture.camera.format"
+        return Row("camera", value, limit, Verdict.WARN, way_out)
+    if camera.dropped > MOST_DROPPED_SHARE * (frames + camera.dropped):
+        way_out = "the board is too slow for this rate, or USB too narrow: lower capture.camera.fps"
+        return Row("camera", value, limit, Verdict.WARN, way_out)
+    return Row("camera", value, limit, Verdict.OK, "")
+
+
+def judge_beads(beads: BeadHealth) -> Row:
+    """Beads of the last frame, and whether it was believed."""
+    value = f"{beads.found} of {beads.expected}, {beads.refused} frames refused"
+    limit = f">= {100 * MIN_BEADS_SHARE:.0f} %"
+    if beads.reason:
+        way_out = f"{beads.reason}; look at palpate-edge inspect FRAME --calibration FILE"
+        return Row("beads", value, limit, Verdict.FAIL, way_out)
+    if beads.found < FEW_BEADS_SHARE * beads.expected:
+        return Row("beads", value, limit, Verdict.WARN, "clean the dome; check exposure and LED")
+    return Row("beads", value, limit, Verdict.OK, "")
+
+
+def judge_bus(bus: BusHealth) -> Row:
+    """Whether it carries frames."""
+    value = f"{bus.interface} {bus.state}, {bus.sent} sent, {bus.received} received"
+    limit = "up, nothing dropped"
+    if bus.state != "up":
+        return Row("bus", value, limit, Verdict.FAIL, "check wiring, termination, bit rate; ip -s link")
+    if bus.error_passive or bus.dropped:
+        trouble = "error passive" if bus.error_passive else f"{bus.dropped} PDOs dropped"
+        way_out = f"{trouble}: check wiring and termination, and the load (palpate-host bus budget)"
+        return Row("bus", value, limit, Verdict.WARN, way_out)
+    return Row("bus", value, limit, Verdict.OK, "")
+
+
+def judge_clock(clock: ClockHealth) -> Row:
+    """Whether exposures are told on the bus's clock."""
+    limit = f"synchronised, error <= {CLOCK_LIMIT_US} us"
+    value = f"{clock.state}, error {clock.error_us} us, drift {clock.drift_ppm:+.1f} ppm"
+    if clock.state == ClockState.FREE.value:
+        way_out = "no SYNC with 1013h is heard: start palpate-host run, and the node"
+        return Row("clock", "own clock", limit, Verdict.WARN, way_out)
+    if clock.state == ClockState.LOST.value:
+        return Row("clock", value, limit, Verdict.FAIL, "SYNC with 1013h has ended: does the host run?")
+    if clock.error_us > CLOCK_LIMIT_US:
+        return Row("clock", value, limit, Verdict.WARN, "wait half a minute; is the bus overloaded?")
+    return Row("clock", value, limit, Verdict.OK, "")
+
+
+def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, list[Row]]:
+    path = Path(config.estimator.calibration)
+    try:
+        calibration = load_calibration(path)
+        method = Estimator(calibration).method.value
+    except PalpateError as error:
+        return None, [Row("calibration", path.name, "whole, of this sensor", Verdict.FAIL, str(error))]
+    rows = [Row("calibration", f"{path.name} {calibration.checksum[:16]}", "whole", Verdict.OK, "")]
+    if calibration.model:
+        rows.append(Row("model", f"{len(calibration.model) / 1e6:.1f} MB, {method}", "", Verdict.OK, ""))
+    else:
+        way_out = "run palpate-edge calibrate without --no-model"
+        rows.append(Row("model", f"none, {best_method(calibration).value}", "", Verdict.WARN, way_out))
+    return calibration, rows
+
+
+def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> list[Row]:
+    """Read and estimate frames for a second."""
+    if calibration is None:
+        return [Row("camera", "not tried", "", Verdict.WARN, "needs a calibration, see below")]
+    notes: list[str] = []
+    try:
+        source = open_source(config, calibration, LocalClock(), notes.append)
+        try:
+            estimator = Estimator(calibration)
+            begin_s = time.monotonic()
+            contacts = []
+            while time.monotonic() < begin_s + TRY_S and (frame := source.read()) is not None:
+                contacts.append(estimator.estimate(frame))
+            fps = len(contacts) / (time.monotonic() - begin_s)
+        finally:
+            source.close()
+    except PalpateError as error:
+        return [Row("camera", "not usable", "", Verdict.FAIL, str(error))]
+    wanted = config.capture.camera.fps or calibration.sensor.camera.fps
+    camera = CameraHealth(
+        source=config.capture.path or config.capture.camera.usb_serial,
+        fps=fps,
+        wanted_fps=wanted if config.capture.source == "v4l2" else None,
+        age_ms=0.0 if contacts else None,
+        dropped=source.dropped,
+    )
+    rows = [judge_camera(camera, len(contacts), config.capture.timeout_ms)]
+    rows += [Row("camera", "", "", Verdict.WARN, note) for note in notes]
+    if contacts:
+        last = contacts[-1]
+        refused = sum(not contact.valid for contact in contacts)
+        rows.append(
+            judge_beads(
+                BeadHealth(
+                    found=last.beads_found, expected=last.beads_expected, refused=refused, reason=last.reason
+                )
+            )
+        )
+    return rows
+
+
+def _try_bus(config: FingertipConfig) -> list[Row]:
+    """Listen for a second; nothing is sent."""
+    clock, local = BusClock(), LocalClock()
+    received = 0
+    try:
+        with open_bus(config.bus, f"{config.name}-check") as bus:
+            end_s = time.monotonic() + TRY_S
+            while (left_s := end_s - time.monotonic()) > 0:
+                for stamp_us, frame in bus.receive(left_s):
+                    received += 1
+                    _tell(clock, local.at_unix_us, stamp_us, frame.can_id, frame.data)
+            passive = bus.error_passive
+    except PalpateError as error:
+        return [Row("bus", config.bus.interface, "up", Verdict.FAIL, str(error))]
+    now_us = local.now_us()
+    bus_row = judge_bus(
+        BusHealth(
+            interface=config.bus.interface,
+            state="up",
+            sent=0,
+            received=received,
+            retries=0,
+            dropped=0,
+            restarts=0,
+            error_passive=passive,
+        )
+    )
+    clock_row = judge_clock(
+        ClockHealth(
+            state=clock.state(now_us).value,
+            local_us=now_us,
+            bus_us=clock.to_bus_us(now_us),
+            drift_ppm=clock.drift_ppb / 1000,
+            error_us=clock.error_us(now_us),
+            steps=clock.steps,
+            rejected=clock.rejected,
+        )
+    )
+    return [bus_row, clock_row]
+
+
+def _tell(
+    clock: BusClock, to_local_us: Callable[[int], int], stamp_us: int, can_id: int, data: bytes
+) -> None:
+    if can_id == SYNC_ID:
+        clock.sync(to_local_us(stamp_us))
+    elif can_id == TIME_STAMP_ID and len(data) == 4:
+        clock.time_stamp(int.from_bytes(data, "little"))

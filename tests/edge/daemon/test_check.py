@@ -1,0 +1,75 @@
+"""What is ok, what is a warning and what a failure, part by part."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from palpate_edge.check import (
+    Row,
+    Verdict,
+    as_table,
+    exit_status,
+    judge_beads,
+    judge_bus,
+    judge_camera,
+    judge_clock,
+)
+from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth
+
+CAMERA = CameraHealth(source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0)
+BEADS = BeadHealth(found=85, expected=85, refused=3, reason="")
+BUS = BusHealth(
+    interface="socketcan",
+    state="up",
+    sent=9,
+    received=9,
+    retries=0,
+    dropped=0,
+    restarts=0,
+    error_passive=False,
+)
+CLOCK = ClockHealth(
+    state="synchronised", local_us=0, bus_us=0, drift_ppm=3.0, error_us=20, steps=0, rejected=0
+)
+change = msgspec.structs.replace
+
+
+@pytest.mark.parametrize(
+    ("row", "verdict", "says"),
+    [
+        (judge_camera(CAMERA, 1000, 200), Verdict.OK, ""),
+        (judge_camera(change(CAMERA, age_ms=201.0), 1000, 200), Verdict.FAIL, "/dev/v4l/by-path/x gives no"),
+        (judge_camera(change(CAMERA, age_ms=None), 0, 200), Verdict.FAIL, "check its cable"),
+        (judge_camera(change(CAMERA, fps=15.0), 1000, 200), Verdict.WARN, "exposure_us"),
+        (judge_camera(change(CAMERA, fps=15.0, wanted_fps=None), 1000, 200), Verdict.OK, ""),
+        (judge_camera(change(CAMERA, dropped=20), 1000, 200), Verdict.WARN, "too slow"),
+        (judge_beads(BEADS), Verdict.OK, ""),
+        (judge_beads(change(BEADS, found=70)), Verdict.WARN, "clean the dome"),
+        (judge_beads(change(BEADS, found=9, reason="only 9 of 85 beads found")), Verdict.FAIL, "only 9"),
+        (judge_bus(BUS), Verdict.OK, ""),
+        (judge_bus(change(BUS, state="bus-off")), Verdict.FAIL, "termination"),
+        (judge_bus(change(BUS, error_passive=True)), Verdict.WARN, "error passive"),
+        (judge_bus(change(BUS, dropped=4)), Verdict.WARN, "4 PDOs dropped"),
+        (judge_clock(CLOCK), Verdict.OK, ""),
+        (judge_clock(change(CLOCK, state="free")), Verdict.WARN, "palpate-host run"),
+        (judge_clock(change(CLOCK, state="lost")), Verdict.FAIL, "does the host run?"),
+        (judge_clock(change(CLOCK, error_us=201)), Verdict.WARN, "overloaded"),
+    ],
+    ids=lambda one: one.part if isinstance(one, Row) else "",
+)
+def test_verdicts_and_ways_out(row, verdict, says):
+    assert row.verdict is verdict
+    assert says in row.way_out
+    assert bool(row.way_out) == (verdict is not Verdict.OK)
+
+
+def test_a_script_is_told_of_failures_alone():
+    warning = judge_beads(change(BEADS, found=70))
+    assert exit_status([judge_bus(BUS), warning]) == 0
+    assert exit_status([judge_bus(BUS), warning, judge_bus(change(BUS, state="down"))]) == 1
+
+
+def test_the_table_has_a_line_for_each_part_and_each_way_out():
+    lines = as_table([judge_bus(BUS), judge_bus(change(BUS, state="down"))]).splitlines()
+    assert [line.split()[0] for line in lines] == ["ok", "fail", "->"]

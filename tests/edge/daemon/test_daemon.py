@@ -1,0 +1,119 @@
+"""The daemon as a process: a camera that freezes, a bus that dies, seen by systemd, a master and a person."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+
+import numpy as np
+
+from palpate_edge.capture.recorded import all_frames, open_recording
+
+EMCY, TPDO_2 = 0x090, 0x290
+
+
+def flags(data):
+    return data[6]
+
+
+def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_back(rig):
+    bus = rig.listen()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    begun_s = time.monotonic()
+    rig.until(lambda: rig.feeds(begun_s) >= 2)
+    rig.camera.freeze()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) == 0)
+    assert struct.unpack_from("<H", rig.heard(bus, EMCY, lambda _: True))[0] == 0xFF02
+    assert rig.starves()
+    assert rig.process.poll() is None
+    rig.camera.thaw()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    thawed_s = time.monotonic()
+    rig.until(lambda: rig.feeds(thawed_s) >= 2)
+
+
+def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
+    bus = rig.listen()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    rig.until((rig.folder / "finger.health").exists)
+    before = json.loads((rig.folder / "finger.health").read_bytes())
+    rig.hub.kill()
+    rig.hub.wait()
+    assert rig.starves()
+    health = json.loads((rig.folder / "finger.health").read_bytes())
+    assert health["bus"]["state"] == "down"
+    assert health["frames"] > before["frames"] + 30
+    rig.start_hub()
+    rig.heard(rig.listen(), TPDO_2, lambda data: flags(data) & 0x04)
+    back_s = time.monotonic()
+    rig.until(lambda: rig.feeds(back_s) >= 2)
+
+
+def test_stopping_is_told_and_the_health_file_goes(rig):
+    rig.until((rig.folder / "finger.health").exists)
+    rig.process.terminate()
+    assert rig.process.wait(60) == 0
+    rig.feeds(0)
+    assert rig.notes[-1][1] == "STOPPING=1"
+    assert not (rig.folder / "finger.health").exists()
+
+
+def test_check_asks_the_daemon(rig):
+    rig.until((rig.folder / "finger.health").exists)
+    time.sleep(2.2)  # a whole second of frames is told
+    done = rig.edge("check", "--json")
+    rows = {row["part"]: row for row in json.loads(done.stdout)}
+    assert list(rows) == ["camera", "beads", "calibration", "model", "bus", "clock", "temperature"]
+    verdicts = {part: row["verdict"] for part, row in rows.items()}
+    assert verdicts["bus"] == verdicts["calibration"] == "ok"
+    assert verdicts["clock"] == "warn"  # no host
+    assert verdicts["temperature"] == "absent"
+    assert done.returncode == 0, done.stdout
+    rig.hub.kill()
+    rig.until(lambda: json.loads((rig.folder / "finger.health").read_bytes())["bus"]["state"] == "down")
+    done = rig.edge("check")
+    assert done.returncode == 1
+    assert "running" in done.stdout
+    assert "fail   bus" in done.stdout
+    assert "-> check wiring" in done.stdout
+
+
+def test_check_without_a_daemon_tries_the_parts(rig):
+    rig.process.terminate()
+    rig.process.wait(60)
+    done = rig.edge("check")
+    assert "not running" in done.stdout
+    assert "ok     beads" in done.stdout, done.stdout
+    assert "ok     bus" in done.stdout
+    assert done.returncode == 0
+    rig.camera.close = lambda: None  # the fixture's end, which is anticipated here
+    rig.camera._ended.set()
+    rig.camera._thread.join()
+    rig.camera._writer.close()
+    done = rig.edge("check")
+    assert "fail   camera" in done.stdout
+    assert "is missing" in done.stdout
+    assert done.returncode == 1
+
+
+def test_a_recording_is_what_the_camera_gave(rig, drawn_dataset):
+    rig.until((rig.folder / "finger.health").exists)
+    assert rig.edge("record", "start").returncode == 0
+    rig.until(lambda: len(list(rig.folder.glob("recordings/*/*.png"))) >= 20)
+    assert rig.edge("record", "stop").returncode == 0
+    (folder,) = (rig.folder / "recordings").iterdir()
+    rig.until((folder / "frames.csv").exists)
+    recorded = [frame.image for frame in all_frames(open_recording(folder))]
+    given = [frame.image for frame in all_frames(open_recording(drawn_dataset / "frames"))]
+    for image in recorded[:5]:
+        assert any(np.array_equal(image[4:], one[4:]) for one in given)  # above is the camera's noise
+    assert 20 < open_recording(folder).fps < 40
+
+
+def test_a_recording_needs_a_daemon(rig):
+    rig.process.terminate()
+    rig.process.wait(60)
+    done = rig.edge("record", "start")
+    assert done.returncode == 5
+    assert "no daemon of finger runs" in done.stderr

@@ -1,0 +1,41 @@
+"""A hundred thousand frames in one process: nothing grows."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.capture.frame import Frame
+from palpate_edge.dataset import read_dataset
+from palpate_edge.estimator import Estimator
+from palpate_edge.images import read_image
+from palpate_edge.training.dome_model import load_dome_model
+
+FRAMES, WARM_UP = 100_000, 5_000
+MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more
+
+
+def resident_bytes():
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_frames_leave_nothing_behind(shared_data):
+    """Recorded frames in a loop: touches, sheared and rolling, and pauses; the clock goes on."""
+    estimator = Estimator(calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model()))
+    sequence = read_dataset(shared_data("press-sequences/finger-1"))
+    frames = [Frame(read_image(sequence.path(p), grey=True), 0, 0, "") for p in sequence.presses]
+    before = 0
+    for number in range(FRAMES):
+        if number == WARM_UP:
+            before = resident_bytes()
+        frame = replace(frames[number % len(frames)], sequence=number, exposed_at_us=33_333 * number)
+        estimator.estimate(frame)
+    assert resident_bytes() - before < MOST_GROWTH_BYTES
+    assert estimator.health.frames == FRAMES
+    assert estimator.health.refused < 0.02 * FRAMES
