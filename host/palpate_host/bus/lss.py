@@ -15,7 +15,9 @@ from canopen.lss import LssError
 
 from palpate_edge.errors import BusError, ConfigError
 
-ANSWER_TIMEOUT_S = 0.05  # of one fastscan question; a node answers within a millisecond
+ANSWER_TIMEOUTS_S = (0.05, 0.2, 0.5)
+"""Of one fastscan question, in turn until a scan succeeds: a node answers within a millisecond, a busy one
+later, and an answer that comes too late makes a scan fail."""
 COMMAND_TIMEOUT_S = 1.0
 MAX_NODES = 127
 SETTLE_S = 0.05
@@ -50,11 +52,10 @@ def find_unconfigured(
 ) -> list[LssAddress]:
     """Every node without an id, by repeated fastscan; all are back in LSS waiting afterwards."""
     found: list[LssAddress] = []
-    with _lss_errors("fastscan"), _timeout(network, ANSWER_TIMEOUT_S):
+    with _lss_errors("fastscan"):
         try:
             while len(found) < MAX_NODES:
-                there, numbers = network.lss.fast_scan()
-                address = LssAddress(*numbers) if there else None
+                address = _fast_scan(network)
                 # A node that has been found must be silent; one that is not would be found for ever.
                 if address is None or address in found:
                     return found
@@ -63,6 +64,15 @@ def find_unconfigured(
         finally:
             network.lss.send_switch_state_global(network.lss.WAITING_STATE)
     return found
+
+
+def _fast_scan(network: canopen.Network) -> LssAddress | None:
+    for timeout_s in ANSWER_TIMEOUTS_S:
+        with _timeout(network, timeout_s):
+            there, numbers = network.lss.fast_scan()
+        if there:
+            return LssAddress(*numbers)
+    return None
 
 
 def set_node_id(network: canopen.Network, address: LssAddress, node_id: int, store: bool) -> None:
