@@ -1,13 +1,83 @@
-"""Fixtures of the tests that need a kernel of their own."""
+"""What the tests inside a kernel share: the daemon as a process, and patience."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
 import pytest
 
 from kernel_guest import IN_A_KERNEL
+from kernel_guest.links import PATIENCE_S
+from palpate_edge.health import HealthReport
 
 
 @pytest.fixture(params=IN_A_KERNEL)
 def kernel(request: pytest.FixtureRequest) -> str:
     """The kernel that a test runs in: whoever asks for this runs once in each."""
     return str(request.param)
+
+
+@pytest.fixture
+def wait_until() -> Callable[..., None]:
+    """Waits for a condition, as long as a slow machine may need for it."""
+
+    def wait(condition: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
+        end_s = time.monotonic() + patience_s
+        while not condition():
+            assert time.monotonic() < end_s, "waited in vain"
+            time.sleep(0.02)
+
+    return wait
+
+
+class FingertipProcess:
+    """``palpate-edge run`` on node 0x10, with what it says and what it writes about its health."""
+
+    def __init__(self, folder: Path, config: str) -> None:
+        self._said, self._health = folder / "said", folder / "health"
+        (folder / "finger.toml").write_text(f'name = "finger-1"\nhealth = "{self._health}"\n{config}')
+        command = [sys.executable, "-m", "palpate_edge.cli", "run", "--config", str(folder / "finger.toml")]
+        with self._said.open("wb") as said:
+            self.process = subprocess.Popen(command, stdout=said, stderr=said)
+
+    def said(self) -> str:
+        return self._said.read_text()
+
+    def health(self) -> HealthReport | None:
+        """None before the first report."""
+        if not self._health.exists():
+            return None
+        return msgspec.json.decode(self._health.read_bytes(), type=HealthReport)
+
+    def stop(self) -> int:
+        """SIGTERM; returns the exit status."""
+        self.process.terminate()
+        return self.process.wait(PATIENCE_S)
+
+
+@pytest.fixture
+def run_fingertip(
+    tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path
+) -> Iterator[Callable[..., FingertipProcess]]:
+    """Starts a fingertip on a CAN interface; it sees the drawn dataset, for ever, or what `capture` says."""
+    with ExitStack() as stack:
+
+        def run(interface: str, capture: str = "") -> FingertipProcess:
+            recorded = f'source = "recorded"\npath = "{drawn_dataset}"\nloop = true\n'
+            fingertip = FingertipProcess(
+                tmp_path,
+                f"[capture]\n{capture or recorded}"
+                f'[estimator]\ncalibration = "{drawn_calibration_file}"\n'
+                f'[node]\nid = 16\n[bus]\ninterface = "socketcan"\nchannel = "{interface}"\n',
+            )
+            stack.callback(fingertip.process.wait)
+            stack.callback(fingertip.process.kill)
+            return fingertip
+
+        yield run
