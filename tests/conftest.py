@@ -19,7 +19,7 @@ from palpate_edge.dataset import read_dataset
 
 Array = NDArray[np.float64]
 
-pytest_plugins = ("kernel_guest.forwarding", "kernel_guest.links")
+pytest_plugins = ("kernel_guest.forwarding", "kernel_guest.links", "kernel_guest.cameras")
 
 # FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
 # that ran earlier in this process may have opened one. test_run.py sees the command line's own doing.

@@ -63,17 +63,19 @@ class FingertipProcess:
 
 @pytest.fixture
 def run_fingertip(
-    tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path
+    tmp_path: Path, request: pytest.FixtureRequest
 ) -> Iterator[Callable[..., FingertipProcess]]:
-    """Starts a fingertip on a CAN interface; it sees the drawn dataset, for ever, or what `capture` says."""
+    """Starts a fingertip on a CAN interface. It sees the drawn dataset, for ever, or what `capture` says."""
     with ExitStack() as stack:
 
-        def run(interface: str, capture: str = "") -> FingertipProcess:
-            recorded = f'source = "recorded"\npath = "{drawn_dataset}"\nloop = true\n'
+        def run(interface: str, capture: str = "", calibration: Path | None = None) -> FingertipProcess:
+            if calibration is None:
+                calibration = request.getfixturevalue("drawn_calibration_file")
+                dataset = request.getfixturevalue("drawn_dataset")
+                capture = f'source = "recorded"\npath = "{dataset}"\nloop = true\n'
             fingertip = FingertipProcess(
                 tmp_path,
-                f"[capture]\n{capture or recorded}"
-                f'[estimator]\ncalibration = "{drawn_calibration_file}"\n'
+                f'[capture]\n{capture}[estimator]\ncalibration = "{calibration}"\n'
                 f'[node]\nid = 16\n[bus]\ninterface = "socketcan"\nchannel = "{interface}"\n',
             )
             stack.callback(fingertip.process.wait)
