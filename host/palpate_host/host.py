@@ -7,10 +7,12 @@ following ones. Time is the system's epoch clock, which stamps the bus and, modu
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 
 from palpate_edge.bus import Bus, open_bus
 from palpate_edge.errors import BusError
+from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
 from palpate_host import hand_config
 from palpate_host.hand import Hand
@@ -48,8 +50,14 @@ def run(config_path: Path, duration_s: float | None = None, status_target: Path 
     stream = StatusStream(status_target) if status_target is not None else None
     try:
         bus_with_echo = open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True)
-        with bus_with_echo as bus, on_stop_signal(core.request_stop):
-            failure = _loop(core, bus, stream, duration_s)
+        with (
+            bus_with_echo as bus,
+            closing(Notifier()) as notifier,
+            on_stop_signal(core.request_stop),
+        ):
+            notifier.ready(f"on {config.bus.interface}")
+            failure = _loop(core, bus, stream, duration_s, notifier)
+            notifier.stopping()
     finally:
         if stream is not None:
             stream.close()
@@ -57,8 +65,11 @@ def run(config_path: Path, duration_s: float | None = None, status_target: Path 
         raise BusError(failure)
 
 
-def _loop(core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: float | None) -> str:
-    """Returns the failure, empty after an asked-for stop."""
+def _loop(
+    core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: float | None, notifier: Notifier
+) -> str:
+    """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on."""
+    gate, ticks = WatchdogGate(notifier.watchdog_us), 0
     end_us = None if duration_s is None else now_us() + round(duration_s * 1e6)
     output = core.process(now_us(), ())
     while True:
@@ -73,3 +84,6 @@ def _loop(core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: flo
         if end_us is not None and now_us() >= end_us:
             core.request_stop()
         output = core.process(now_us(), frames)
+        ticks += 1
+        if gate.may_feed(now_us(), ticks, bus.counters.sent + bus.counters.received):
+            notifier.feed_watchdog()

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -106,6 +107,22 @@ def test_run_waits_for_the_missing_fingertips_and_stops_on_sigterm(tmp_path, pro
         stops = [frame.data[1] for _, frame in bus.receive(1.0) if frame.data[0] == 0x02]
     assert sorted(stops) == [*range(1, 10), 0x10, 0x11, 0x12]
     assert last_status(status_path)["mode"] == "stop"
+
+
+def test_systemd_hears_of_start_life_and_stop(tmp_path, processes, config, monkeypatch):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(PATIENCE_S)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "300000")
+        host = processes.start("run", "--config", config)
+        assert systemd.recv(500) == b"READY=1\nSTATUS=on palpate"
+        assert [systemd.recv(500) for _ in range(3)] == [b"WATCHDOG=1"] * 3
+        host.send_signal(signal.SIGTERM)
+        host.communicate(timeout=PATIENCE_S)
+        assert host.returncode == 0
+        while systemd.recv(500) != b"STOPPING=1":
+            pass
 
 
 def test_duration_ends_the_run(processes, config):

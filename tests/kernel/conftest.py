@@ -8,12 +8,16 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from kernel_guest import IN_A_KERNEL
 from kernel_guest.links import PATIENCE_S
+from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import save_calibration
+from palpate_edge.dataset import read_dataset
 from palpate_edge.health import HealthReport
 
 
@@ -83,3 +87,12 @@ def run_fingertip(
             return fingertip
 
         yield run
+
+
+@pytest.fixture(scope="session")
+def vga_calibration(another_dome: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a drawn sensor as large as the camera's image."""
+    folder = tmp_path_factory.mktemp("vga")
+    dataset = another_dome(width=640, height=480, focal_px=380.0).write(folder / "dome")
+    save_calibration(calibrate(read_dataset(dataset)), folder / "vga.cal")
+    return folder / "vga.cal"

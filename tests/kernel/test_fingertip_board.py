@@ -9,21 +9,9 @@ import pytest
 from kernel_guest.cameras import v4l2_ctl
 from kernel_guest.links import receive
 from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import save_calibration
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.dataset import read_dataset
 
 pytestmark = pytest.mark.vm
-
-
-@pytest.fixture(scope="session")
-def vga_calibration(another_dome, tmp_path_factory):
-    """Of a drawn sensor as large as the camera's image."""
-    folder = tmp_path_factory.mktemp("vga")
-    dataset = another_dome(width=640, height=480, focal_px=380.0).write(folder / "dome")
-    save_calibration(calibrate(read_dataset(dataset)), folder / "vga.cal")
-    return folder / "vga.cal"
 
 
 @contextmanager

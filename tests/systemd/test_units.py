@@ -1,0 +1,92 @@
+"""The units as systemd reads them: no key it does not know, and little that a service could do to a board."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+UNITS = Path(__file__).resolve().parents[2] / "systemd"
+SERVICES = ("palpate-fingertip.service", "palpate-host.service")
+SYSTEM = Path("/usr/lib/systemd/system")
+MOST_EXPOSED = 1.5  # of 10
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """A file system with systemd's own units, ours, and the programs that they start."""
+    if shutil.which("systemd-analyze") is None or not SYSTEM.is_dir():
+        pytest.skip("systemd-analyze is missing: make system-deps")
+    root = tmp_path_factory.mktemp("board")
+    shutil.copytree(SYSTEM, root / SYSTEM.relative_to("/"), symlinks=True)
+    shutil.copytree(UNITS, root / "etc/systemd/system")
+    programs = root / "opt/palpate/current/bin"
+    programs.mkdir(parents=True)
+    for name in ("palpate-edge", "palpate-host"):
+        (programs / name).write_text("#!/bin/sh\n")
+        (programs / name).chmod(0o755)
+    return root
+
+
+def analyze(*words, root):
+    command = ["systemd-analyze", *words, f"--root={root}"]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_verify_finds_nothing(board):
+    answer = analyze("verify", *SERVICES, "palpate.target", root=board)
+    ours = [line for line in answer.stderr.splitlines() if "palpate" in line]
+    assert (answer.returncode, ours) == (0, [])
+
+
+def test_verify_would_find_a_key_that_systemd_does_not_know(board, tmp_path):
+    shutil.copytree(board, tmp_path / "board", symlinks=True)
+    unit = tmp_path / "board/etc/systemd/system" / SERVICES[0]
+    unit.write_text(unit.read_text().replace("WatchdogSec=", "WatchDogSecs="))
+    assert "WatchDogSecs" in analyze("verify", SERVICES[0], root=tmp_path / "board").stderr
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_exposure(board, service):
+    answer = analyze("security", "--offline=yes", "--json=short", service, root=board)
+    open_doors = [row for row in json.loads(answer.stdout) if row["exposure"]]
+    overall = analyze("security", "--offline=yes", "--no-pager", service, root=board).stdout
+    exposure = float(re.findall(r"Overall exposure level for \S+: ([\d.]+)", overall)[0])
+    print(f"{service}: exposure {exposure}: " + ", ".join(row["name"] for row in open_doors))
+    assert exposure <= MOST_EXPOSED
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_what_the_service_is_held_to(service):
+    """What the exposure does not tell: it says when it is ready, is watched, and has a bound on restarts."""
+    text = (UNITS / service).read_text()
+    for line in ("Type=notify", "NoNewPrivileges=yes", "DevicePolicy=closed", "PartOf=palpate.target"):
+        assert f"\n{line}\n" in text
+    assert re.search(r"^WatchdogSec=[12]s$", text, re.MULTILINE)
+    assert re.search(r"^RestrictAddressFamilies=AF_UNIX AF_CAN$", text, re.MULTILINE)
+    assert re.search(r"^StartLimitBurst=\d+$", text, re.MULTILINE)
+
+
+def test_statuses_that_are_not_tried_again_are_those_of_the_errors():
+    from palpate_edge.errors import CalibrationError, ConfigError, DatasetError
+
+    text = (UNITS / SERVICES[0]).read_text()
+    statuses = re.findall(r"^RestartPreventExitStatus=(.*)$", text, re.MULTILINE)[0].split()
+    assert [int(status) for status in statuses] == sorted(
+        error.exit_status for error in (ConfigError, DatasetError, CalibrationError)
+    )
+
+
+def test_sysusers_makes_the_user_of_the_units(tmp_path):
+    if shutil.which("systemd-sysusers") is None:
+        pytest.skip("systemd-sysusers is missing: make system-deps")
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "usr/lib/sysusers.d").mkdir(parents=True)
+    shutil.copy(UNITS / "sysusers.d/palpate.conf", tmp_path / "usr/lib/sysusers.d")
+    subprocess.run(["systemd-sysusers", f"--root={tmp_path}"], check=True)
+    assert re.search(r"^palpate:", (tmp_path / "etc/passwd").read_text(), re.MULTILINE)
+    assert re.search(r"^i2c:", (tmp_path / "etc/group").read_text(), re.MULTILINE)
