@@ -101,7 +101,9 @@ def test_exposures_are_stamped_by_the_kernel_on_our_clock(camera):
         before_us = clock.now_us()
         stamps = [source.read().exposed_at_us for _ in range(10)]
         after_us = clock.now_us()
-    assert [before_us, *stamps, after_us] == sorted([before_us, *stamps, after_us])
+    assert stamps == sorted(set(stamps))
+    # vivid stamps when a frame was due, which is up to a period off from when it was made.
+    assert before_us - 40_000 < stamps[0] < stamps[-1] < after_us + 40_000
     assert "no monotonic time stamps" not in "\n".join(reports)
 
 

@@ -65,6 +65,7 @@ class Outside:
             pytest.skip(f"inside {key[0]}: {outcome.text}")
         if outcome.outcome == "failed":
             pytest.fail(f"inside {key[0]}:\n{outcome.text}", pytrace=False)
+        print(outcome.text)  # figures that the test printed
 
 
 class Inside:
@@ -94,7 +95,7 @@ def _outcome(reports: list[pytest.TestReport]) -> Outcome:
     skipped = next((report for report in reports if report.skipped), None)
     if skipped is not None:
         return Outcome(test, "skipped", str(skipped.longrepr[-1]))
-    return Outcome(test, "passed")
+    return Outcome(test, "passed", "\n".join(report.capstdout for report in reports if report.when == "call"))
 
 
 def _captured(report: pytest.TestReport) -> list[str]:
