@@ -129,8 +129,11 @@ class Bus:
         return frames
 
     def accept(self, can_ids: Sequence[int]) -> None:
-        """Receive these 11-bit identifiers from now on, and no others."""
-        self._bus.set_filters(_filters(can_ids))
+        """Receive these 11-bit identifiers from now on, and no others. Raises BusError."""
+        try:
+            self._bus.set_filters(_filters(can_ids))
+        except (can.CanError, OSError) as error:
+            raise BusError(f"{self._where}: cannot set filters: {_one_line(error)}") from error
 
     def fileno(self) -> int:
         """A descriptor that polls readable when `receive` has something to give.

@@ -7,6 +7,7 @@ when it restarts. *Down*: the interface or the hub is gone; the bus is closed an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
@@ -80,7 +81,8 @@ class BusLink:
     def accept(self, can_ids: Sequence[int]) -> None:
         """Another receive filter; one that is opened later has it from `open_one`."""
         if self._bus is not None:
-            self._bus.accept(can_ids)
+            with suppress(BusError):  # it is gone: `receive` will tell
+                self._bus.accept(can_ids)
 
     def changes(self) -> list[LinkChange]:
         """What has changed since the last call."""

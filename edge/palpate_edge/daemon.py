@@ -7,7 +7,6 @@ it decides is in fingertip_core.py; here are the clock, the descriptors, systemd
 from __future__ import annotations
 
 import hashlib
-import os
 import selectors
 import threading
 import time
@@ -21,18 +20,11 @@ from palpate_edge.bus import open_bus
 from palpate_edge.bus_link import BusLink
 from palpate_edge.calibration import load_calibration
 from palpate_edge.config import FingertipConfig
-from palpate_edge.errors import CaptureError, PalpateError
+from palpate_edge.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.health import (
-    BeadHealth,
-    BusHealth,
-    CameraHealth,
-    ClockHealth,
-    HealthReport,
-    health_path,
-    write_health,
-)
+from palpate_edge.health import health_path, write_health
+from palpate_edge.health_report import health_report
 from palpate_edge.local_clock import LocalClock
 from palpate_edge.node.events import (
     AcceptIdsChanged,
@@ -42,7 +34,7 @@ from palpate_edge.node.events import (
     StoreRequested,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import AI_AUTOZERO, LATENCY_HISTOGRAM, Health
+from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
 from palpate_edge.node.fingertip_objects import Method as MethodCode
 from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.stored_parameters import NOTHING_STORED
@@ -116,6 +108,7 @@ class _Daemon:
         self._health_path = health_path(config.name, config.health)
         stack.callback(self._health_path.unlink, missing_ok=True)
         self._health_at_us = 0
+        self._health_failed = False
         self._recording = ""
         self._record_wanted: bool | None = None
         self._said_of_camera = ""
@@ -132,6 +125,9 @@ class _Daemon:
                 wait_s = (due_us - self._clock.now_us()) / 1e6
                 selector.select(min(LONGEST_WAIT_S, max(0.0, wait_s)))
                 due_us = self._turn()
+        now_us = self._clock.now_us()
+        self._core.stop(now_us)
+        self._link.send(now_us, self._core.poll(now_us).frames_out)
 
     def ask_to_record(self, wanted: bool) -> None:
         """From a signal handler: the loop sees to it."""
@@ -241,65 +237,25 @@ class _Daemon:
             self._report(f"{self._config.name}: {trouble or 'camera gives frames again'}")
 
     def _tell_health(self, now_us: int) -> None:
-        report = self._health(now_us)
+        report = health_report(
+            self._config, self._core, self._link, self._pixels, self._fps, self._recording, now_us
+        )
         trouble = ", ".join(report.emergencies)
         self._notifier.status(
             f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"
             + (f"; {trouble}" if trouble else "")
         )
-        write_health(self._health_path, report)
+        try:
+            write_health(self._health_path, report)
+        except ConfigError as error:  # a full disk is no reason to stop
+            if not self._health_failed:
+                self._report(f"{self._config.name}: {error}")
+            self._health_failed = True
+        else:
+            self._health_failed = False
         if self._recording and not self.recorder.is_recording:
             self._report(f"{self._config.name}: recording ended. {self.recorder.failure}".rstrip(". "))
             self._recording = ""
-
-    def _health(self, now_us: int) -> HealthReport:
-        core, link, watch = self._core, self._link, self._core.watch
-        contact = watch.last_contact
-        return HealthReport(
-            name=self._config.name,
-            pid=os.getpid(),
-            written_at=time.monotonic(),
-            node_id=self._config.node.id,
-            nmt_state=core.state.name.lower().replace("_", "-"),
-            frames=watch.frames,
-            method=self._pixels.estimator.method.value,
-            calibration=self._config.estimator.calibration,
-            emergencies=core.emergencies.names(),
-            latencies=[int(self._node.slave.read(LATENCY_HISTOGRAM, 1 + bin_)) for bin_ in range(8)],
-            recording=self._recording,
-            camera=CameraHealth(
-                source=self._config.capture.path or self._config.capture.camera.usb_serial,
-                fps=watch.fps(now_us),
-                wanted_fps=self._fps if self._config.capture.source == "v4l2" else None,
-                age_ms=None if watch.last_us is None else (now_us - watch.last_us) / 1000,
-                dropped=self._pixels.source.dropped,
-            ),
-            beads=BeadHealth(
-                found=contact.beads_found if contact else 0,
-                expected=contact.beads_expected if contact else 0,
-                refused=watch.refused,
-                reason=contact.reason if contact else "no frame yet",
-            ),
-            bus=BusHealth(
-                interface=self._config.bus.interface,
-                state=link.state.value,
-                sent=link.sent,
-                received=link.received,
-                retries=link.retries,
-                dropped=link.dropped,
-                restarts=link.restarts,
-                error_passive=link.error_passive,
-            ),
-            clock=ClockHealth(
-                state=core.clock.state(now_us).value,
-                local_us=now_us,
-                bus_us=core.clock.to_bus_us(now_us),
-                drift_ppm=core.clock.drift_ppb / 1000,
-                error_us=core.clock.error_us(now_us),
-                steps=core.clock.steps,
-                rejected=core.clock.rejected,
-            ),
-        )
 
 
 Descriptor = tuple[int, int]

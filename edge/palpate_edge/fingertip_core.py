@@ -24,7 +24,7 @@ from palpate_edge.node.events import (
     TimeStampReceived,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import BusClockState, Health
+from palpate_edge.node.fingertip_objects import LATENCY_HISTOGRAM, BusClockState, Health
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import Output
 
@@ -68,6 +68,10 @@ class FingertipCore:
     def state(self) -> NmtState:
         return self._node.slave.state
 
+    def latencies(self) -> list[int]:
+        """2040h: frames by their time from exposure to publication."""
+        return [int(self._node.slave.read(LATENCY_HISTOGRAM, 1 + bin_)) for bin_ in range(8)]
+
     def receive(self, now_us: int, frames: Sequence[Stamped]) -> None:
         """Bus frames with their local arrival times. Raises BusError when another node has our id."""
         arrived_us = [stamp_us for stamp_us, _ in frames]
@@ -94,6 +98,10 @@ class FingertipCore:
         self.emergencies.set(Emergency.CAMERA_LOST, not stalled)
         self.emergencies.set(Emergency.CAMERA_STALLED, stalled)
         self._withdraw(now_us, str(error))
+
+    def stop(self, now_us: int) -> None:
+        """The daemon ends: what is on the bus is not valid any more."""
+        self._withdraw(now_us, "the fingertip is stopped")
 
     def link_changed(self, change: LinkChange) -> None:
         """After bus-off the node does what 1029h asks for; by default it waits to be started again."""

@@ -59,6 +59,20 @@ def test_stopping_is_told_and_the_health_file_goes(rig):
     assert not (rig.folder / "finger.health").exists()
 
 
+def test_a_health_file_that_cannot_be_written_is_told_once_and_no_reason_to_stop(rig):
+    rig.until((rig.folder / "finger.health").exists)
+    (rig.folder / "finger.health").unlink()
+    (rig.folder / "finger.health").mkdir()
+    (rig.folder / "finger.health" / "in-the-way").touch()
+    bus = rig.listen()
+    for _ in range(75):  # two and a half seconds of frames
+        rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    assert (rig.folder / "stderr").read_text().count("finger.health cannot be written") == 1
+    (rig.folder / "finger.health" / "in-the-way").unlink()
+    (rig.folder / "finger.health").rmdir()
+    rig.until((rig.folder / "finger.health").is_file)
+
+
 def test_check_asks_the_daemon(rig):
     rig.until((rig.folder / "finger.health").exists)
     time.sleep(2.2)  # a whole second of frames is told

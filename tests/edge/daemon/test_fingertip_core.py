@@ -139,6 +139,14 @@ def test_a_camera_that_fails_withdraws_the_contact_at_once(rig, error, code):
     assert rig.flags()[-1][1] == VALID_TOUCH
 
 
+def test_a_fingertip_that_is_stopped_leaves_nothing_valid_behind(rig):
+    rig.see(seconds=1)
+    rig.core.stop(rig.now_us)
+    rig.wait(0.0)
+    assert rig.flags()[-1] == (rig.now_us, 0)
+    assert rig.emergencies() == []
+
+
 def test_a_camera_may_take_its_time_for_a_first_frame(rig):
     rig.wait(2.9)
     assert rig.emergencies() == []

@@ -1,0 +1,71 @@
+"""From the parts of a running fingertip to its `HealthReport`."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from palpate_edge.bus_link import BusLink
+from palpate_edge.config import FingertipConfig
+from palpate_edge.fingertip_core import FingertipCore
+from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, HealthReport
+from palpate_edge.pixel_thread import PixelThread
+
+
+def health_report(
+    config: FingertipConfig,
+    core: FingertipCore,
+    link: BusLink,
+    pixels: PixelThread,
+    fps: float,
+    recording: str,
+    now_us: int,
+) -> HealthReport:
+    """fps: that a camera was asked for; recording: its folder, or empty; now_us: on the daemon's clock."""
+    watch, clock = core.watch, core.clock
+    contact = watch.last_contact
+    return HealthReport(
+        name=config.name,
+        pid=os.getpid(),
+        written_at=time.monotonic(),
+        node_id=config.node.id,
+        nmt_state=core.state.name.lower().replace("_", "-"),
+        frames=watch.frames,
+        method=pixels.estimator.method.value,
+        calibration=config.estimator.calibration,
+        emergencies=core.emergencies.names(),
+        latencies=core.latencies(),
+        recording=recording,
+        camera=CameraHealth(
+            source=config.capture.path or config.capture.camera.usb_serial,
+            fps=watch.fps(now_us),
+            wanted_fps=fps if config.capture.source == "v4l2" else None,
+            age_ms=None if watch.last_us is None else (now_us - watch.last_us) / 1000,
+            dropped=pixels.source.dropped,
+        ),
+        beads=BeadHealth(
+            found=contact.beads_found if contact else 0,
+            expected=contact.beads_expected if contact else 0,
+            refused=watch.refused,
+            reason=contact.reason if contact else "no frame yet",
+        ),
+        bus=BusHealth(
+            interface=config.bus.interface,
+            state=link.state.value,
+            sent=link.sent,
+            received=link.received,
+            retries=link.retries,
+            dropped=link.dropped,
+            restarts=link.restarts,
+            error_passive=link.error_passive,
+        ),
+        clock=ClockHealth(
+            state=clock.state(now_us).value,
+            local_us=now_us,
+            bus_us=clock.to_bus_us(now_us),
+            drift_ppm=clock.drift_ppb / 1000,
+            error_us=clock.error_us(now_us),
+            steps=clock.steps,
+            rejected=clock.rejected,
+        ),
+    )
