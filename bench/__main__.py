@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimator, frames, host, node, twin
+from bench import bus, estimator, frames, host, node, twin, twin_hand
 from bench.timing import table
 
 
@@ -19,6 +19,10 @@ def main() -> None:
     print(table("Host, 3 fingers x 3 joints", host.rows()))
     print()
     print(table("The twin's camera, 640x480 in colour, processor time", twin.rows()))
+    print()
+    print(table("The twin's hand and object, steps of 0.5 ms, processor time", twin_hand.rows()))
+    print()
+    print(twin_hand.report())
 
 
 if __name__ == "__main__":

@@ -13,6 +13,9 @@ CONTACT_NOISE_MM = 0.09
 """Standard deviation along each axis of an estimator whose error is 0.11 mm on average (docs/accuracy.md)."""
 
 
+FILM_STRIDE = 2  # a picture a second
+
+
 def hand_file(name: str) -> Path:
     """`table3`, `table4`, or a hand.toml."""
     return PACKAGED.get(name, Path(name))
@@ -150,6 +153,7 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
 )
 @click.option("--engine", type=click.Choice(["eqs", "mujoco"]), default="mujoco", show_default=True)
 @click.option("--direct", is_flag=True, help="True contacts with noise in place of rendered frames.")
+@click.option("--film", "with_film", is_flag=True, help="Draw each run (film-yaw.png, ...); needs OpenGL.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise.")
 @click.option(
     "-o",
@@ -167,6 +171,7 @@ def loop(
     integral: float,
     engine: str,
     direct: bool,
+    with_film: bool,
     seed: int,
     output: Path,
 ) -> None:
@@ -184,6 +189,7 @@ def loop(
 
     from palpate_host import hand_config  # noqa: PLC0415
     from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_host.twin.hand.describe import film  # noqa: PLC0415
     from palpate_host.twin.hand.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_host.twin.hand.loop import loop_table, run_loop  # noqa: PLC0415
@@ -226,6 +232,10 @@ def loop(
     text = loop_table(results)
     (output / "results.md").write_text(text + "\n", encoding="utf-8")
     click.echo(text)
+    for turn, result in zip(turns, results, strict=True) if with_film else ():
+        picture = output / f"film-{turn}.png"
+        film(result.twin, result.film[::FILM_STRIDE], picture)
+        click.echo(f"{picture}")
     for result in results:
         if result.failure:
             raise click.ClickException(f"the host stopped the hand: {result.failure}")

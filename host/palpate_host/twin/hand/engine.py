@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import mujoco
+
 from palpate_edge.errors import PalpateError
 from palpate_host.rotation import Array
+from palpate_host.twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4
 
@@ -27,6 +30,8 @@ class TipTouch:
 class Engine(Protocol):
     """Hand and object, moved on step by step under joint torques."""
 
+    twin: TwinModel
+    data: mujoco.MjData
     step_s: float
     slip_m: Array
     """(3,) path of each tip's skin against the object since the start."""

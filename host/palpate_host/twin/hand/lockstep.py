@@ -34,6 +34,7 @@ START_US = 1_700_000_000_000_000
 FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
 """From a frame's exposure to its contact in the node: half a frame of exposure, read-out, the estimate."""
+FILM_PERIOD_US = 500_000
 WIRE_US = 130
 """A frame of 8 bytes with its stuff bits at 1 Mbit/s."""
 
@@ -78,10 +79,12 @@ class Sample:
 
 @dataclass(slots=True)
 class LoopRecord:
-    """contacts: (finger, what was published, the true point on the dome or None)."""
+    """contacts: (finger, what was published, the true point on the dome or None). film: MuJoCo's qpos, every
+    half second from the start."""
 
     samples: list[Sample] = field(default_factory=list)
     contacts: list[tuple[int, Contact, Array | None]] = field(default_factory=list)
+    film: list[Array] = field(default_factory=list)
     bus_frames: int = 0
     failure: str = ""
 
@@ -119,6 +122,8 @@ class LockstepLoop:
 
     def _step(self) -> bool:
         engine, now_us = self.engine, self._now_us
+        if now_us >= START_US + len(self.record.film) * FILM_PERIOD_US:
+            self.record.film.append(np.array(engine.data.qpos))
         for motor, q_rad, qdot_rad_s in zip(self._motors, engine.q_rad, engine.qdot_rad_s, strict=True):
             motor.moved(float(q_rad), float(qdot_rad_s))
         to_nodes, to_host = self._arrived(now_us)

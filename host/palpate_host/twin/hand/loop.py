@@ -16,12 +16,14 @@ from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.fingertip_feel import Feel
 from palpate_host.twin.hand.lockstep import LockstepLoop, LoopRecord, missing_turn_deg
 from palpate_host.twin.hand.paper import AXES, STEP_DEG
+from palpate_host.twin.hand.twin_model import TwinModel
 
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
     """rpy_deg (n, 3): the object's turn since the host began to turn it. refused: frames that the estimators
-    did not believe. contact_error_mm: mean distance of published from true contacts. slip_mm: (3,)."""
+    did not believe. contact_error_mm: mean distance of published from true contacts. slip_mm: (3,). film: the
+    model's states (MuJoCo's qpos), every half second from the start."""
 
     axis: int
     error_deg: float
@@ -32,6 +34,8 @@ class LoopResult:
     frames: int
     bus_frames: int
     failure: str
+    twin: TwinModel
+    film: list[Array]
 
 
 def run_loop(
@@ -71,6 +75,8 @@ def run_loop(
         frames=len(record.contacts),
         bus_frames=record.bus_frames,
         failure=record.failure,
+        twin=loop.engine.twin,
+        film=record.film,
     )
 
 
