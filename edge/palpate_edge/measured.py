@@ -53,6 +53,7 @@ def measure(
     tracker, skin = Tracker(reference), SkinMotion(reference)
     touches: list[tuple[Press, Beads]] = []
     for number, press in enumerate(presses, start=1):
+        tracker.reset()  # presses of a dataset are no video
         beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
         if press.position_mm is None:
             rest_motion.append(skin.size_px(beads))

@@ -23,6 +23,7 @@ MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MORE_UNEVEN = 0.08  # of the contrast, than in the reference frames; JPEG and blur stay below 0.06
 MAX_RETRIES = 3
+JUMP = 0.2  # of the spacing, from one frame to the next
 SEARCH_AGAIN_BELOW = 0.9  # share of beads found in windows under which the whole image is searched
 NO_PARTNER = -1
 
@@ -79,6 +80,8 @@ class Tracker:
         self._least_contrast = MIN_CONTRAST_SHARE * reference.contrast
         self._least_area, self._most_area = (share * reference.area for share in AREA_RANGE)
         self._farthest = 0.45 * self._spacing
+        self._jump = (JUMP * self._spacing) ** 2
+        self._lost_disorder = float(np.median(0.5 * self._spacing)) ** 2
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._most_uneven = np.broadcast_to(unevenness + MORE_UNEVEN, self._spacing.shape)
         self._unevener = 0.0
@@ -95,17 +98,11 @@ class Tracker:
     def follow(self, dark: Plane) -> Beads:
         """The beads of the next frame."""
         self._refiner.look(dark)
-        position, found = self._windows(self._last)
-        for _ in range(MAX_RETRIES):  # the missing again, from where their neighbours went
-            missing = np.flatnonzero(~found)
-            if not len(missing) or not found.any():
-                break
-            position[missing] = self._filled(position, found)[missing]
-            again, found_again = self._windows(position[missing], missing)
-            position[missing], found[missing] = again, found_again
-            if not found_again.any():
-                break
-        found &= ~self._doubles(position, found)
+        position, found = self._from(self._last)
+        if self._jumped(position, found):
+            rest, found_from_rest = self._from(self._reference.position_px)
+            if self._disorder(rest, found_from_rest) < self._disorder(position, found):
+                position, found = rest, found_from_rest
         searched = bool(found.mean() < SEARCH_AGAIN_BELOW)
         if searched:
             self.counters.searches += 1
@@ -117,6 +114,36 @@ class Tracker:
             position = np.where(found[:, None], position, self._filled(position, found))
         self._last = position
         return Beads(position, found, searched)
+
+    def _from(self, start_px: Array) -> tuple[Array, Mask]:
+        """Every bead refined from `start_px`, the missing ones again from where their neighbours went."""
+        position, found = self._windows(start_px)
+        for _ in range(MAX_RETRIES):
+            missing = np.flatnonzero(~found)
+            if not len(missing) or not found.any():
+                break
+            position[missing] = self._filled(position, found)[missing]
+            again, found_again = self._windows(position[missing], missing)
+            position[missing], found[missing] = again, found_again
+            if not found_again.any():
+                break
+        return position, found & ~self._doubles(position, found)
+
+    def _jumped(self, position_px: Array, found: Mask) -> bool:
+        """Whether some bead went so far since the last frame that it may be its neighbour: another touch,
+        not the same one a little later."""
+        moved = position_px - self._last
+        far = (moved**2).sum(axis=1) > self._jump
+        return bool((far & found).any())
+
+    def _disorder(self, position_px: Array, found: Mask) -> float:
+        """How differently neighbours moved from their rest, mean square in px; a bead taken for its
+        neighbour makes it large, a lost one counts as moved by half a spacing."""
+        moved = position_px - self._reference.position_px
+        first, second = self._pairs
+        apart = ((moved[first] - moved[second]) ** 2).sum(axis=1)
+        lost = ~(found[first] & found[second])
+        return float(np.where(lost, self._lost_disorder, apart).mean())
 
     def _windows(self, start_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
         """The given beads (or all) refined from `start_px`, and which windows really hold their bead."""

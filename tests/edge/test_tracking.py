@@ -145,3 +145,23 @@ def test_spread_of_a_constant_is_that_constant():
     known, wanted = random.uniform(0, 200, (30, 2)), random.uniform(-500, 500, (9, 2))
     value = np.tile([3.0, -4.0], (30, 1))
     assert np.allclose(spread(known, value, wanted, np.full(9, 12.0)), [3.0, -4.0])
+
+
+def test_labels_hold_from_one_touch_to_the_opposite_one(another_dome):
+    """The skin goes from one side of its rest to the other between two frames: every bead but those of the
+    last column comes to stand nearer to where its neighbour was than to where it was itself."""
+    rest = grid(12)
+    dome = another_dome(width=384, height=384, noise=1.5)
+    count = len(rest)
+    reference = Reference(rest, np.full(count, 9.0), np.full(count, 110.0), np.ones(count))
+
+    def draw(places):
+        return plane(dome.draw(places, np.full(count, 9.0), 1, ()), Appearance())
+
+    tracker = Tracker(reference)
+    aside = np.array([0.4 * SPACING_PX, 0.0])
+    tracker.follow(draw(rest + aside))
+    beads = tracker.follow(draw(rest - aside))
+    error = np.linalg.norm(beads.position_px - (rest - aside), axis=1)
+    assert (error[beads.found] < 0.3).all()
+    assert beads.found.mean() > 0.95
