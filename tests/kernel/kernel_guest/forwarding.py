@@ -65,7 +65,8 @@ class Outside:
             pytest.skip(f"inside {key[0]}: {outcome.text}")
         if outcome.outcome == "failed":
             pytest.fail(f"inside {key[0]}:\n{outcome.text}", pytrace=False)
-        print(outcome.text)  # figures that the test printed
+        if outcome.text:
+            print(outcome.text)  # figures that the test printed
 
 
 class Inside:
