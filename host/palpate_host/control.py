@@ -26,7 +26,8 @@ class Gains:
 
     f_d_N: nominal grasping force. K_r: orientation gain. B_Nms_rad: (nq,) joint damping.
     tip_radius_m: r. friction_ratio: largest |F_di| over that finger's grasp force.
-    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range.
+    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. object_weight_N,
+    position_stiffness_N_m: see `carrying_force_N`.
     """
 
     f_d_N: float
@@ -37,6 +38,8 @@ class Gains:
     torque_limit_Nm: Array
     q_min_rad: Array
     q_max_rad: Array
+    object_weight_N: float = 0.0
+    position_stiffness_N_m: float = 0.0
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
@@ -79,11 +82,31 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
     return np.asarray(force / max(1.0, excess))
 
 
+def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
+    """(3,) that each tip adds to carry the object: a third of its weight, up the hand's +z, and a third of a
+    spring from the tips' centroid to `hold_at_m` (3,).
+
+    Not in the paper, whose object has no weight and whose law no term in the position: a real one would sink.
+    """
+    pull = gains.position_stiffness_N_m * (hold_at_m - tip_centre_m.mean(axis=0))
+    return np.asarray((pull + np.array([0.0, 0.0, gains.object_weight_N])) / len(tip_centre_m))
+
+
 def joint_torque_Nm(
-    pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, R_d_vir: Array | None, gains: Gains
+    pose: HandPose,
+    qdot_rad_s: Array,
+    R_vir: Array | None,
+    R_d_vir: Array | None,
+    gains: Gains,
+    hold_at_m: Array | None = None,
 ) -> Array:
-    """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only without both frames."""
+    """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only without both frames.
+
+    hold_at_m: where the tips' centroid is to stay with a grasped object, None: nothing is carried.
+    """
     force = grasp_force_N(pose.tip_centre_m, gains)
+    if hold_at_m is not None:
+        force = force + carrying_force_N(pose.tip_centre_m, hold_at_m, gains)
     if R_vir is not None and R_d_vir is not None:
         force = force + orientation_force_N(pose.tip_centre_m, R_vir, R_d_vir, gains)
     forces_to_joints = np.einsum("iaj,ia->j", pose.tip_jacobian_m, force)

@@ -71,7 +71,8 @@ class ControlConfig(_Strict, frozen=True):
     reference_frames: contacts a finger must give before its normal is a reference.
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
     turned. integral_per_s: rate at which the error that a proportional law leaves is taken out; 0: as the
-    paper.
+    paper. object_weight_N, position_stiffness_N_m: carry a grasped object, up is the hand's +z; 0: as the
+    paper, whose object has no weight.
     """
 
     mode: ControlMode
@@ -84,6 +85,8 @@ class ControlConfig(_Strict, frozen=True):
     reference_frames: Annotated[int, msgspec.Meta(ge=1, le=1000)]
     settle_ms: Milliseconds
     integral_per_s: NotNegative = 0.0
+    object_weight_N: NotNegative = 0.0
+    position_stiffness_N_m: NotNegative = 0.0
 
 
 class TargetConfig(_Strict, frozen=True):

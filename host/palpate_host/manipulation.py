@@ -38,6 +38,7 @@ class Manipulation:
         self._ramp_s = config.target.ramp_s
         self._turned_s = 0.0
         self._start: Array | None = None
+        self._hold_at_m: Array | None = None
         self._integral_per_s = 0.0 if self._blind_by_choice else config.control.integral_per_s
         self._trim_rad = np.zeros(3)
 
@@ -70,8 +71,16 @@ class Manipulation:
             if mode is Mode.MANIPULATE or self._blind_by_choice:
                 self._advance(R_vir, dt_s)
             R_d_vir = self.R_d_vir
-        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains)
+        self._hold_at_m = self._place_to_hold(mode, pose)
+        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m)
         return limit_torque_Nm(u, pose.q_rad, self.gains)
+
+    def _place_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
+        """Where the tips' centroid was when the object was first held; None while it is not."""
+        is_held = mode is not Mode.HOLD or self.orientation.is_following
+        if not is_held or self._hold_at_m is not None:
+            return self._hold_at_m if is_held else None
+        return np.asarray(pose.tip_centre_m.mean(axis=0))
 
     def _advance(self, R_vir: Array, dt_s: float) -> None:
         """One tick along the ramp and a new R_d_vir, Eq. (15). In BLIND neither moves."""
@@ -103,4 +112,6 @@ def gains_of(config: HandConfig) -> Gains:
         torque_limit_Nm=np.array([joint.torque_limit_Nm for joint in joints]),
         q_min_rad=np.array([joint.min_rad for joint in joints]),
         q_max_rad=np.array([joint.max_rad for joint in joints]),
+        object_weight_N=control.object_weight_N,
+        position_stiffness_N_m=control.position_stiffness_N_m,
     )

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate_host.control import (
     Gains,
+    carrying_force_N,
     grasp_force_N,
     joint_torque_Nm,
     limit_torque_Nm,
@@ -135,6 +136,16 @@ def test_grasp_pulls_with_f_d_rho_over_3_r(table_4):
     tips = table_4[1].pose(np.tile([0.0, 0.348, 1.221], 3)).tip_centre_m
     size = np.linalg.norm(grasp_force_N(tips, GAINS), axis=1)
     np.testing.assert_allclose(size, 4.0 * 0.0599492 / (3 * 0.03), rtol=1e-5)
+
+
+@given(tips_m, st.tuples(*[st.floats(-0.05, 0.05)] * 3).map(np.array))
+def test_carrying_adds_up_to_weight_and_spring_and_turns_nothing(tips, hold_at):
+    gains = dataclasses.replace(GAINS, object_weight_N=0.9, position_stiffness_N_m=200.0)
+    force = carrying_force_N(tips, hold_at, gains)
+    expected = np.array([0.0, 0.0, 0.9]) + 200.0 * (hold_at - tips.mean(axis=0))
+    np.testing.assert_allclose(3 * force, expected, atol=1e-12)  # the same at each tip
+    moment = np.cross(tips - tips.mean(axis=0), force).sum(axis=0)
+    np.testing.assert_allclose(moment, 0.0, atol=1e-12)
 
 
 def test_joint_torque_is_virtual_work(table_4):

@@ -102,3 +102,19 @@ def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):
         contact = feel.contact(0, (radius - depth) * towards, 1.0, 33_333 * sequence, sequence)
     assert contact.valid and contact.in_contact
     assert np.linalg.norm(np.array(contact.position_mm) - radius * towards) < 1.0
+
+
+def test_a_heavy_object_is_carried():
+    """0.1 kg, its support taken away as it is turned: without carrying it sinks 64 mm within 3 s."""
+    result = run_loop(
+        TABLE_4,
+        YAW,
+        lambda: DirectFeel(30.0, 0.09, 1),
+        seconds=3.0,
+        friction=None,
+        integral_per_s=0.0,
+        engine="mujoco",
+        has_weight=True,
+    )
+    assert result.error_deg < 4.0
+    assert 0.0 < result.sunk_mm < 8.0

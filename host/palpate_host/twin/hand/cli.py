@@ -153,6 +153,9 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
 )
 @click.option("--engine", type=click.Choice(["eqs", "mujoco"]), default="mujoco", show_default=True)
 @click.option("--direct", is_flag=True, help="True contacts with noise in place of rendered frames.")
+@click.option(
+    "--weight", "has_weight", is_flag=True, help="The object has its weight, and the host carries it."
+)
 @click.option("--film", "with_film", is_flag=True, help="Draw each run (film-yaw.png, ...); needs OpenGL.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise.")
 @click.option(
@@ -171,6 +174,7 @@ def loop(
     integral: float,
     engine: str,
     direct: bool,
+    has_weight: bool,
     with_film: bool,
     seed: int,
     output: Path,
@@ -226,6 +230,7 @@ def loop(
                     friction=friction,
                     integral_per_s=integral,
                     engine=engine,
+                    has_weight=has_weight,
                 )
             )
             progress.advance(task)

@@ -65,6 +65,10 @@ class Engine(Protocol):
         """Move on by step_s under the torques u (nq,)."""
         ...
 
+    def take_support_away(self) -> None:
+        """From now on the object has its weight, which Eq. (5) leaves out."""
+        ...
+
     def touches(self) -> tuple[TipTouch | None, ...]:
         """Each tip's contact, None where it touches nothing. LostGraspError when a tip has left its face."""
         ...

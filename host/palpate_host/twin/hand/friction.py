@@ -75,6 +75,9 @@ class FrictionHand:
         start = self.twin.object_q
         return np.array(self.data.qpos[start : start + 3])
 
+    def take_support_away(self) -> None:
+        self.twin.model.body_gravcomp[self.twin.object_body] = 0.0
+
     def touches(self) -> tuple[TipTouch | None, ...]:
         """As the last step found them."""
         data = self.data

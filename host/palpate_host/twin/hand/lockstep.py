@@ -27,7 +27,7 @@ from palpate_host.network import SYNC
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
 from palpate_host.twin.drive_plant import JointParameters
-from palpate_host.twin.hand.engine import Engine
+from palpate_host.twin.hand.engine import Engine, LostGraspError
 from palpate_host.twin.hand.fingertip_feel import Feel
 
 START_US = 1_700_000_000_000_000
@@ -70,11 +70,12 @@ class HandMotor:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One host tick: virtual seconds since the start, the host's mode, the object's rotation (3, 3)."""
+    """One host tick: virtual seconds since the start, the host's mode, the object's pose (3, 3) and (3,)."""
 
     time_s: float
     mode: Mode
     object_rotation: Array
+    object_position_m: Array
 
 
 @dataclass(slots=True)
@@ -92,7 +93,11 @@ class LoopRecord:
 class LockstepLoop:
     """Everything on one virtual bus; `run` moves it on."""
 
-    def __init__(self, config: HandConfig, hand: Hand, engine: Engine, feel: Feel) -> None:
+    def __init__(
+        self, config: HandConfig, hand: Hand, engine: Engine, feel: Feel, has_weight: bool = False
+    ) -> None:
+        """has_weight: when the host begins to turn the object, what it stood on is taken away."""
+        self._is_supported = has_weight
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._feel = hand, feel
         self._radius_mm = 1e3 * config.control.tip_radius_m
@@ -138,7 +143,13 @@ class LockstepLoop:
         self._send(now_us, output.frames_out, from_host=True)
         if output.frames_out and output.status is not None:
             seconds = (now_us - START_US) * 1e-6
-            self.record.samples.append(Sample(seconds, output.status.mode, engine.object_rotation))
+            mode = output.status.mode
+            self.record.samples.append(
+                Sample(seconds, mode, engine.object_rotation, engine.object_position_m)
+            )
+            if self._is_supported and mode is Mode.MANIPULATE:
+                engine.take_support_away()
+                self._is_supported = False
         self.record.failure = output.failure
         engine.step(np.array([motor.joint_torque_Nm for motor in self._motors]))
         self._now_us += round(engine.step_s * 1e6)
@@ -194,12 +205,20 @@ class LockstepLoop:
 def missing_turn_deg(record: LoopRecord, rpy_deg: tuple[float, float, float]) -> tuple[float, Array]:
     """Angle between the object and where it should be at the end, and its roll, pitch, yaw (n, 3) since the
     host began to turn it; the start is the first tick in MANIPULATE."""
-    turning = [sample for sample in record.samples if sample.time_s >= _begin_s(record)]
+    turning = turning_samples(record)
     start = turning[0].object_rotation
     rpy = np.array([rotation.to_rpy_deg(sample.object_rotation @ start.T) for sample in turning])
     goal = rotation.from_rpy_deg(*rpy_deg) @ start
     return rotation.angle_deg(goal @ turning[-1].object_rotation.T), rpy
 
 
-def _begin_s(record: LoopRecord) -> float:
-    return next((s.time_s for s in record.samples if s.mode in (Mode.MANIPULATE, Mode.BLIND)), np.inf)
+def turning_samples(record: LoopRecord) -> list[Sample]:
+    """From the first tick in which the host turned the object. LostGraspError when it never did."""
+    turning = (Mode.MANIPULATE, Mode.BLIND)
+    first = next((i for i, sample in enumerate(record.samples) if sample.mode in turning), None)
+    if first is None:
+        raise LostGraspError(
+            f"the host never turned the object ({record.failure or 'no contact, or too short a run'}):"
+            " give more --seconds, or correct the start pose in hand.toml"
+        )
+    return record.samples[first:]

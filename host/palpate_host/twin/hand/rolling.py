@@ -82,6 +82,9 @@ class RollingHand:
     def object_position_m(self) -> Array:
         return np.array(self.data.xpos[self.twin.object_body])
 
+    def take_support_away(self) -> None:
+        self._weight_N = np.zeros(3)
+
     def touches(self) -> tuple[TipTouch | None, ...]:
         """Forces are those of the last step."""
         R, x = self.object_rotation, self.object_position_m

@@ -53,13 +53,11 @@ class TwinModel:
         return data
 
 
-def twin_model(
-    config: HandConfig, *, with_contacts: bool, has_object_weight: bool = False, has_B: bool = True
-) -> TwinModel:
+def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -> TwinModel:
     """The model of `config`.
 
-    with_contacts: MuJoCo finds the contacts. has_object_weight: Eq. (5) has none. has_B: the joints have the
-    damping B of Eq. (10), which is then not to be asked for as a torque.
+    with_contacts: MuJoCo finds the contacts. has_B: the joints have the damping B of Eq. (10), which is then
+    not to be asked for as a torque. The object's weight is compensated, as in Eq. (5).
 
     ConfigError when hand.toml has no [twin] or its start pose does not fit the fingers.
     """
@@ -76,7 +74,7 @@ def twin_model(
     spec = spec_of(config)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
-    _add_object(spec, prism, has_object_weight)
+    _add_object(spec, prism)
     _add_tips(spec, config, twin, with_contacts)
     names = [joint.name for joint in config.joints]
     for joint in spec.joints:
@@ -106,14 +104,14 @@ def _sphere(site: str) -> str:
     return f"twin_{site}"
 
 
-def _add_object(spec: mujoco.MjSpec, prism: Prism, has_weight: bool) -> None:
+def _add_object(spec: mujoco.MjSpec, prism: Prism) -> None:
     spec.add_mesh(name=OBJECT, uservert=prism.vertices_m.ravel())
     body = spec.worldbody.add_body(
         name=OBJECT,
         explicitinertial=True,
         mass=prism.mass_kg,
         inertia=prism.inertia_kgm2,
-        gravcomp=0.0 if has_weight else 1.0,
+        gravcomp=1.0,
     )
     body.add_freejoint()
     body.add_geom(
