@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -15,9 +16,19 @@ from palpate_edge.bus import open_bus
 from palpate_edge.bus_clock import BusClock, ClockState
 from palpate_edge.calibration import Calibration, load_calibration
 from palpate_edge.config import FingertipConfig
-from palpate_edge.errors import PalpateError
+from palpate_edge.errors import IlluminationError, PalpateError
 from palpate_edge.estimator import MIN_BEADS_SHARE, Estimator, best_method
-from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, HealthReport
+from palpate_edge.health import (
+    BeadHealth,
+    BusHealth,
+    CameraHealth,
+    ClockHealth,
+    HealthReport,
+    LightHealth,
+)
+from palpate_edge.health_report import light_health
+from palpate_edge.illumination import Illumination
+from palpate_edge.light import LightState
 from palpate_edge.local_clock import LocalClock
 from palpate_edge.open_source import open_source
 
@@ -62,8 +73,33 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[Row]:
             judge_bus(report.bus),
             judge_clock(report.clock),
         ]
-    rows.append(Row("temperature", "no illumination controller", "", Verdict.ABSENT, ""))
-    return rows
+    return [*rows, _check_light(config, report)]
+
+
+def judge_light(light: LightHealth) -> Row:
+    """The LED ring's controller and its temperatures."""
+    if light.problem or light.led_degC is None:
+        return Row("temperature", "no answer", "", Verdict.FAIL, light.problem)
+    silicone = "unknown" if light.silicone_degC is None else f"{light.silicone_degC:.1f} degC"
+    value = f"silicone {silicone}, LED {light.led_degC:.1f} degC, level {light.level}"
+    if light.faults:
+        way_out = f"{light.faults}: see the faults in docs/illumination.md"
+        return Row("temperature", value, "no fault", Verdict.WARN, way_out)
+    return Row("temperature", value, "no fault", Verdict.OK, "")
+
+
+def _check_light(config: FingertipConfig, report: HealthReport | None) -> Row:
+    """By the daemon's word, or else asked for; the controller answers two masters in turn."""
+    bus = config.illumination.i2c_bus
+    if bus is None:
+        return Row("temperature", "no illumination controller", "", Verdict.ABSENT, "")
+    if report is not None and report.light is not None:
+        return judge_light(report.light)
+    try:
+        with closing(Illumination.open(bus, config.illumination.address)) as controller:
+            return judge_light(light_health(LightState(controller.state(), "")))
+    except IlluminationError as error:
+        return Row("temperature", "no answer", "", Verdict.FAIL, str(error))
 
 
 def exit_status(rows: list[Row]) -> int:

@@ -73,6 +73,13 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     parameters: str = ""
 
 
+class IlluminationConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The LED ring's controller. i2c_bus: N of /dev/i2c-N; None where there is no controller."""
+
+    i2c_bus: Annotated[int, msgspec.Meta(ge=0, le=255)] | None = None
+    address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x2A
+
+
 class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All of a ``palpate-edge run --config`` file. health: the file it keeps for ``palpate-edge check``."""
 
@@ -82,6 +89,7 @@ class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     node: NodeConfig
     bus: BusConfig
     record: RecordConfig = RecordConfig()
+    illumination: IlluminationConfig = IlluminationConfig()
     health: str = ""
 
 

@@ -15,6 +15,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
+import msgspec
 
 from palpate_edge.bus import open_bus
 from palpate_edge.bus_link import BusLink
@@ -24,7 +25,9 @@ from palpate_edge.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import health_path, write_health
-from palpate_edge.health_report import health_report
+from palpate_edge.health_report import health_report, light_health
+from palpate_edge.illumination import Illumination
+from palpate_edge.light import Light
 from palpate_edge.local_clock import LocalClock
 from palpate_edge.node.events import (
     AcceptIdsChanged,
@@ -98,7 +101,11 @@ class _Daemon:
             model_hash=hashlib.sha256(calibration.model).hexdigest() if calibration.model else "",
             serial_number=config.node.serial_number,
             kept=self._parameters.load() if self._parameters else NOTHING_STORED,
+            has_led=config.illumination.i2c_bus is not None,
         )
+        self._light = _open_light(config, self._node.led_set_point)
+        if self._light is not None:
+            stack.callback(self._light.close)
         accept_ids = self._node.slave.accept_ids
         self._link = BusLink(lambda: open_bus(config.bus, config.name, accept_ids()))
         stack.callback(self._link.close)
@@ -116,6 +123,8 @@ class _Daemon:
     def serve(self, stopped: threading.Event) -> None:
         """The bus loop."""
         self._pixels.start()
+        if self._light is not None:
+            self._light.start()
         with selectors.DefaultSelector() as selector:
             selector.register(self._pixels.fileno(), selectors.EVENT_READ)
             on_bus: tuple[int, int] | None = None
@@ -154,6 +163,7 @@ class _Daemon:
             core.link_changed(change)
         core.error_passive(link.error_passive)
         self._take_pixels()
+        self._see_to_light()
         now_us = clock.now_us()
         step = core.poll(now_us)
         link.send(now_us, step.frames_out)
@@ -187,15 +197,23 @@ class _Daemon:
 
     def _board_health(self) -> Health:
         health, link = self._pixels.estimator.health, self._link
+        light = self._light.latest if self._light else None
         return Health(
-            temperature_degC=None,
+            temperature_degC=light.temperature_degC if light else None,
             frames_dropped=self._pixels.source.dropped,
-            led_level=0,
+            led_level=light.level if light else 0,
             skin_drift_px=health.drift_px,
             whole_image_searches=health.searches,
             transmit_retries=link.retries,
             bus_restarts=link.restarts,
         )
+
+    def _see_to_light(self) -> None:
+        """2030h goes to the controller, its trouble to the bus; what is told is in the health file."""
+        if self._light is not None:
+            self._light.level = self._node.led_set_point
+            latest = self._light.latest
+            self._core.light(lost=latest.state is None, too_hot=latest.too_hot)
 
     def _see_to(self, events: tuple[Event, ...]) -> None:
         """What the bus asks of the board."""
@@ -240,6 +258,8 @@ class _Daemon:
         report = health_report(
             self._config, self._core, self._link, self._pixels, self._fps, self._recording, now_us
         )
+        if self._light is not None:
+            report = msgspec.structs.replace(report, light=light_health(self._light.latest))
         trouble = ", ".join(report.emergencies)
         self._notifier.status(
             f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"
@@ -256,6 +276,11 @@ class _Daemon:
         if self._recording and not self.recorder.is_recording:
             self._report(f"{self._config.name}: recording ended. {self.recorder.failure}".rstrip(". "))
             self._recording = ""
+
+
+def _open_light(config: FingertipConfig, level: int) -> Light | None:
+    bus, address = config.illumination.i2c_bus, config.illumination.address
+    return None if bus is None else Light(lambda: Illumination.open(bus, address), level)
 
 
 Descriptor = tuple[int, int]

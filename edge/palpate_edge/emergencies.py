@@ -10,6 +10,7 @@ from palpate_edge.node.emcy import EmergencyProducer, ErrorRegister
 class Emergency(IntEnum):
     """Error codes: CiA 301, 7.2.7.1, and its device-specific range FFxxh."""
 
+    LED_TOO_HOT = 0x4200
     ERROR_PASSIVE = 0x8120
     BUS_OFF_RECOVERED = 0x8140
     CAMERA_LOST = 0xFF01
@@ -17,9 +18,11 @@ class Emergency(IntEnum):
     BEADS_LOST = 0xFF03
     OVERRUN = 0xFF04
     CLOCK_LOST = 0xFF05
+    LIGHT_LOST = 0xFF06
 
 
 REGISTER = {
+    Emergency.LED_TOO_HOT: ErrorRegister.TEMPERATURE,
     Emergency.ERROR_PASSIVE: ErrorRegister.COMMUNICATION,
     Emergency.CLOCK_LOST: ErrorRegister.COMMUNICATION,
 }

@@ -112,6 +112,11 @@ class FingertipCore:
     def error_passive(self, passive: bool) -> None:
         self.emergencies.set(Emergency.ERROR_PASSIVE, passive)
 
+    def light(self, *, lost: bool, too_hot: bool) -> None:
+        """What the LED ring's controller says, where there is one."""
+        self.emergencies.set(Emergency.LIGHT_LOST, lost)
+        self.emergencies.set(Emergency.LED_TOO_HOT, too_hot)
+
     def poll(self, now_us: int) -> Step:
         """Serve what is due, and hand over what there is to send."""
         if self.watch.is_stalled(now_us) and not self._capture_failed:

@@ -59,6 +59,16 @@ class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):
     rejected: int
 
 
+class LightHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """problem: why the controller does not answer, or empty; faults: names, joined."""
+
+    level: int
+    led_degC: float | None
+    silicone_degC: float | None
+    faults: str
+    problem: str
+
+
 class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     """written_at: CLOCK_MONOTONIC, s. latencies: as 2040h. recording: the folder, or empty."""
 
@@ -77,6 +87,7 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     beads: BeadHealth
     bus: BusHealth
     clock: ClockHealth
+    light: LightHealth | None = None
 
 
 def health_path(name: str, configured: str) -> Path:

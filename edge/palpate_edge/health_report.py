@@ -8,7 +8,16 @@ import time
 from palpate_edge.bus_link import BusLink
 from palpate_edge.config import FingertipConfig
 from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, HealthReport
+from palpate_edge.health import (
+    BeadHealth,
+    BusHealth,
+    CameraHealth,
+    ClockHealth,
+    HealthReport,
+    LightHealth,
+)
+from palpate_edge.illumination_registers import Fault
+from palpate_edge.light import LightState
 from palpate_edge.pixel_thread import PixelThread
 
 
@@ -68,4 +77,17 @@ def health_report(
             steps=clock.steps,
             rejected=clock.rejected,
         ),
+    )
+
+
+def light_health(light: LightState) -> LightHealth:
+    """Of a fingertip with an illumination controller."""
+    state = light.state
+    faults = Fault(0) if state is None else state.faults
+    return LightHealth(
+        level=light.level,
+        led_degC=None if state is None else state.led_degC,
+        silicone_degC=light.temperature_degC,
+        faults=", ".join((fault.name or "").lower().replace("_", " ") for fault in faults),
+        problem=light.problem,
     )

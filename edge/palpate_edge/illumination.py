@@ -68,7 +68,7 @@ class Illumination:
                 )
 
     @classmethod
-    def open(cls, bus_number: int) -> Illumination:
+    def open(cls, bus_number: int, address: int = I2C_ADDRESS) -> Illumination:
         """The controller on /dev/i2c-N; IlluminationError as the constructor, or without that bus."""
         try:
             bus = SMBus(bus_number)
@@ -76,7 +76,7 @@ class Illumination:
             raise IlluminationError(
                 f"/dev/i2c-{bus_number}: {exc.strerror}: enable I2C and add the user to group i2c"
             ) from exc
-        return cls(bus, f"/dev/i2c-{bus_number}")
+        return cls(bus, f"/dev/i2c-{bus_number}", address)
 
     def close(self) -> None:
         self._bus.close()

@@ -68,6 +68,11 @@ class FingertipNode:
         self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
         self.slave.write(*SERIAL_NUMBER, serial_number)
 
+    @property
+    def led_set_point(self) -> int:
+        """2030h."""
+        return int(self.slave.read(LED_SET_POINT))
+
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
     ) -> Output:

@@ -14,8 +14,9 @@ from palpate_edge.check import (
     judge_bus,
     judge_camera,
     judge_clock,
+    judge_light,
 )
-from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth
+from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
 
 CAMERA = CameraHealth(source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0)
 BEADS = BeadHealth(found=85, expected=85, refused=3, reason="")
@@ -73,3 +74,20 @@ def test_a_script_is_told_of_failures_alone():
 def test_the_table_has_a_line_for_each_part_and_each_way_out():
     lines = as_table([judge_bus(BUS), judge_bus(change(BUS, state="down"))]).splitlines()
     assert [line.split()[0] for line in lines] == ["ok", "fail", "->"]
+
+
+LIGHT = LightHealth(level=200, led_degC=41.0, silicone_degC=27.5, faults="", problem="")
+
+
+@pytest.mark.parametrize(
+    ("light", "verdict", "word"),
+    [
+        (LIGHT, "ok", "27.5 degC"),
+        (change(LIGHT, faults="over temperature"), "warn", "over temperature"),
+        (change(LIGHT, led_degC=None, problem="check power and wiring"), "fail", "wiring"),
+    ],
+)
+def test_the_light_is_judged(light, verdict, word):
+    row = judge_light(light)
+    assert row.verdict.value == verdict
+    assert word in row.value + row.way_out

@@ -273,3 +273,16 @@ def test_an_led_that_is_not_there_takes_no_level(has_led, answer):
         assert frame.data[0] == 0x60
     else:
         assert frame.data == struct.pack("<BHBI", 0x80, 0x2030, 0, answer)
+
+
+def test_a_hot_led_and_a_lost_controller_are_told_once_and_taken_back(rig):
+    rig.see(frames=3)
+    for _ in range(3):
+        rig.core.light(lost=False, too_hot=True)
+        rig.see(frames=3)
+    rig.core.light(lost=True, too_hot=False)
+    rig.see(frames=3)
+    rig.core.light(lost=False, too_hot=False)
+    rig.see(frames=3)
+    assert [code for code in rig.emergencies() if code] == [0x4200, 0xFF06]
+    assert rig.emergencies()[-1] == 0x0000

@@ -1,0 +1,110 @@
+"""The daemon's light keeper with the real firmware on simulated wires."""
+
+from __future__ import annotations
+
+import errno
+
+import pytest
+from firmware_rig.simulated_controller import SimulatedController
+from firmware_rig.smbus_adapter import WireSmBus
+
+from palpate_edge.errors import IlluminationError
+from palpate_edge.health_report import light_health
+from palpate_edge.illumination import Illumination
+from palpate_edge.light import Light
+
+HOT_ADC = 128  # 76 degC
+
+
+class Cable(WireSmBus):
+    """Wires that can be pulled."""
+
+    def __init__(self, controller: SimulatedController) -> None:
+        super().__init__(controller)
+        self.pulled = False
+
+    def read_word_data(self, i2c_addr: int, register: int) -> int:
+        self._check()
+        return super().read_word_data(i2c_addr, register)
+
+    def write_word_data(self, i2c_addr: int, register: int, value: int) -> None:
+        self._check()
+        super().write_word_data(i2c_addr, register, value)
+
+    def _check(self) -> None:
+        if self.pulled:
+            raise OSError(errno.ENXIO, "No such device or address")
+
+
+@pytest.fixture
+def cable(controller: SimulatedController) -> Cable:
+    return Cable(controller)
+
+
+@pytest.fixture
+def light(cable: Cable) -> Light:
+    return Light(lambda: Illumination(cable, "simulated wires"), 200)
+
+
+def test_the_level_reaches_the_leds_and_comes_back(light: Light, controller: SimulatedController) -> None:
+    light.turn()
+    controller.run_ms(250)
+    light.turn()
+    assert controller.led_share(10) == pytest.approx((200 / 255) ** 2, abs=0.005)
+    assert light.latest.level == pytest.approx(200, abs=1)
+    assert light.latest.temperature_degC == pytest.approx(25.0, abs=0.3)
+    light.level = 0
+    light.turn()
+    controller.run_ms(5)
+    assert controller.led_share(5) == 0.0
+
+
+def test_it_stays_lit_by_the_turns_alone(light: Light, controller: SimulatedController) -> None:
+    for _ in range(8):
+        controller.run_ms(250)
+        light.turn()
+    assert controller.led_share(10) > 0.5
+
+
+def test_after_a_silence_the_light_comes_back(light: Light, controller: SimulatedController) -> None:
+    controller.run_ms(1500)
+    assert controller.led_share(10) == 0.0
+    light.turn()
+    light.turn()
+    controller.run_ms(250)
+    assert controller.led_share(10) > 0.5
+
+
+def test_heat_is_told(light: Light, controller: SimulatedController) -> None:
+    controller.set_adc(0, HOT_ADC)
+    controller.run_ms(20)
+    light.turn()
+    assert light.latest.too_hot
+    assert light.latest.level == 0
+    assert light_health(light.latest).faults == "over temperature"
+
+
+def test_a_pulled_cable_is_told_and_mended(light: Light, cable: Cable) -> None:
+    cable.pulled = True
+    light.turn()
+    assert light.latest.state is None
+    assert "LEVEL" in light.latest.problem or "No such device" in light.latest.problem
+    cable.pulled = False
+    light.turn()
+    assert light.latest.problem == ""
+
+
+def test_no_controller_at_the_start_is_refused(cable: Cable) -> None:
+    cable.pulled = True
+    with pytest.raises(IlluminationError, match="check power and wiring"):
+        Light(lambda: Illumination(cable, "simulated wires"), 200)
+
+
+def test_a_reset_controller_is_lit_again(light: Light, controller: SimulatedController) -> None:
+    controller.brown_out()
+    controller.run_ms(20)
+    light.turn()
+    controller.run_ms(250)
+    light.turn()
+    controller.run_ms(250)
+    assert controller.led_share(10) > 0.5
