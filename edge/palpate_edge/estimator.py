@@ -30,8 +30,7 @@ MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the whole image; less is a blank frame
 TARE_FRAMES = 10
 MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
-MAX_MISFIT = 0.04  # Correction.misfit: 99.5 % of the recorded presses stay below 0.02, 95 % of splices do not
-UNTAUGHT_MISFIT = 0.06  # without presses of the sensor itself: another dome's mechanics are no fault
+MAX_MISFIT = 0.06  # Correction.misfit: 99 % of presses of four sensors stay below it, 5 % of their splices
 NOISE_MISFIT = 1.2  # what noise adds to a motion of the contact threshold's size
 NOISE_RADIUS = 0.15  # of the dome's, the part of the 95 % radius that noise makes at the contact threshold
 MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
@@ -92,7 +91,6 @@ class Estimator:
         self._ring_of = calibration.ring_of()
         self._tracker = Tracker(calibration.reference())
         self._rest_on(calibration.reference())
-        self._max_misfit = MAX_MISFIT if calibration.stiffness_scale is not None else UNTAUGHT_MISFIT
         self._refused = 0
         self._last_image: Image | None = None
         self._slip = SlipWatch()
@@ -138,7 +136,7 @@ class Estimator:
             return self._refuse(frame, "the beads have moved as one: a knocked camera; tare", found)
         touched = skin is Skin.TOUCHED
         contact = self._contact(beads) if touched else NO_TOUCH
-        if contact.misfit > self._max_misfit + NOISE_MISFIT * (threshold_px / motion_px) ** 2:
+        if contact.misfit > MAX_MISFIT + NOISE_MISFIT * (threshold_px / motion_px) ** 2:
             return self._refuse(
                 frame, "skin moves unlike any single press: a torn frame, or several contacts", found
             )
