@@ -30,7 +30,7 @@ class TrainingPress:
     beads: Beads
     direction: Array
     force_N: Array
-    faintness: float
+    faintness: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
