@@ -10,8 +10,9 @@ from bench.timing import table
 
 def main() -> None:
     cv2.setNumThreads(1)
-    print(table("Estimator, 640x480, 85 beads, one core", estimator.rows(frames.load())))
-    print()
+    for material in frames.materials():
+        print(estimator.report(material))
+        print()
     print(table("Fingertip node and hub", bus.rows()))
     print()
     print(node.report())

@@ -2,53 +2,83 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from itertools import count
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from bench.frames import Material
-from bench.timing import Row, time_each
+from bench.timing import Item, Row, table, time_both
+from palpate_edge.capture.frame import Frame
 from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.estimator import Estimator, Method
-from palpate_edge.markers import find_blobs, plane
+from palpate_edge.markers import Image, find_blobs, plane
 from palpate_edge.motion import SkinMotion
 from palpate_edge.sensor import View
 from palpate_edge.tracking import Tracker
 
 Array = NDArray[np.float64]
+Seconds = NDArray[np.float64]
+
+FRAME_US = 33_333
+ALTERNATIVE_FRAMES = 60  # it is slow
+
+
+def report(material: Material) -> str:
+    """The table of one recording: every stage works on a frame that has just been decoded."""
+    found = rows(material)
+    return table(f"Estimator, processor time, one core: {material.name}", found, against=found[-1])
 
 
 def rows(material: Material) -> list[Row]:
-    """All rows of the estimator's table; the first is the yardstick."""
-    calibration, frames = material.calibration, material.frames
+    """All rows of the estimator's table; the first is the yardstick (b), the last the alternative (a)."""
+    calibration, jpegs = material.calibration, material.jpegs
     reference = calibration.reference()
-    planes = [plane(frame.image, calibration.appearance) for frame in frames]
+    planes = [plane(decode(jpeg), calibration.appearance) for jpeg in jpegs]
     tracker, skin = Tracker(reference), SkinMotion(reference)
     view = View(calibration.sensor.camera, calibration.pose)
     reader = DisplacementReader(reference.position_px, view, calibration.sensor.markers.radius_mm)
     beads = [tracker.follow(dark) for dark in planes]
     fields = [reader.read(bead) for bead in beads]
     model = CorrectionModel(calibration.model, calibration.sensor.fingerprint())
-    corrected, paper = Estimator(calibration, Method.CORRECTED), Estimator(calibration, Method.PAPER)
+    corrected, paper = (Estimator(calibration, method) for method in (Method.CORRECTED, Method.PAPER))
     diameter_px = float(np.median(reference.diameter_px))
     alternative = OpenCvAlternative(calibration.ring_of(), reference.position_px)
+    number = count()
+
+    def framed(image: Image) -> Frame:
+        index = next(number)
+        return Frame(image, index * FRAME_US, index, "")
+
+    def after(things: Sequence[Item], call: Callable[[Item], object]) -> Seconds:
+        """Of a stage on what the stage before made of the frame that has just been decoded."""
+        pairs = list(zip(jpegs, things, strict=True))
+        return time_both(lambda pair: (decode(pair[0]), pair[1])[1], call, pairs)[1]
+
+    decoding_s, corrected_s = time_both(decode, lambda image: corrected.estimate(framed(image)), jpegs)
+    _, paper_s = time_both(decode, lambda image: paper.estimate(framed(image)), jpegs)
+    _, follow_s = time_both(decode, tracker.follow, jpegs)
+    _, search_s = time_both(decode, lambda image: find_blobs(image, diameter_px), jpegs)
+    _, alternative_s = time_both(decode, alternative, jpegs[:ALTERNATIVE_FRAMES])
     return [
-        Row("grey JPEG decoding (the yardstick)", time_each(decode, material.jpegs)),
-        Row("corrected estimate, image to force", time_each(corrected.estimate, frames)),
-        Row("paper's estimate, image to force", time_each(paper.estimate, frames)),
-        Row("  follow the beads", time_each(tracker.follow, planes)),
-        Row("  touch test", time_each(skin.size_px, beads)),
-        Row("  canonical displacement field", time_each(reader.read, beads)),
-        Row("  correction model", time_each(model.correct, fields)),
-        Row("find the beads in a whole image", time_each(lambda p: find_blobs(p, diameter_px), planes)),
-        Row("SimpleBlobDetector + fitEllipse + scipy Delaunay", time_each(alternative, planes[:60])),
+        Row("grey JPEG decoding (b)", decoding_s),
+        Row("corrected estimate, image to force", corrected_s),
+        Row("paper's estimate, image to force", paper_s),
+        Row("  follow the beads", follow_s),
+        Row("  touch test", after(beads, skin.size_px)),
+        Row("  canonical displacement field", after(beads, reader.read)),
+        Row("  correction model", after(fields, model.correct)),
+        Row("find the beads in a whole image", search_s),
+        Row("SimpleBlobDetector + fitEllipse + scipy Delaunay (a)", alternative_s),
     ]
 
 
-def decode(jpeg: NDArray[np.uint8]) -> object:
-    return cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
+def decode(jpeg: Image) -> Image:
+    return np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
 class OpenCvAlternative:

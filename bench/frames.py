@@ -1,8 +1,9 @@
-"""What the estimator is timed on: the demo's calibration set and one of its videos as grey JPEG frames."""
+"""What the estimator is timed on: a calibration, and a moving contact's frames as JPEG files."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,36 +13,48 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import Calibration, load_calibration, save_calibration
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.dataset import read_dataset
 from palpate_edge.training.dome_model import load_dome_model
 
-RECORDING = Path(__file__).resolve().parents[1] / "demo" / "recording"
+ROOT = Path(__file__).resolve().parents[1]
+RECORDING = ROOT / "demo" / "recording"
+SHARED = ROOT.parent / "shared" / "data"  # beside the project where its data were handed out
 JPEG_QUALITY = 90
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """calibration; grey frames of a moving contact; the same frames as JPEG files' bytes."""
+    """name for the table's title; calibration; the frames of a moving contact as JPEG files' bytes."""
 
+    name: str
     calibration: Calibration
-    frames: tuple[Frame, ...]
     jpegs: tuple[NDArray[np.uint8], ...]
 
 
-def load() -> Material:
-    """Calibrate on the demo's presses and decode the first finger's video."""
+def materials() -> Iterator[Material]:
+    """The demo's first finger, its video as grey JPEG frames; and the press sequences' first where it is."""
+    calibration = _calibrated(RECORDING / "press")
+    recording = open_recording(RECORDING / "finger-1")
+    jpegs = tuple(_grey_jpeg(frame.image) for frame in all_frames(recording))
+    recording.close()
+    yield Material("the demo's recording as grey JPEG", calibration, jpegs)
+    sequence = SHARED / "press-sequences" / "finger-1"
+    if sequence.is_dir():
+        frames = sorted((sequence / "frames").glob("*.jpg"))
+        jpegs = tuple(np.fromfile(path, np.uint8) for path in frames)
+        yield Material("press-sequences/finger-1", _calibrated(SHARED / "press-sample"), jpegs)
+
+
+def _calibrated(presses: Path) -> Calibration:
+    """With the model as it is read from a file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.cal"
-        save_calibration(calibrate(read_dataset(RECORDING / "press"), dome=load_dome_model()), path)
-        calibration = load_calibration(path)
-    recording = open_recording(RECORDING / "finger-1")
-    frames = []
-    for frame in all_frames(recording):
-        grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) if frame.image.ndim == 3 else frame.image
-        frames.append(Frame(np.asarray(grey, np.uint8), frame.exposed_at_us, frame.sequence, frame.name))
-    recording.close()
+        save_calibration(calibrate(read_dataset(presses), dome=load_dome_model()), path)
+        return load_calibration(path)
+
+
+def _grey_jpeg(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    jpegs = tuple(np.asarray(cv2.imencode(".jpg", frame.image, quality)[1], np.uint8) for frame in frames)
-    return Material(calibration, tuple(frames), jpegs)
+    return np.asarray(cv2.imencode(".jpg", grey, quality)[1], np.uint8)

@@ -7,6 +7,8 @@ Inputs ``field`` (1, 2 g) mm and ``hidden`` (1, 1); outputs ``direction`` (1, 3)
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +19,7 @@ from palpate_edge.displacement import CanonicalField, about_z
 from palpate_edge.errors import CalibrationError
 
 Array = NDArray[np.float64]
+
 
 OUTPUTS = ["direction", "force", "radius95", "misfit"]
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
@@ -65,20 +68,35 @@ class CorrectionModel:
                 f"the correction model was made for sensor {made_for}, the calibration is for "
                 f"{sensor_fingerprint}: run palpate-edge calibrate again"
             )
-
         if [output.name for output in self._session.get_outputs()] != OUTPUTS:
             raise CalibrationError(
                 "the correction model was made by another version: run palpate-edge calibrate again"
             )
+        self._bind(onnxruntime.OrtValue.ortvalue_from_numpy)
+
+    def _bind(self, tensor: Callable[[Array], Any]) -> None:
+        """Give the session its inputs' and outputs' memory once: it shares that of numpy's arrays."""
+        self._binding: Any = self._session.io_binding()
+        self._arrays = {}
+        for part, bind in (
+            (self._session.get_inputs(), self._binding.bind_ortvalue_input),
+            (self._session.get_outputs(), self._binding.bind_ortvalue_output),
+        ):
+            for value in part:
+                self._arrays[value.name] = np.zeros(value.shape)
+                bind(value.name, tensor(self._arrays[value.name]))
 
     def correct(self, field: CanonicalField) -> Correction:
         """Contact position, force and uncertainty of one frame."""
-        inputs = {
-            "field": field.values[None],
-            "hidden": np.array([[field.hidden]], dtype=np.float64),
-        }
-        direction, force, radius95, misfit = self._session.run(OUTPUTS, inputs)
+        arrays = self._arrays
+        arrays["field"][0] = field.values
+        arrays["hidden"][0] = field.hidden
+        self._session.run_with_iobinding(self._binding)
         turn = about_z(field.azimuth_rad)
-        unit = direction[0]
-        unit /= np.linalg.norm(unit)
-        return Correction(turn @ unit, turn @ force[0], float(radius95[0, 0]), max(0.0, float(misfit[0, 0])))
+        direction, force = turn @ arrays["direction"][0], turn @ arrays["force"][0]
+        return Correction(
+            direction / math.sqrt(direction @ direction),
+            force,
+            float(arrays["radius95"][0, 0]),
+            max(0.0, float(arrays["misfit"][0, 0])),
+        )

@@ -58,7 +58,7 @@ def mirrored(values: Array) -> Array:
 
 def about_z(azimuth_rad: float) -> Array:
     """(3, 3): canonical frame to F."""
-    cos, sin = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    cos, sin = math.cos(azimuth_rad), math.sin(azimuth_rad)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -72,19 +72,20 @@ class DisplacementReader:
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
         covariance = kernel(self._beads, self._beads) + BEAD_NOISE * np.eye(len(reference_px))
         self._inverse = np.linalg.inv(covariance)
+        self._beads_32 = self._beads.astype(np.float32)
 
     def read(self, beads: Beads, turn_rad: float = 0.0) -> CanonicalField:
         """The canonical field of one frame; `turn_rad` turns the canonical frame (training's variety)."""
         pixels = beads.position_px - self._reference_px
-        moved = np.einsum("nij,nj->ni", self._mm_per_px, pixels)
+        moved = np.vecdot(self._mm_per_px, pixels[:, None])
         seen = beads.found
         whole = bool(seen.all())
         azimuth = self._azimuth(moved if whole else moved * seen[:, None]) + turn_rad
         weights = self._inverse @ (moved if whole else self._filled(moved, seen))
-        turn = about_z(azimuth)
-        to_beads = (self._beads @ turn).astype(np.float32)  # float32: fields to 1e-6 in a third of the time
-        field = kernel(_DIRECTIONS_32, to_beads) @ (weights @ turn).astype(np.float32)
-        values = np.einsum("kgi,gi->kg", _TANGENTS, field.astype(np.float64)).ravel()
+        turn = about_z(azimuth).astype(np.float32)  # float32: fields to 1e-6 in a third of the time
+        covariance = kernel(_DIRECTIONS_32 @ turn.T, self._beads_32)
+        field = covariance @ weights.astype(np.float32) @ turn
+        values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
         return CanonicalField(values, azimuth, 0.0 if whole else 1.0 - float(seen.mean()))
 
     def blind_spot(self, beads: Beads) -> float:
@@ -109,20 +110,19 @@ class DisplacementReader:
 
     def _azimuth(self, moved: Array) -> float:
         """Azimuth of the centre of gravity of the squared motion (n, 3)."""
-        x, y, _ = np.einsum("ni,ni->n", moved, moved) @ self._beads
+        x, y, _ = np.vecdot(moved, moved) @ self._beads
         return math.atan2(y, x)
 
 
 def kernel(a: Some, b: Some) -> Some:
     """Matern 3/2 covariance (n, m) of directions (n, 3) and (m, 3), by their chord."""
-    chord = a @ b.T
-    chord *= -6.0 / KERNEL_LENGTH**2
+    chord = (a * (-6.0 / KERNEL_LENGTH**2)) @ b.T
     chord += 6.0 / KERNEL_LENGTH**2
     np.sqrt(np.abs(chord, out=chord), out=chord)  # abs: rounding leaves it below 0 by a hair
-    value = np.exp(-chord)
+    growth = np.exp(chord)
     chord += 1.0
-    value *= chord
-    return np.asarray(value)
+    chord /= growth
+    return np.asarray(chord)
 
 
 def tangent_basis(directions: Array) -> tuple[Array, Array]:
@@ -147,5 +147,5 @@ def _jacobian(view: View, reference_px: Array, radius_mm: float) -> Array:
 _DIRECTIONS = canonical_directions()
 _MERIDIONAL, _AZIMUTHAL = tangent_basis(_DIRECTIONS)
 _DIRECTIONS_32 = _DIRECTIONS.astype(np.float32)
-_TANGENTS = np.stack([_MERIDIONAL, _AZIMUTHAL])
+_TANGENTS = np.stack([_MERIDIONAL, _AZIMUTHAL]).astype(np.float32)
 _MIRROR = np.array([int(np.argmax(_DIRECTIONS @ (d * (1.0, -1.0, 1.0)))) for d in _DIRECTIONS])

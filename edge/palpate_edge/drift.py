@@ -17,11 +17,13 @@ remains beside it is followed up to one threshold and no farther.
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.motion import means, rms
 from palpate_edge.tracking import Beads, Reference, distances
 
 Array = NDArray[np.float64]
@@ -54,6 +56,7 @@ class Drift:
         self._threshold_px = threshold_px
         near = distances(rest.position_px, rest.position_px) / rest.spacing_px[:, None]
         self._around = np.exp(-0.5 * (near / DENT_SPACINGS) ** 2)
+        self._around_all = means(self._around)
         self._modes = camera_motions(rest.position_px)
         self._fit = np.linalg.pinv(self._modes.reshape(-1, MOTIONS))
         self._whole_px = np.zeros_like(rest.position_px)
@@ -64,7 +67,7 @@ class Drift:
     @property
     def total_px(self) -> float:
         """Root mean square of the drift over the beads."""
-        return _rms(self._whole_px + self._dent_px)
+        return rms(self._whole_px + self._dent_px)
 
     def settled(self, beads: Beads) -> Beads:
         """The beads as they would be seen without the drift."""
@@ -89,7 +92,7 @@ class Drift:
         """What a motion above the threshold is."""
         if dent_size_px > MAX_DENT_NOISE * self._threshold_px + MAX_DENT_SHARE * motion_px:
             return Skin.TOUCHED
-        if _rms(whole_px) <= min(MAX_RATE_PX_S * self._elapsed_s(at_us), self._room_px()):
+        if rms(whole_px) <= min(MAX_RATE_PX_S * self._elapsed_s(at_us), self._room_px()):
             return Skin.UNTOUCHED
         knocked = self._catching_up or motion_px > KNOCKED * self._threshold_px
         return Skin.KNOCKED if knocked else Skin.TOUCHED
@@ -97,21 +100,21 @@ class Drift:
     def _follow(self, whole_px: Array, dent_px: Array, at_us: int) -> None:
         elapsed_s = self._elapsed_s(at_us)
         self._followed_at_us = at_us
-        size_px = max(_rms(whole_px), 1e-12)
-        share = min(1.0 - np.exp(-elapsed_s / SETTLING_S), MAX_RATE_PX_S * elapsed_s / size_px)
+        size_px = max(rms(whole_px), 1e-12)
+        share = min(1.0 - math.exp(-elapsed_s / SETTLING_S), MAX_RATE_PX_S * elapsed_s / size_px)
         self._whole_px = self._whole_px + min(share, self._room_px() / size_px) * whole_px
-        self._dent_px = self._dent_px + (1.0 - np.exp(-elapsed_s / DENT_SETTLING_S)) * dent_px
-        limit_px = self._threshold_px + MAX_DENT_SHARE * _rms(self._whole_px)
-        self._dent_px *= min(1.0, limit_px / max(_rms(self._dent_px), 1e-12))
+        self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_SETTLING_S)) * dent_px
+        limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._whole_px)
+        self._dent_px *= min(1.0, limit_px / max(rms(self._dent_px), 1e-12))
 
     def _elapsed_s(self, at_us: int) -> float:
         """Since the drift was last followed; before that, as long as one likes."""
         if self._followed_at_us is None:
-            return np.inf
+            return math.inf
         return max(0.0, 1e-6 * (at_us - self._followed_at_us))
 
     def _room_px(self) -> float:
-        return max(0.0, MAX_TOTAL_PX - _rms(self._whole_px))
+        return max(0.0, MAX_TOTAL_PX - rms(self._whole_px))
 
     def _split(self, beads: Beads) -> tuple[Array, Array]:
         """The beads' motion (n, 2) as one, and what is beside it: 0 for beads that were not found."""
@@ -125,8 +128,9 @@ class Drift:
 
     def _size(self, dent_px: Array, seen: NDArray[np.bool_]) -> float:
         """Root mean square, over the found beads, of the dent averaged over each one's neighbourhood."""
-        weight = self._around if seen.all() else self._around[np.ix_(seen, seen)]
-        return _rms(weight @ dent_px[seen] / weight.sum(axis=1, keepdims=True))
+        if seen.all():
+            return rms(self._around_all @ dent_px)
+        return rms(means(self._around[np.ix_(seen, seen)]) @ dent_px[seen])
 
 
 def camera_motions(position_px: Array) -> Array:
@@ -136,8 +140,3 @@ def camera_motions(position_px: Array) -> Array:
     one, none = np.ones_like(x), np.zeros_like(x)
     motions = (one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)
     return np.stack([np.stack(motion, axis=1) for motion in motions], axis=2)
-
-
-def _rms(motion_px: Array) -> float:
-    """Of (n, 2) vectors."""
-    return float(np.sqrt((motion_px**2).sum(axis=1).mean())) if len(motion_px) else 0.0

@@ -17,18 +17,6 @@ from palpate_edge.tracking import Beads, Reference, distances
 Array = NDArray[np.float64]
 
 NEIGHBOURHOOD_SPACINGS = 2.0
-MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness; rougher is no motion of one skin
-
-FAINT = 36.0  # contact thresholds of motion above which more motion makes a place hardly surer
-
-
-def faintness(motion_px: float, threshold_px: float) -> float:
-    """How many times farther a touch may be off for being faint, 1 or more.
-
-    A bead's place is wrong by a few hundredths of a pixel whatever moves it, so that the error of the
-    contact's place grows as one over the motion. Of the motion up to a threshold may be no signal at all.
-    """
-    return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))
 
 
 class SkinMotion:
@@ -41,12 +29,12 @@ class SkinMotion:
         self._around = np.exp(-0.5 * (near / NEIGHBOURHOOD_SPACINGS) ** 2)
         self._beside = np.exp(-0.5 * near**2)
         np.fill_diagonal(self._beside, 0.0)
-        self._around_all, self._beside_all = _means(self._around), _means(self._beside)
+        self._around_all, self._beside_all = means(self._around), means(self._beside)
 
     def size_px(self, beads: Beads) -> float:
         """Root mean square, over the found beads, of the smoothed motion, pixels."""
         moved, around, _ = self._found(beads)
-        return float(np.sqrt(((around @ moved) ** 2).sum(axis=1).mean()))
+        return rms(around @ moved)
 
     def roughness(self, beads: Beads) -> float:
         """How little the found beads move like their neighbours: root mean square difference between a
@@ -56,8 +44,8 @@ class SkinMotion:
         another dome taken for ours give 0.28.
         """
         moved, _, beside = self._found(beads)
-        difference = (moved - beside @ moved) / self._spacing_px[beads.found, None]
-        return float(np.sqrt((difference**2).sum(axis=1).mean()))
+        spacing_px = self._spacing_px if beads.found.all() else self._spacing_px[beads.found]
+        return rms((moved - beside @ moved) / spacing_px[:, None])
 
     def _found(self, beads: Beads) -> tuple[Array, Array, Array]:
         """Motion (f, 2) of the found beads, and the matrices (f, f) that average it around and beside."""
@@ -65,9 +53,15 @@ class SkinMotion:
         if beads.found.all():
             return moved, self._around_all, self._beside_all
         both = np.ix_(beads.found, beads.found)
-        return moved[beads.found], _means(self._around[both]), _means(self._beside[both])
+        return moved[beads.found], means(self._around[both]), means(self._beside[both])
 
 
-def _means(weight: Array) -> Array:
+def rms(motion_px: Array) -> float:
+    """Root mean square length of (n, 2) vectors; 0 of none."""
+    flat = motion_px.ravel()
+    return math.sqrt(float(flat @ flat) / max(1, len(motion_px)))
+
+
+def means(weight: Array) -> Array:
     """Rows scaled to sum 1."""
     return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))

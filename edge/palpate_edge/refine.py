@@ -76,7 +76,7 @@ class Refiner:
         )  # what taking the slope off a flat bead shifts it by
         self._whole = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
         self._longest_step = LONGEST_STEP * diameter[:, None]
-        self._settled_step = SETTLED_STEP * diameter
+        self._settled_squared = (SETTLED_STEP * diameter) ** 2
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Centroids near `start_px` (n, 2) of all beads. A start outside the image gets contrast 0."""
@@ -95,12 +95,12 @@ class Refiner:
         centre = np.rint(position).astype(np.intp)
         offset, contrast, area, unevenness = self._measure(centre, beads)
         step = offset + (centre - position)
-        settled_step = self._settled_step if beads is None else self._settled_step[beads]
-        settled = np.hypot(step[:, 0], step[:, 1]) <= settled_step
+        settled_squared = self._settled_squared if beads is None else self._settled_squared[beads]
+        settled = np.vecdot(step, step) <= settled_squared
         for _ in range(MOST_STEPS - 1):
-            moving = np.flatnonzero(~settled)
-            if not len(moving):
+            if settled.all():
                 break
+            moving = np.flatnonzero(~settled)
             which = moving if beads is None else beads[moving]
             longest = self._longest_step[which]
             again = position[moving] + np.minimum(np.maximum(step[moving], -longest), longest)
@@ -108,7 +108,7 @@ class Refiner:
             centre = np.rint(again).astype(np.intp)
             offset, contrast[moving], area[moving], unevenness[moving] = self._measure(centre, which)
             position[moving], step[moving] = again, offset + (centre - again)
-            settled[moving] = np.hypot(*step[moving].T) <= settled_step[moving]
+            settled[moving] = np.vecdot(step[moving], step[moving]) <= settled_squared[moving]
         place_px = (position + step) * self._binning + half
         if position is not start:
             outside = self._windows.outside(start)

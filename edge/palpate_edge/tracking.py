@@ -79,7 +79,7 @@ class Tracker:
         self._last = reference.position_px.copy()
         self._least_contrast = MIN_CONTRAST_SHARE * reference.contrast
         self._least_area, self._most_area = (share * reference.area for share in AREA_RANGE)
-        self._farthest = 0.45 * self._spacing
+        self._farthest_squared = (0.45 * self._spacing) ** 2
         self._jump = (JUMP * self._spacing) ** 2
         self._lost_disorder = float(np.median(0.5 * self._spacing)) ** 2
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
@@ -103,14 +103,16 @@ class Tracker:
             rest, found_from_rest = self._from(self._reference.position_px)
             if self._disorder(rest, found_from_rest) < self._disorder(position, found):
                 position, found = rest, found_from_rest
-        searched = bool(found.mean() < SEARCH_AGAIN_BELOW)
-        if searched:
+        searched, whole = False, bool(found.all())
+        if not whole and found.mean() < SEARCH_AGAIN_BELOW:
+            searched = True
             self.counters.searches += 1
             position, found = self._search(dark)
-            found &= ~self._doubles(position, found)
+            self._drop_doubles(position, found)
+            whole = bool(found.all())
         self.counters.frames += 1
-        self.counters.beads_lost += int((~found).sum())
-        if not found.all():
+        if not whole:
+            self.counters.beads_lost += int((~found).sum())
             position = np.where(found[:, None], position, self._filled(position, found))
         self._last = position
         return Beads(position, found, searched)
@@ -118,22 +120,27 @@ class Tracker:
     def _from(self, start_px: Array) -> tuple[Array, Mask]:
         """Every bead refined from `start_px`, the missing ones again from where their neighbours went."""
         position, found = self._windows(start_px)
+        if not found.all():
+            self._retry(position, found)
+        self._drop_doubles(position, found)
+        return position, found
+
+    def _retry(self, position_px: Array, found: Mask) -> None:
+        """Look for the missing again, from where their neighbours went; changes both arrays."""
         for _ in range(MAX_RETRIES):
             missing = np.flatnonzero(~found)
-            if not len(missing) or not found.any():
-                break
-            position[missing] = self._filled(position, found)[missing]
-            again, found_again = self._windows(position[missing], missing)
-            position[missing], found[missing] = again, found_again
-            if not found_again.any():
-                break
-        return position, found & ~self._doubles(position, found)
+            if not len(missing) or len(missing) == len(found):
+                return
+            start_px = self._filled(position_px, found)[missing]
+            position_px[missing], found[missing] = self._windows(start_px, missing)
+            if not found[missing].any():
+                return
 
     def _jumped(self, position_px: Array, found: Mask) -> bool:
         """Whether some bead went so far since the last frame that it may be its neighbour: another touch,
         not the same one a little later."""
         moved = position_px - self._last
-        far = (moved**2).sum(axis=1) > self._jump
+        far = np.vecdot(moved, moved) > self._jump
         return bool((far & found).any())
 
     def _disorder(self, position_px: Array, found: Mask) -> float:
@@ -153,7 +160,7 @@ class Tracker:
         found = refined.settled & (refined.contrast > self._least_contrast[chosen])
         found &= refined.area > self._least_area[chosen]
         found &= refined.area < self._most_area[chosen]
-        found &= np.hypot(moved[:, 0], moved[:, 1]) < self._farthest[chosen]
+        found &= np.vecdot(moved, moved) < self._farthest_squared[chosen]
         found &= self._even(refined.unevenness, beads)
         return refined.position_px, found
 
@@ -172,21 +179,19 @@ class Tracker:
             even = more < self._unevener
         return np.asarray(even)
 
-    def _doubles(self, position_px: Array, found: Mask) -> Mask:
-        """Beads that sit on another one's place, all but the one that came from nearer by."""
+    def _drop_doubles(self, position_px: Array, found: Mask) -> None:
+        """Of beads that sit on one place only the one that came from nearest by stays found."""
         away = position_px - self._reference.position_px
-        if np.hypot(away[:, 0], away[:, 1]).max() < self._still_apart:
-            return np.zeros(len(found), dtype=np.bool_)
+        if np.vecdot(away, away).max() < self._still_apart**2:
+            return
         first, second = self._pairs
         apart = position_px[first] - position_px[second]
         near = (apart**2).sum(axis=1) < self._pair_limit
         near &= found[first] & found[second]
-        doubles = np.zeros(len(found), dtype=np.bool_)
         if near.any():
             moved = np.linalg.norm(position_px - self._last, axis=1)
             first, second = first[near], second[near]
-            doubles[np.where(moved[first] > moved[second], first, second)] = True
-        return doubles
+            found[np.where(moved[first] > moved[second], first, second)] = False
 
     def _search(self, dark: Plane) -> tuple[Array, Mask]:
         """Find every blob of the image and give each bead its own."""

@@ -52,15 +52,15 @@ class Projection:
 class Regression:
     """A fitted model.
 
-    centres (c, p + 1), their kernel lengths (c,), weights (c, 7) and offset (7,): direction, force over size
-    in N/mm, log radius; hidden_slope: log radius a hidden share of beads. stiffness_scale: forces of this
+    centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
+    N/mm, log radius; hidden_slope: log radius a hidden share of beads. stiffness_scale: forces of this
     sensor over the dome model's; None when no press was there to tell, and then forces are the dome's.
     answer_field: what field an answer would make.
     """
 
     projection: Projection
     centres: Array
-    lengths: Array
+    length: float
     weights: Array
     offset: Array
     hidden_slope: float
@@ -70,7 +70,7 @@ class Regression:
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
         points = self.projection.points(fields)
-        raw = gauss(points, self.centres, self.lengths) @ self.weights + self.offset
+        raw = gauss(points, self.centres, self.length) @ self.weights + self.offset
         direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
         return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
@@ -86,7 +86,7 @@ class Regression:
 
 @dataclass(frozen=True, slots=True)
 class _Expansion:
-    """Centres with their kernel's length and weights (c, 6), and what is added to their sum (6,)."""
+    """Centres with their kernel's length and weights (c, k), and what is added to their sum (k,)."""
 
     centres: Array
     length: float
@@ -115,18 +115,27 @@ def fit(
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     progress(1, len(SETTINGS) + 1)
-    own, spread = None, constant_spread(radius_mm)
+    own, spread = None, constant_spread()
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
         own, spread = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
-    whole = _sum(projection, base, own, spread, scale, answer_field)
-    return _with_fewer_centres(whole, 0 if own is None else len(own.centres))
+    joined = _joined(base, own, spread)
+    return Regression(
+        projection=projection,
+        centres=joined.centres,
+        length=joined.length,
+        weights=joined.weights,
+        offset=joined.offset,
+        hidden_slope=spread.hidden_slope,
+        stiffness_scale=scale if base is not None else 1.0,
+        answer_field=answer_field,
+    )
 
 
-def gauss(a: Array, b: Array, length: Array | float) -> Array:
-    """Gaussian kernel (n, m) of points (n, p) and (m, p); length a number or (m,)."""
+def gauss(a: Array, b: Array, length: float) -> Array:
+    """Gaussian kernel (n, m) of points (n, p) and (m, p)."""
     squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
-    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * np.square(length))))
+    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * length**2)))
 
 
 def _project(samples: Samples | None, dome: DomeModel | None) -> Projection:
@@ -180,7 +189,7 @@ def _fit_own(
         progress(number, len(SETTINGS) + 1)
     assert best is not None
     _, own, error_mm = best
-    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups, radius_mm)
+    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups)
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:
@@ -199,41 +208,21 @@ def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array
     return error_mm, float(error_mm[samples.plain].mean()) + FORCE_IN_MM * 100 * relative
 
 
-def _sum(
-    projection: Projection,
-    base: _Expansion | None,
-    own: _Expansion | None,
-    spread: Spread,
-    stiffness_scale: float | None,
-    answer_field: AnswerField,
-) -> Regression:
-    """Both expansions as one."""
-    parts = [part for part in (base, own) if part is not None]
-    spreads = [spread.weights if part is own else np.zeros(len(part.centres)) for part in parts]
-    weights = [
-        np.concatenate([part.weights, column[:, None]], axis=1)
-        for part, column in zip(parts, spreads, strict=True)
-    ]
-    return Regression(
-        projection=projection,
-        centres=np.concatenate([part.centres for part in parts]),
-        lengths=np.concatenate([np.full(len(part.centres), part.length) for part in parts]),
-        weights=np.concatenate(weights),
-        offset=np.append(sum(part.offset for part in parts), spread.level),
-        hidden_slope=spread.hidden_slope,
-        stiffness_scale=stiffness_scale if base is not None else 1.0,
-        answer_field=answer_field,
+def _joined(base: _Expansion | None, own: _Expansion | None, spread: Spread) -> _Expansion:
+    """The sum of both expansions, with the log radius beside it, as one of at most `MOST_CENTRES`."""
+    parts = []
+    for part in (base, own):
+        if part is not None:
+            log_radius = spread.weights if part is own else np.zeros(len(part.centres))
+            parts.append(replace(part, weights=np.column_stack([part.weights, log_radius])))
+    offset = np.append(sum(part.offset for part in parts), spread.level)
+    if len(parts) == 1 and len(parts[0].centres) <= MOST_CENTRES:
+        return replace(parts[0], offset=offset)
+    centres = np.concatenate([part.centres for part in parts])
+    values = np.sum([gauss(centres, part.centres, part.length) @ part.weights for part in parts], axis=0)
+    taught = 0 if own is None else len(own.centres)
+    importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
+    fewer, weights = compressed(
+        centres, values, lambda a, b: gauss(a, b, COMMON_LENGTH), MOST_CENTRES, importance
     )
-
-
-def _with_fewer_centres(whole: Regression, own: int) -> Regression:
-    """Nearly the same model with `MOST_CENTRES`; the last `own` centres are the sensor's samples."""
-    count = len(whole.centres)
-    if count <= MOST_CENTRES:
-        return whole
-    importance = np.where(np.arange(count) < count - own, 1.0, OWN_IMPORTANCE)
-    values = gauss(whole.centres, whole.centres, whole.lengths) @ whole.weights
-    centres, weights = compressed(
-        whole.centres, values, lambda a, b: gauss(a, b, COMMON_LENGTH), MOST_CENTRES, importance
-    )
-    return replace(whole, centres=centres, lengths=np.full(len(centres), COMMON_LENGTH), weights=weights)
+    return _Expansion(fewer, COMMON_LENGTH, weights, offset)
