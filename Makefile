@@ -43,6 +43,10 @@ accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the 
 bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives
 	$(BIN)/python -m bench
 
+simulate: $(VENV)/dev.stamp  ## the paper's figures into paper/, the whole chain in lock step into loop/ (10 minutes)
+	$(BIN)/palpate-host simulate paper
+	$(BIN)/palpate-host simulate loop
+
 format: $(VENV)/dev.stamp  ## format the sources
 	$(BIN)/ruff check --fix-only --quiet .
 	$(BIN)/ruff format .

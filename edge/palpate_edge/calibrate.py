@@ -88,7 +88,7 @@ def _train(
 
     radius_mm = sensor.markers.radius_mm
     reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
-    presses = training_presses(measured.touches)
+    presses = training_presses(measured)
     regression = fit(
         make_samples(reader, presses) if presses else None,
         dome.for_markers(radius_mm),

@@ -18,7 +18,7 @@ from palpate_edge.displacement import DisplacementReader
 from palpate_edge.drift import Drift, Skin
 from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
-from palpate_edge.motion import SkinMotion
+from palpate_edge.motion import MAX_ROUGHNESS, SkinMotion, faintness
 from palpate_edge.sensor import View
 from palpate_edge.slip import SlipWatch
 from palpate_edge.tracking import Beads, Reference, Tracker
@@ -33,8 +33,6 @@ TARE_FRAMES = 10
 MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
 MAX_MISFIT = 0.06  # Correction.misfit: 99 % of presses of four sensors stay below it, 5 % of their splices
 NOISE_MISFIT = 1.2  # what noise adds to a motion of the contact threshold's size
-NOISE_RADIUS = 0.15  # of the dome's, the part of the 95 % radius that noise makes at the contact threshold
-MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +152,16 @@ class Estimator:
             reason="",
             beads_found=found,
             beads_expected=len(beads.found),
-            radius95_mm=self._with_noise(contact.radius95_mm, motion_px),
+            radius95_mm=self._if_faint(contact.radius95_mm, motion_px),
         )
         return replace(answer, slip=self._slip.slips(answer))
 
-    def _with_noise(self, radius95_mm: float | None, motion_px: float) -> float | None:
-        """The model's radius, and what noise adds to it: the lighter the touch, the more."""
+    def _if_faint(self, radius95_mm: float | None, motion_px: float) -> float | None:
+        """The model's radius for a touch of that size; at most the dome's, which is anywhere."""
         if radius95_mm is None:
             return None
-        share = self._calibration.contact_threshold_px / motion_px
-        return float(np.hypot(radius95_mm, NOISE_RADIUS * self._sensor.dome.outer_radius_mm * share))
+        more = faintness(motion_px, self._calibration.contact_threshold_px)
+        return min(radius95_mm * more, self._sensor.dome.outer_radius_mm)
 
     def _doubt(self, beads: Beads) -> str:
         """Why the beads cannot be those of this skin, or do not tell enough of it; empty when they do."""

@@ -14,7 +14,7 @@ from palpate_edge.errors import CalibrationError
 from palpate_edge.first_sight import FirstSight, first_sight
 from palpate_edge.images import read_image
 from palpate_edge.markers import Image, plane
-from palpate_edge.motion import SkinMotion
+from palpate_edge.motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.refine import Refined, Refiner
 from palpate_edge.sensor import View
 from palpate_edge.skin_light import skin_slope
@@ -30,8 +30,8 @@ THRESHOLD_FLOOR_PX = 0.02
 class Measured:
     """What the images of a dataset's reference frames and presses show.
 
-    view: the camera as fitted; touches: presses that moved the skin, with their beads; threshold_px: skin
-    motion above which something touches.
+    view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
+    threshold_px: skin motion above which something touches.
     """
 
     sight: FirstSight
@@ -55,7 +55,9 @@ def measure(
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
-        if press.position_mm is None:
+        if skin.roughness(beads) > MAX_ROUGHNESS:
+            pass  # beads taken for their neighbours would teach nonsense; the estimator refuses such a frame
+        elif press.position_mm is None:
             rest_motion.append(skin.size_px(beads))
         else:
             touches.append((press, beads))

@@ -17,6 +17,18 @@ from palpate_edge.tracking import Beads, Reference, distances
 Array = NDArray[np.float64]
 
 NEIGHBOURHOOD_SPACINGS = 2.0
+MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness; rougher is no motion of one skin
+
+FAINT = 36.0  # contact thresholds of motion above which more motion makes a place hardly surer
+
+
+def faintness(motion_px: float, threshold_px: float) -> float:
+    """How many times farther a touch may be off for being faint, 1 or more.
+
+    A bead's place is wrong by a few hundredths of a pixel whatever moves it, so that the error of the
+    contact's place grows as one over the motion. Of the motion up to a threshold may be no signal at all.
+    """
+    return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))
 
 
 class SkinMotion:

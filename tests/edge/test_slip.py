@@ -72,8 +72,8 @@ def test_known_friction_tells_a_flat_face_too():
     assert all(said[90:])
 
 
-def test_the_recorded_presses_hardly_ever_slip(shared_data):
-    """Plates that press, shear and roll with up to 14 mm/s, 24 s: at most 5 of 720 frames raise the flag."""
+def test_the_recorded_presses_do_not_slip(shared_data):
+    """Plates that press, shear and roll with up to 14 mm/s, 24 s."""
     estimator = Estimator(calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model()))
     false_alarms = []
     for finger in ("finger-1", "finger-2", "finger-3"):
@@ -83,4 +83,4 @@ def test_the_recorded_presses_hardly_ever_slip(shared_data):
             answer = estimator.estimate(Frame(image, round(1e6 * press.time_s), number, ""))
             if answer.slip:
                 false_alarms.append((finger, press.frame, press.normal_force_N))
-    assert len(false_alarms) <= 5, false_alarms
+    assert not false_alarms

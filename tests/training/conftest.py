@@ -43,6 +43,7 @@ class Problem:
             directions=directions,
             forces_N=-stiffness * STIFFNESS_N_MM * depth_mm[:, None] * directions,
             hidden=hidden,
+            faintness=np.ones(count),
             press=np.arange(count),
             plain=np.ones(count, dtype=np.bool_),
         )

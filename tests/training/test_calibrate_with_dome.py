@@ -90,7 +90,7 @@ def test_hidden_beads_double_the_error_at_most(sample, with_all):
     model = CorrectionModel(with_all.model, with_all.sensor.fingerprint())
     rng = np.random.default_rng(5)
     errors_mm, radii_mm = [], []
-    for press in training_presses(measured.touches):
+    for press in training_presses(measured):
         beads = press.beads
         some = beads.found.copy()
         some[rng.permutation(len(some))[: round(HIDDEN_SHARE * len(some))]] = False

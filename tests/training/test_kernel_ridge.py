@@ -17,7 +17,7 @@ RADIUS_MM = 30.0
 
 def some(samples, count):
     """The first `count` presses."""
-    names = ("fields", "directions", "forces_N", "hidden", "press", "plain")
+    names = ("fields", "directions", "forces_N", "hidden", "faintness", "press", "plain")
     return replace(samples, **{name: getattr(samples, name)[:count] for name in names})
 
 

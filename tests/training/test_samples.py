@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from palpate_edge.dataset import Press
+from palpate_edge.dataset import Press, read_dataset
 from palpate_edge.displacement import DisplacementReader, mirrored
+from palpate_edge.measured import measure
 from palpate_edge.sensor import View
 from palpate_edge.tracking import Beads
 from palpate_edge.training.samples import (
@@ -26,7 +29,7 @@ def press_at(dome, theta_rad, phi_rad, depth_mm):
     direction = np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
     at_px = dome.project(dome.pressed_mm(theta_rad, phi_rad, depth_mm))
     found = np.ones(len(at_px), dtype=np.bool_)
-    return TrainingPress(Beads(at_px, found, False), direction, -depth_mm * direction)
+    return TrainingPress(Beads(at_px, found, False), direction, -depth_mm * direction, 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +61,7 @@ def test_every_copy_has_its_mirror_image(samples):
 def test_the_first_copy_is_plain_and_the_others_vary(samples):
     assert samples.plain.tolist() == 3 * [True, True, *6 * [False]]
     assert (samples.hidden[samples.plain] == 0).all()
+    assert (samples.faintness == 2.0).all()
     assert samples.hidden.max() <= MAX_HIDDEN
     assert samples.hidden.max() > 0
     turned_rad = np.arctan2(samples.directions[:, 1], samples.directions[:, 0])
@@ -91,11 +95,13 @@ def test_copies_stay_within_their_limits(reader, presses, count):
     assert copies == 1 or len(made.fields) <= MOST_SAMPLES
 
 
-def test_rows_without_a_place_are_left_out(presses):
+def test_rows_without_a_place_are_left_out(presses, drawn_dataset):
     touch = Press("a.png", "train", 0.0, (0.0, 18.0, 24.0), 2.0, (0.1, -1.2, -1.6), "plate", 0)
     none = Press("b.png", "train", 0.0, None, 0.0, (0.0, 0.0, 0.0), "none", 0)
     beads = presses[0].beads
-    (found,) = training_presses([(none, beads), (touch, beads)])
+    measured = replace(measure(read_dataset(drawn_dataset), ()), touches=((none, beads), (touch, beads)))
+    (found,) = training_presses(measured)
     assert found.direction == pytest.approx([0, 0.6, 0.8])
     assert found.force_N.tolist() == [0.1, -1.2, -1.6]
     assert found.beads is beads
+    assert 1 < found.faintness < 36  # FAINT: a press of 1.5 mm moves the skin by many thresholds

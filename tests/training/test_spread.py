@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.motion import faintness
 from palpate_edge.training.kernel_ridge import fit
-from palpate_edge.training.spread import left_out_residuals
+from palpate_edge.training.spread import fit_spread, left_out_residuals
 
 RADIUS_MM = 30.0
 
@@ -68,3 +71,25 @@ def test_the_radius_grows_with_hidden_beads(problem):
     assert 1.8 < np.median(quarter_mm / none_mm) < 5
     inside, _, _ = covered(problem, regression, problem.samples(2000, seed=3, most_hidden=0.3))
     assert 0.90 <= inside.mean() <= 0.99
+
+
+def test_a_touch_at_the_threshold_may_be_anywhere_and_a_firm_one_is_as_sure_as_the_model():
+    """Errors of a wrong bead grow as one over the motion: half the motion, twice the error."""
+    assert faintness(1.0, 0.02) == pytest.approx(np.hypot(1, 36 * 0.02 / 0.98))
+    assert faintness(0.02, 0.02) > 1000
+    assert faintness(20.0, 0.02) == pytest.approx(1, abs=1e-3)
+    assert faintness(0.22, 0.02) / faintness(0.42, 0.02) == pytest.approx(2, rel=0.1)
+
+
+def test_faint_presses_do_not_widen_the_radius_of_firm_ones(problem):
+    """Every second press ten times as far off, and known to be: the firm ones' radius stays what it was."""
+    samples = problem.samples(100, seed=1)
+    faint = np.where(np.arange(100) % 2, 10.0, 1.0)
+    error_mm = np.abs(np.random.default_rng(3).standard_normal(100)) * 0.2
+    groups = [np.array([press]) for press in range(100)]
+    gram = np.exp(-(np.linalg.norm(samples.directions[:, None] - samples.directions[None], axis=2) ** 2))
+    firm = fit_spread(gram, error_mm, samples, groups, RADIUS_MM)
+    mixed = fit_spread(gram, error_mm * faint, replace(samples, faintness=faint), groups, RADIUS_MM)
+    assert mixed.level == pytest.approx(firm.level)
+    blind = fit_spread(gram, error_mm * faint, samples, groups, RADIUS_MM)
+    assert blind.level > firm.level + 0.5

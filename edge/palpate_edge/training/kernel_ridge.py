@@ -115,7 +115,7 @@ def fit(
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     progress(1, len(SETTINGS) + 1)
-    own, spread = None, constant_spread()
+    own, spread = None, constant_spread(radius_mm)
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
         own, spread = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
@@ -189,7 +189,7 @@ def _fit_own(
         progress(number, len(SETTINGS) + 1)
     assert best is not None
     _, own, error_mm = best
-    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups)
+    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups, radius_mm)
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:

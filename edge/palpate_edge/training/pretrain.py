@@ -38,7 +38,7 @@ def pretrain(
         presses = dataset.split("train")
         measured = measure(dataset, presses, report)
         before += len(dataset.reference) + len(presses)
-        found = training_presses(measured.touches)
+        found = training_presses(measured)
         if not found:
             raise DatasetError(f"{dataset.folder} has no train press that moves the skin: leave it out")
         own_radius_mm = dataset.sensor.markers.radius_mm

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.dataset import Press
 from palpate_edge.displacement import DisplacementReader, about_z, mirrored
+from palpate_edge.measured import Measured
+from palpate_edge.motion import SkinMotion, faintness
 from palpate_edge.tracking import Beads
 
 Array = NDArray[np.float64]
@@ -23,33 +24,41 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class TrainingPress:
-    """A press as tracked: its beads, where it touched (unit vector (3,) in F) and its force (3,) N in F."""
+    """A press as tracked: its beads, where it touched (unit vector (3,) in F), its force (3,) N in F and its
+    motion.faintness."""
 
     beads: Beads
     direction: Array
     force_N: Array
+    faintness: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
     """s samples: fields (s, 2 g) mm, directions (s, 3), forces_N (s, 3) in the canonical frame, hidden (s,)
-    shares, press (s,) index of the press each comes from, plain (s,): neither turned nor hidden."""
+    shares, faintness (s,), press (s,) index of the press each comes from, plain (s,): neither turned nor
+    hidden."""
 
     fields: Array
     directions: Array
     forces_N: Array
     hidden: Array
+    faintness: Array
     press: NDArray[np.intp]
     plain: NDArray[np.bool_]
 
 
-def training_presses(touches: Sequence[tuple[Press, Beads]]) -> list[TrainingPress]:
-    """Dataset rows and their tracked beads as training presses; rows without a place are left out."""
+def training_presses(measured: Measured) -> list[TrainingPress]:
+    """The touches of a dataset as training presses; rows without a place are left out."""
+    skin = SkinMotion(measured.reference)
     return [
         TrainingPress(
-            beads, np.array(press.position_mm) / np.linalg.norm(press.position_mm), np.array(press.force_N)
+            beads,
+            np.array(press.position_mm) / np.linalg.norm(press.position_mm),
+            np.array(press.force_N),
+            faintness(skin.size_px(beads), measured.threshold_px),
         )
-        for press, beads in touches
+        for press, beads in measured.touches
         if press.position_mm is not None
     ]
 
@@ -67,7 +76,7 @@ def make_samples(
     rng = np.random.default_rng(seed)
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
-    fields, directions, forces, hidden, owner, plain = [], [], [], [], [], []
+    fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []
     for index, press in enumerate(presses):
         for copy in range(copies):
             beads, turn = press.beads, 0.0
@@ -81,6 +90,7 @@ def make_samples(
                 directions.append(direction * sign)
                 forces.append(force * sign)
                 hidden.append(field.hidden)
+                faint.append(press.faintness)
                 owner.append(index)
                 plain.append(copy == 0 and not vary_all)
     return Samples(
@@ -88,6 +98,7 @@ def make_samples(
         np.array(directions),
         np.array(forces),
         np.array(hidden),
+        np.array(faint),
         np.array(owner, dtype=np.intp),
         np.array(plain, dtype=np.bool_),
     )

@@ -184,7 +184,8 @@ class _Run:
         touches = [
             touch for touch in self._engine.touches() if touch is not None and touch.normal_force_N > 0.0
         ]
-        return max(float(np.linalg.norm(touch.friction_N)) / touch.normal_force_N for touch in touches)
+        ratios = [float(np.linalg.norm(touch.friction_N)) / touch.normal_force_N for touch in touches]
+        return max(ratios, default=0.0)
 
     def _energy(self) -> tuple[float, float, float] | None:
         engine = self._engine

@@ -63,8 +63,7 @@ class RollingHand:
         self._M = np.zeros((nv, nv))
         self._bias = np.zeros(nv)
         self._jac_p, self._jac_r = np.zeros((3, 3, nv)), np.zeros((3, 3, nv))
-        carried = twin.model.body_gravcomp[twin.object_body]
-        self._weight_N = carried * twin.prism.mass_kg * twin.model.opt.gravity
+        self._weight_N = twin.prism.mass_kg * twin.model.opt.gravity  # what the support takes
 
     @property
     def q_rad(self) -> Array:
