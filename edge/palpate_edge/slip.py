@@ -8,8 +8,8 @@ travel, it is friction that drags the skin along: a slip.
 
 What the beads cannot tell: a flat face that slides over the dome touches the same skin as before. From the
 first slip to the whole face sliding, the field of the beads keeps its shape within 1 % (finite elements,
-friction 0.3); then it stands still, as when the push ends. Only the force tells that case, and only where the
-coefficient of friction is known: with it, a force across the normal near Coulomb's limit is a slip as well.
+friction 0.3); then it stands still, as when the push ends. Only the force could tell that case, where the
+coefficient of friction is known.
 """
 
 from __future__ import annotations
@@ -30,15 +30,12 @@ LEAST_TRAVEL_MM = 1.0
 TRAVEL_OVER_RADIUS = 2.0  # the largest 95 % radius within the window: noise is no travel
 LEAST_RATIO = 0.45  # of the force across the normal to the one along it; the rolling plates reach 0.4
 LEAST_COSINE = 0.5  # between travel and the force across the normal
-FRICTION_SHARE = 0.9  # of Coulomb's limit
 
 
 class SlipWatch:
     """Watches one fingertip's contacts, frame by frame."""
 
-    def __init__(self, friction: float | None = None) -> None:
-        """friction: coefficient between the skin and what it touches, where it is known."""
-        self._friction = friction
+    def __init__(self) -> None:
         self._past: deque[tuple[int, Array, float]] = deque()  # time, place, its 95 % radius
 
     def slips(self, contact: Contact) -> bool:
@@ -55,11 +52,7 @@ class SlipWatch:
         normal_N = -float(force @ outward)
         across = force + normal_N * outward
         across_N = float(np.linalg.norm(across))
-        if normal_N <= 0:
-            return False
-        if self._friction is not None:
-            return across_N >= FRICTION_SHARE * self._friction * normal_N
-        if across_N < LEAST_RATIO * normal_N:
+        if normal_N <= 0 or across_N < LEAST_RATIO * normal_N:
             return False
         travel = self._travel_mm()
         travel_mm = float(np.linalg.norm(travel))

@@ -9,6 +9,7 @@ import re
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 
 import durand
@@ -269,7 +270,17 @@ def test_what_is_no_eds_is_refused(tmp_path):
 def test_live_traffic_of_the_hub(hub, open_edge):
     node = open_edge("finger-1")
     shown = subprocess.Popen(
-        ["python", "-m", "palpate_host.cli", "bus", "monitor", "--channel", str(hub.path), "--count", "2"],
+        [
+            sys.executable,
+            "-m",
+            "palpate_host.cli",
+            "bus",
+            "monitor",
+            "--channel",
+            str(hub.path),
+            "--count",
+            "2",
+        ],
         stdout=subprocess.PIPE,
         text=True,
     )

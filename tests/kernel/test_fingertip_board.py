@@ -45,7 +45,7 @@ def test_what_is_pulled_out_is_told_and_comes_back(
         wait_until(lambda: emergency(host) == 0xFF01)  # camera lost
         wait_until(lambda: "camera gives frames again" in fingertip.said())
     ours.down()
-    wait_until(lambda: "bus down" in fingertip.said())
+    wait_until(lambda: "bus is down" in fingertip.said())
     ours.up()
     with host_on(hosts) as host:
         wait_until(lambda: 0x390 in {frame.can_id for frame in receive(host, 1)})

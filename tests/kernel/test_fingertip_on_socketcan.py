@@ -67,7 +67,7 @@ def test_down_and_up_again(vcan, run_fingertip, wait_until):
         bus.send([START])
         wait_for(bus, OPERATIONAL, 0x190, 0x290, 0x390)
     vcan.down()
-    wait_until(lambda: "bus down" in fingertip.said())
+    wait_until(lambda: "bus is down" in fingertip.said())
     frames_then = fingertip.health().frames
     wait_until(lambda: fingertip.health().frames > frames_then + 60)  # it goes on seeing meanwhile
     assert fingertip.health().bus.state == "down"
@@ -76,7 +76,7 @@ def test_down_and_up_again(vcan, run_fingertip, wait_until):
         wait_for(bus, OPERATIONAL, 0x190, 0x290, 0x390)
     wait_until(lambda: fingertip.health().bus.state == "up")
     assert fingertip.health().bus.restarts == 1
-    assert fingertip.said().count("bus down") == 1
+    assert fingertip.said().count("bus is down") == 1
     assert fingertip.stop() == 0
 
 
@@ -85,7 +85,7 @@ def test_an_interface_that_is_removed_and_made_again(vcan, run_fingertip, wait_u
     with stranger(vcan) as bus:
         wait_for(bus, PRE_OPERATIONAL)
     vcan.delete()
-    wait_until(lambda: "bus down" in fingertip.said())
+    wait_until(lambda: "bus is down" in fingertip.said())
     ip("link", "add", vcan.name, "type", "vcan")
     Link(vcan.name).up()
     with stranger(vcan) as bus:

@@ -93,11 +93,9 @@ def test_a_sphere_that_sticks_does_not():
 
 
 @pytest.mark.fem
-def test_a_plate_that_slides_is_told_by_its_known_friction_only():
+def test_a_flat_face_that_slides_is_not_told():
+    """The beads cannot see it: the limit that docs/calibrating.md states."""
     steps = slide(Probe.PLATE, 0.3, 0.8)
-    blind, knowing = SlipWatch(), SlipWatch(0.3)
-    assert not any(blind.slips(step.contact) for step in steps)
-    said = [knowing.slips(step.contact) for step in steps]
-    assert not any(slips for step, slips in zip(steps, said, strict=True) if not step.slide_mm)
-    assert np.mean(said[-5:]) >= 0.8
+    watch = SlipWatch()
+    assert not any(watch.slips(step.contact) for step in steps)
     assert steps[-5].slipping > 0.9
