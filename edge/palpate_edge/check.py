@@ -26,7 +26,7 @@ from palpate_edge.health import (
     HealthReport,
     LightHealth,
 )
-from palpate_edge.health_report import light_health
+from palpate_edge.health_report import clock_health, light_health
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import LightState
 from palpate_edge.local_clock import LocalClock
@@ -258,18 +258,7 @@ def _try_bus(config: FingertipConfig) -> list[Row]:
             error_passive=passive,
         )
     )
-    clock_row = judge_clock(
-        ClockHealth(
-            state=clock.state(now_us).value,
-            local_us=now_us,
-            bus_us=clock.to_bus_us(now_us),
-            drift_ppm=clock.drift_ppb / 1000,
-            error_us=clock.error_us(now_us),
-            steps=clock.steps,
-            rejected=clock.rejected,
-        )
-    )
-    return [bus_row, clock_row]
+    return [bus_row, judge_clock(clock_health(clock, now_us))]
 
 
 def _tell(

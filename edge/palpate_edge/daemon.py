@@ -15,7 +15,6 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
-import msgspec
 
 from palpate_edge.bus import open_bus
 from palpate_edge.bus_link import BusLink
@@ -25,7 +24,7 @@ from palpate_edge.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import health_path, write_health
-from palpate_edge.health_report import health_report, light_health
+from palpate_edge.health_report import health_report
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import Light
 from palpate_edge.local_clock import LocalClock
@@ -255,11 +254,10 @@ class _Daemon:
             self._report(f"{self._config.name}: {trouble or 'camera gives frames again'}")
 
     def _tell_health(self, now_us: int) -> None:
+        light = self._light.latest if self._light else None
         report = health_report(
-            self._config, self._core, self._link, self._pixels, self._fps, self._recording, now_us
+            self._config, self._core, self._link, self._pixels, self._fps, self._recording, light, now_us
         )
-        if self._light is not None:
-            report = msgspec.structs.replace(report, light=light_health(self._light.latest))
         trouble = ", ".join(report.emergencies)
         self._notifier.status(
             f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 
+from palpate_edge.bus_clock import BusClock
 from palpate_edge.bus_link import BusLink
 from palpate_edge.config import FingertipConfig
 from palpate_edge.fingertip_core import FingertipCore
@@ -28,10 +29,12 @@ def health_report(
     pixels: PixelThread,
     fps: float,
     recording: str,
+    light: LightState | None,
     now_us: int,
 ) -> HealthReport:
-    """fps: that a camera was asked for; recording: its folder, or empty; now_us: on the daemon's clock."""
-    watch, clock = core.watch, core.clock
+    """fps: that a camera was asked for; recording: its folder, or empty; light: None without a
+    controller; now_us: on the daemon's clock."""
+    watch = core.watch
     contact = watch.last_contact
     return HealthReport(
         name=config.name,
@@ -68,15 +71,21 @@ def health_report(
             restarts=link.restarts,
             error_passive=link.error_passive,
         ),
-        clock=ClockHealth(
-            state=clock.state(now_us).value,
-            local_us=now_us,
-            bus_us=clock.to_bus_us(now_us),
-            drift_ppm=clock.drift_ppb / 1000,
-            error_us=clock.error_us(now_us),
-            steps=clock.steps,
-            rejected=clock.rejected,
-        ),
+        clock=clock_health(core.clock, now_us),
+        light=None if light is None else light_health(light),
+    )
+
+
+def clock_health(clock: BusClock, now_us: int) -> ClockHealth:
+    """now_us: on the clock that `clock` was fed with."""
+    return ClockHealth(
+        state=clock.state(now_us).value,
+        local_us=now_us,
+        bus_us=clock.to_bus_us(now_us),
+        drift_ppm=clock.drift_ppb / 1000,
+        error_us=clock.error_us(now_us),
+        steps=clock.steps,
+        rejected=clock.rejected,
     )
 
 

@@ -7,8 +7,9 @@ is repeated; what is written is read back.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from smbus2 import SMBus
 
@@ -27,6 +28,8 @@ from palpate_edge.illumination_registers import (
 ATTEMPTS = 3
 PAUSE_S = 0.001
 SCALE_degC = 0.1
+
+T = TypeVar("T")
 
 
 class SmBus(Protocol):
@@ -76,36 +79,32 @@ class Illumination:
             raise IlluminationError(
                 f"/dev/i2c-{bus_number}: {exc.strerror}: enable I2C and add the user to group i2c"
             ) from exc
-        return cls(bus, f"/dev/i2c-{bus_number}", address)
+        try:
+            return cls(bus, f"/dev/i2c-{bus_number}", address)
+        except IlluminationError:  # tried again four times a second: its descriptor must not stay
+            bus.close()
+            raise
 
     def close(self) -> None:
         self._bus.close()
 
     def read(self, register: Register) -> int:
         """One register; signed where it says so."""
-        for attempt in range(ATTEMPTS):
-            try:
-                value = self._bus.read_word_data(self._address, register)
-            except OSError as exc:
-                self._again(attempt, register, exc)
-            else:
-                return value - 0x10000 if register in SIGNED and value & 0x8000 else value
-        raise AssertionError("unreachable")
+        value = self._repeated(register, lambda: self._bus.read_word_data(self._address, register))
+        return value - 0x10000 if register in SIGNED and value & 0x8000 else value
 
     def write(self, register: Register, value: int) -> None:
         """One register, read back; IlluminationError when out of range or not taken."""
         least, greatest = RANGES[register]
         if not least <= value <= greatest:
             raise IlluminationError(f"{register.name} {value} is not {least} to {greatest}")
-        for attempt in range(ATTEMPTS):
-            try:
-                self._bus.write_word_data(self._address, register, value)
-                if register is Register.FAULT_CLEAR or self.read(register) == value:
-                    return
-                problem = OSError(0, "another value was read back")
-            except OSError as exc:
-                problem = exc
-            self._again(attempt, register, problem)
+
+        def write_and_look() -> None:
+            self._bus.write_word_data(self._address, register, value)
+            if register is not Register.FAULT_CLEAR and self.read(register) != value:
+                raise OSError(0, "another value was read back")
+
+        self._repeated(register, write_and_look)
 
     def set_level(self, level: int) -> None:
         """Brightness 0 to 255."""
@@ -123,11 +122,17 @@ class Illumination:
             faults=Fault(self.read(Register.FAULTS)),
         )
 
-    def _again(self, attempt: int, register: Register, problem: OSError) -> None:
-        if attempt + 1 < ATTEMPTS:
-            time.sleep(PAUSE_S)
-            return
-        raise IlluminationError(
-            f"{self._name}: {register.name} failed {ATTEMPTS} times ({problem.strerror}):"
-            " check power and wiring"
-        ) from problem
+    def _repeated(self, register: Register, transaction: Callable[[], T]) -> T:
+        """What the transaction gives; IlluminationError when it fails as often as it may."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return transaction()
+            except OSError:
+                time.sleep(PAUSE_S)
+        try:
+            return transaction()
+        except OSError as exc:
+            raise IlluminationError(
+                f"{self._name}: {register.name} failed {ATTEMPTS} times ({exc.strerror}):"
+                " check power and wiring"
+            ) from exc

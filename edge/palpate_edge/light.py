@@ -33,8 +33,9 @@ class LightState:
     @property
     def temperature_degC(self) -> float | None:
         """Of the silicone; None when it is not known."""
-        known = self.state is not None and Fault.SILICONE_SENSOR not in self.state.faults
-        return self.state.silicone_degC if known and self.state is not None else None
+        if self.state is None or Fault.SILICONE_SENSOR in self.state.faults:
+            return None
+        return self.state.silicone_degC
 
     @property
     def too_hot(self) -> bool:

@@ -11,6 +11,7 @@ import msgspec
 from palpate_edge.bus import BusConfig
 from palpate_edge.errors import ConfigError
 from palpate_host.hand_geometry import GeometryConfig
+from palpate_host.toml_file import read_toml
 from palpate_host.twin_config import TwinConfig
 
 FINGER_COUNT = 3
@@ -150,18 +151,12 @@ def load(path: Path) -> HandConfig:
     ConfigError (one line: file, key, way out) when it is missing, garbled, has an unknown or a missing key, a
     value out of range, or one node id for two nodes.
     """
-    try:
-        config = msgspec.toml.decode(path.read_bytes(), type=HandConfig)
-    except OSError as exc:
-        raise ConfigError(
-            f"{path}: cannot be read ({exc.strerror}): give the hand's file with --config"
-        ) from exc
-    except UnicodeDecodeError as exc:
-        raise ConfigError(f"{path}: is not UTF-8 text: save it as plain TOML") from exc
-    except msgspec.ValidationError as exc:
-        raise ConfigError(f"{path}: {exc}: correct that key (models/table4.toml shows every one)") from exc
-    except msgspec.DecodeError as exc:
-        raise ConfigError(f"{path}: is not valid TOML ({exc}): correct that line") from exc
+    config = read_toml(
+        path,
+        HandConfig,
+        option="the hand's file with --config",
+        example="models/table4.toml shows every one",
+    )
     _check_nodes(path, config)
     _check_ranges(path, config)
     if config.model.mjcf is not None:

@@ -42,6 +42,6 @@ def _groups(table: Iterator[dict[str, Cell]]) -> Iterator[list[dict[str, Cell]]]
 def _type(name: str) -> pa.DataType:
     if name == "mode":
         return pa.string()
-    if name.endswith(("index",)):
+    if name.endswith("index"):
         return pa.int64()
     return pa.bool_() if name.endswith(("in_contact", "slip")) else pa.float64()

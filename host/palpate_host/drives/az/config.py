@@ -13,6 +13,7 @@ from palpate_edge.errors import ConfigError
 from palpate_host.drives.az.axis import AxisSettings, TorqueBy
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import BAUD_RATE, Parity
+from palpate_host.toml_file import read_toml
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -79,16 +80,9 @@ class AzConfig(_Strict, frozen=True):
 
 def load(path: Path) -> AzConfig:
     """Read and check az.toml; ConfigError names file, key and way out."""
-    try:
-        config = msgspec.toml.decode(path.read_bytes(), type=AzConfig)
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be read ({exc.strerror}): give az.toml with --config") from exc
-    except UnicodeDecodeError as exc:
-        raise ConfigError(f"{path}: is not UTF-8 text: save it as plain TOML") from exc
-    except msgspec.ValidationError as exc:
-        raise ConfigError(f"{path}: {exc}: correct that key (models/table4-az.toml shows them)") from exc
-    except msgspec.DecodeError as exc:
-        raise ConfigError(f"{path}: is not valid TOML ({exc}): correct that line") from exc
+    config = read_toml(
+        path, AzConfig, option="az.toml with --config", example="models/table4-az.toml shows them"
+    )
     _check_unique(path, "ports.path", [port.path for port in config.ports])
     _check_unique(path, "ports.axes.drive_node", [a.drive_node for port in config.ports for a in port.axes])
     for port in config.ports:

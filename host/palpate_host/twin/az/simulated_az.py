@@ -74,7 +74,7 @@ class SimulatedAz:
         written = dict(zip(range(address, address + len(words), 2), from_words(words), strict=True))
         self.values |= written
         if az.INPUT_COMMAND.address in written:
-            self._take_inputs(Input(written[az.INPUT_COMMAND.address] & 0xFFFF & ~7))
+            self._take_inputs()
         if written.get(az.TRIGGER.address) == Trigger.ALL and self._may_move:
             self._operation = {register.address: self.values[register.address] for register in az.DIRECT_DATA}
 
@@ -113,10 +113,10 @@ class SimulatedAz:
     def _may_move(self) -> bool:
         return not self.alarm and not self._inputs & (Input.FREE | Input.STOP)
 
-    def _take_inputs(self, inputs: Input) -> None:
-        if inputs & Input.ALM_RST:
+    def _take_inputs(self) -> None:
+        if self._inputs & Input.ALM_RST:
             self.alarm = 0
-        if inputs & (Input.FREE | Input.STOP):
+        if self._inputs & (Input.FREE | Input.STOP):
             self._operation = None
 
     def _motor_torque(self, step_s: float) -> float:
