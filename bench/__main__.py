@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimator, frames, host, node, twin, twin_hand
+from bench import bus, estimator, frames, host, latency, node, tick, twin, twin_hand
 from bench.timing import table
 
 
@@ -18,6 +18,10 @@ def main() -> None:
     print(node.report())
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
+    print()
+    print(table("Kinematics, gravity, Eqs. (9)-(16) and limits, 3 fingers x 5 joints", tick.rows()))
+    print()
+    print(latency.report())
     print()
     print(table("The twin's camera, 640x480 in colour, processor time", twin.rows()))
     print()

@@ -1,0 +1,69 @@
+"""From a frame's exposure to the torque that it moved, in a recorded run's bus log, part by part.
+
+Of every contact that made a whole triple: processing (exposure to publication, as TPDO 3 tells), bus (to TPDO
+3 on the wire), wait for the host's tick (its next SYNC), and the tick with its commands on the wire (to the
+last one). Stamps are the interface's, exposures the bus clock's.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bench.timing import Row, table
+from palpate_host.bus.candump import LogRecord
+from palpate_host.fingertips import unwrap_us
+from palpate_host.hand_config import HandConfig
+from palpate_host.host import load_hand
+from palpate_host.network import SYNC
+from palpate_host.replay import EXPOSURE, TPDO_3_ID, read_bound_log
+
+ROOT = Path(__file__).resolve().parents[1]
+LOG = ROOT / "tests" / "replay" / "demo.log.gz"
+TABLE_4 = ROOT / "host" / "palpate_host" / "models" / "table4.toml"
+RPDO_1_ID = 0x200
+
+
+def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
+    """(n, 4) seconds: processing, bus, wait for the tick, tick and commands; a row a contact."""
+    contacts = {TPDO_3_ID + finger.fingertip_node for finger in config.fingers}
+    commands = {RPDO_1_ID + joint.drive_node for joint in config.joints}
+    found: list[tuple[int, int, int, int]] = []
+    waiting: list[tuple[int, int, int]] = []  # exposed, published, on the wire
+    answered: list[tuple[int, int, int]] = []
+    tick_us = last_us = 0
+    for record in records:
+        stamp_us, frame = record.stamp_us, record.frame
+        if frame.can_id in contacts and len(frame.data) == EXPOSURE.size:
+            exposed_us, _, latency_us = EXPOSURE.unpack(frame.data)
+            exposed_us = unwrap_us(exposed_us, stamp_us)
+            waiting.append((exposed_us, exposed_us + latency_us, stamp_us))
+        elif frame == SYNC:
+            found += [(*times, tick_us, last_us) for times in answered if last_us]
+            answered, waiting, tick_us, last_us = waiting, [], stamp_us, 0
+        elif frame.can_id in commands:
+            last_us = stamp_us
+    times = np.array(found, dtype=np.float64)
+    return np.diff(times, axis=1) * 1e-6
+
+
+def report(log: Path = LOG, hand_toml: Path = TABLE_4) -> str:
+    """A table of the parts, and of processing and bus together."""
+    config, _ = load_hand(hand_toml)
+    processing, bus, wait, tick = parts(read_bound_log(log, config), config).T
+    rows = [
+        Row("exposure to torque", processing + bus + wait + tick),
+        Row("of it: processing and bus together", processing + bus + tick),
+        Row("  processing, as the fingertip tells", processing),
+        Row("  contact on the bus", bus),
+        Row(f"  wait for the host's tick at {config.control.tick_Hz} Hz", wait),
+        Row("  tick and commands on the bus", tick),
+    ]
+    return table(f"Exposure to torque, {len(processing)} contacts of {log.name}", rows)
+
+
+if __name__ == "__main__":
+    print(report(*(Path(argument) for argument in sys.argv[1:])))
