@@ -74,12 +74,14 @@ def measure(
     points = presses.measure(sample, dome, whole, say)
     covered = [(figures.dataset, figures) for figures in (corrected, *sequence_figures)]
     sections = [
-        regions.goals(corrected, presses.overall(points, 20), stressed[stress.TOGETHER].overall),
+        regions.goals(
+            corrected, sequence_figures, presses.overall(points, 20), stressed[stress.TOGETHER].overall
+        ),
         regions.section(corrected, paper),
         presses.section(points, picture),
         sequences.section(sequence_figures),
         stress.section(stressed),
-        detection.section(motions, whole.contact_threshold_px),
+        detection.section(motions, whole),
         sequences.coverage(covered),
     ]
     return sections, points

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.accuracy_report import Section, paragraph, table
+from bench.accuracy_report import Section, number, paragraph, table
 from palpate_edge.calibration import Calibration
 from palpate_edge.dataset import PressDataset
 from palpate_edge.images import read_image
@@ -48,15 +48,18 @@ def measure(datasets: Sequence[PressDataset], calibration: Calibration) -> Motio
     return Motions(np.array(force), np.array(motion), np.array(rest))
 
 
-def section(motions: Motions, threshold_px: float) -> Section:
+def section(motions: Motions, calibration: Calibration) -> Section:
     """Force at the threshold by a line through the origin: skin motion is proportional to a light force."""
     light = (motions.force_N > 0) & (motions.force_N < LIGHT_N)
     slope_px_N = motions.motion_px[light] / motions.force_N[light]
     typical, stiff = np.median(slope_px_N), np.percentile(slope_px_N, 5)
+    threshold_px, threshold_N = calibration.contact_threshold_px, calibration.contact_threshold_N
+    below = motions.force_N < (threshold_N or 0.0)
     missed = motions.force_N[motions.motion_px <= threshold_px]
     detected = motions.force_N[motions.motion_px > threshold_px]
     false = int((motions.rest_px > threshold_px).sum())
     rows = [
+        ("contact threshold, N, as the calibration has it", number(threshold_N, 4)),
         ("contact threshold, px of skin motion", f"{threshold_px:.3f}"),
         ("largest motion in a frame without touch, px", f"{motions.rest_px.max():.3f}"),
         ("skin motion, px/N: median over light presses", f"{typical:.2f}"),
@@ -65,13 +68,19 @@ def section(motions: Motions, threshold_px: float) -> Section:
         ("force at the threshold, N: where the dome is stiffest", f"{threshold_px / stiff:.4f}"),
         ("lightest touch seen, N", f"{detected.min():.4f}"),
         ("heaviest touch missed, N", f"{missed.max():.4f}" if len(missed) else "none"),
-        ("touches missed", f"{len(missed)} of {len(motions.force_N)}"),
+        ("touches of the threshold or more missed", _share(motions.motion_px[~below] <= threshold_px)),
+        ("lighter touches missed", _share(motions.motion_px[below] <= threshold_px)),
         ("false touches", f"{false} of {len(motions.rest_px)}"),
     ]
     text = paragraph(f"""
         From all frames of the sample (train and test) and of the sequences; the line is fitted to
         the {int(light.sum())} touches below {LIGHT_N:g} N. The threshold is what `palpate-edge
-        calibrate` prints as "contact above"; this table's command is `make accuracy`.
+        calibrate` prints as "contact above", in newtons from the lightest third of its presses,
+        where the dome is stiffest; this table's command is `make accuracy`.
         """)
-    note = f"Touches lighter than about {threshold_px / stiff:.3f} N may be missed; {len(missed)} were."
+    note = f"Touches lighter than about {threshold_N or 0.0:.3f} N may be missed; {len(missed)} were."
     return Section("\n\n".join(["## The smallest force", text, table(("", "figure"), rows)]), (note,))
+
+
+def _share(which: NDArray[np.bool_]) -> str:
+    return f"{int(which.sum())} of {len(which)}"

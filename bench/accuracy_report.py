@@ -38,8 +38,13 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def wrong_flags(figures: Figures) -> int:
-    """Frames in which the contact flag is wrong."""
-    return figures.confusion.touch_as_none + figures.confusion.none_as_touch
+    """Frames in which the contact flag is wrong, but for touches below the calibration's threshold."""
+    return figures.confusion.wrong
+
+
+def lighter_missed(figures: Figures) -> str:
+    """Touches below the calibration's threshold that were missed, and how many there were."""
+    return f"{figures.confusion.missed_below} of {figures.confusion.touches_below}"
 
 
 def refused(figures: Figures) -> int:

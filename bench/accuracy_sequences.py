@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from bench.accuracy_report import (
     Section,
     coverage_shortcoming,
+    lighter_missed,
     number,
     paragraph,
     refused,
@@ -32,7 +33,8 @@ def section(found: Sequence[Figures]) -> Section:
                 number(band.direction_deg),
                 number(band.covered_percent, 1),
                 str(refused(figures)),
-                f"{wrong_flags(figures)} of {figures.frames}",
+                f"{wrong_flags(figures)} of {figures.confusion.judged}",
+                lighter_missed(figures),
             )
         )
     head = (
@@ -47,10 +49,12 @@ def section(found: Sequence[Figures]) -> Section:
         "covered %",
         "refused",
         "flag wrong",
+        "lighter missed",
     )
     text = paragraph(f"""
         Recordings of the same sensor that no calibration has seen: touching, pressing and leaving,
-        {found[0].frames} frames each. {COMMAND}.
+        {found[0].frames} frames each. "flag wrong" is of frames without touch or with one of the
+        contact threshold in newtons or more, "lighter missed" of the lighter ones. {COMMAND}.
         """)
     light = "The lightest and the heaviest third of each: where the large errors are."
     by_force = table(("force, N", "touches", "mean mm", "max mm"), _by_force(found))

@@ -121,7 +121,8 @@ def section(found: dict[str, Figures]) -> Section:
     frames = next(iter(found.values())).frames
     text = paragraph(f"""
         The press sample's {frames} test frames made worse, the calibration made from clean ones.
-        "refused" and "contact flag wrong" count frames; a refused frame counts in nothing else.
+        "refused" and "contact flag wrong" count frames, the latter but for touches below the contact
+        threshold in newtons; a refused frame counts in nothing else.
         {COMMAND}, STRESSED being the dataset with the changed frames.
         """)
     return Section("\n\n".join(["## Stress", text, table(head, rows)]), _shortcomings(found))

@@ -53,6 +53,7 @@ def calibrate(
         appearance=measured.sight.appearance,
         beads=_beads(measured.reference, ring_of),
         contact_threshold_px=measured.threshold_px,
+        contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
         source=Source(dataset.folder.resolve().name, len(dataset.reference), len(measured.touches)),

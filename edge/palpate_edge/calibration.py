@@ -17,7 +17,7 @@ from palpate_edge.tracking import Reference
 from palpate_edge.whole_file import whole_file
 
 FORMAT = "palpate-calibration"
-VERSION = 2
+VERSION = 3
 
 
 class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,10 +46,11 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One sensor's calibration.
 
-    contact_threshold_px: bead motion (root mean square) above which something touches; residual_px: root
-    mean square distance of the beads from the fitted layout; model: the correction model's ONNX file, empty
-    without one; stiffness_scale: the sensor's forces over the dome model's, None when no press told
-    and the model's forces mean nothing; checksum: over everything else, the model included.
+    contact_threshold_px: bead motion (root mean square) above which something touches;
+    contact_threshold_N: the normal force that makes it where the dome is stiffest, None when no press told;
+    residual_px: root mean square distance of the beads from the fitted layout; model: the correction model's
+    ONNX file, empty without one; stiffness_scale: the sensor's forces over the dome model's, None when no
+    press told and the model's forces mean nothing; checksum: over everything else, the model included.
     """
 
     sensor: Sensor
@@ -62,6 +63,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source: Source
     model: bytes = b""
     stiffness_scale: float | None = None
+    contact_threshold_N: float | None = None
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""

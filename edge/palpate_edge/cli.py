@@ -95,6 +95,11 @@ def calibrate(
         + f" mm, focal length x {pose.focal_scale:.4f}; layout residual "
         f"{calibration.residual_px:.2f} px rms; "
         f"contact above {calibration.contact_threshold_px:.3f} px of skin motion"
+        + (
+            ""
+            if calibration.contact_threshold_N is None
+            else f", {calibration.contact_threshold_N:.3f} N where the dome is stiffest"
+        )
     )
     if calibration.model:
         click.echo(
@@ -167,7 +172,8 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     of the largest force, and over all.
     """
     from palpate_edge.calibration import load_calibration  # noqa: PLC0415
-    from palpate_edge.evaluation import as_table, evaluate_dataset, write_json  # noqa: PLC0415
+    from palpate_edge.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
+    from palpate_edge.evaluation_table import as_table  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
     with progress_bar("evaluating") as progress:

@@ -45,14 +45,32 @@ class Band(msgspec.Struct, frozen=True):
 
 
 class Confusion(msgspec.Struct, frozen=True):
-    """Frames by truth and answer; refused frames are in none."""
+    """Frames by truth and answer; refused frames are in none.
+
+    threshold_N: the calibration's contact threshold, a normal force, None when no press told it;
+    touches_below: touches lighter than that, missed_below: those of them that were not seen.
+    """
 
     touch_as_touch: int
     touch_as_none: int
     none_as_none: int
     none_as_touch: int
+    threshold_N: float | None
+    touches_below: int
+    missed_below: int
     lightest_missed_N: float | None
     heaviest_missed_N: float | None
+
+    @property
+    def wrong(self) -> int:
+        """Frames in which the contact flag is wrong, but for touches below the threshold."""
+        return self.touch_as_none - self.missed_below + self.none_as_touch
+
+    @property
+    def judged(self) -> int:
+        """Frames without touch, and with one not below the threshold."""
+        seen = self.touch_as_touch + self.touch_as_none + self.none_as_none + self.none_as_touch
+        return seen - self.touches_below
 
 
 class StageTime(msgspec.Struct, frozen=True):
@@ -108,42 +126,8 @@ def evaluate_dataset(
             contact = estimator.estimate(Frame(image, round(1e6 * press.time_s), number, press.frame))
         answers.append(_Answer(press, contact))
         progress(number + 1, len(presses))
-    return _figures(folder.resolve().name, split, estimator.method, answers, watch)
-
-
-def as_table(figures: Figures) -> str:
-    """The figures for people."""
-    head = (
-        f"{figures.dataset}, split {figures.split}, method {figures.method}: {figures.frames} frames, "
-        f"largest force {figures.largest_force_N:.2f} N"
-    )
-    columns = "band", "n", "mean", "median", "p95", "max mm", "force N", "%", "deg", "in 95% radius"
-    rows = [columns, *(_row(band) for band in (*figures.regions, *figures.forces, figures.overall))]
-    width = [max(len(row[column]) for row in rows) for column in range(len(columns))]
-    lines = [
-        "  ".join(
-            cell.ljust(w) if not place else cell.rjust(w)
-            for place, (cell, w) in enumerate(zip(row, width, strict=True))
-        )
-        for row in rows
-    ]
-    confusion = figures.confusion
-    wrong = confusion.touch_as_none + confusion.none_as_touch
-    judged = wrong + confusion.touch_as_touch + confusion.none_as_none
-    heaviest = (
-        "" if confusion.heaviest_missed_N is None else f", none above {confusion.heaviest_missed_N:.3f} N"
-    )
-    tail = [
-        f"contact flag wrong in {wrong} of {judged} frames ({100 * wrong / max(1, judged):.2f} %): "
-        f"{confusion.touch_as_none} touches missed{heaviest}, {confusion.none_as_touch} false",
-        f"refused: {sum(figures.refused.values())} of {figures.frames}"
-        + "".join(f"; {count} x {reason}" for reason, count in figures.refused.items()),
-        *(
-            f"{time.stage}: {time.median_ms:.2f} ms median, {time.p99_ms:.2f} ms p99"
-            for time in figures.times
-        ),
-    ]
-    return "\n".join([head, *lines, *tail])
+    threshold_N = calibration.contact_threshold_N
+    return _figures(folder.resolve().name, split, estimator.method, answers, watch, threshold_N)
 
 
 def write_json(figures: Figures, path: Path) -> None:
@@ -152,7 +136,14 @@ def write_json(figures: Figures, path: Path) -> None:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n")
 
 
-def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], watch: Stopwatch) -> Figures:
+def _figures(
+    name: str,
+    split: str,
+    method: Method,
+    answers: Sequence[_Answer],
+    watch: Stopwatch,
+    threshold_N: float | None,
+) -> Figures:
     largest_N = max(float(np.linalg.norm(answer.press.force_N)) for answer in answers)
     valid = [answer for answer in answers if answer.contact.valid]
     both = [a for a in valid if a.press.position_mm is not None and a.contact.position_mm is not None]
@@ -183,7 +174,7 @@ def _figures(name: str, split: str, method: Method, answers: Sequence[_Answer], 
         overall=_band("all", both, largest_N),
         regions=tuple(regions),
         forces=tuple(thirds),
-        confusion=_confusion(valid),
+        confusion=_confusion(valid, threshold_N),
         refused=dict(Counter(answer.contact.reason for answer in answers if not answer.contact.valid)),
         times=tuple(StageTime(stage, *watch.median_and_p99_ms(stage)) for stage in watch.stages),
     )
@@ -217,18 +208,26 @@ def _band(name: str, answers: Sequence[_Answer], largest_N: float) -> Band:
     )
 
 
-def _confusion(answers: Sequence[_Answer]) -> Confusion:
+def _confusion(answers: Sequence[_Answer], threshold_N: float | None) -> Confusion:
     counts = Counter((a.press.position_mm is not None, a.contact.in_contact) for a in answers)
     missed = [
         answer.press.normal_force_N
         for answer in answers
         if answer.press.position_mm is not None and not answer.contact.in_contact
     ]
+    below = [
+        answer
+        for answer in answers
+        if answer.press.position_mm is not None and answer.press.normal_force_N < (threshold_N or 0.0)
+    ]
     return Confusion(
         touch_as_touch=counts[True, True],
         touch_as_none=counts[True, False],
         none_as_none=counts[False, False],
         none_as_touch=counts[False, True],
+        threshold_N=threshold_N,
+        touches_below=len(below),
+        missed_below=sum(not answer.contact.in_contact for answer in below),
         lightest_missed_N=min(missed, default=None),
         heaviest_missed_N=max(missed, default=None),
     )
@@ -246,14 +245,3 @@ def _position_error_mm(answer: _Answer) -> float:
 def _angle_above_base_deg(press: Press) -> float:
     x, y, z = press.position_mm or (0.0, 0.0, 1.0)
     return float(np.degrees(np.arctan2(z, np.hypot(x, y))))
-
-
-def _row(band: Band) -> tuple[str, ...]:
-    values = (band.mean_mm, band.median_mm, band.p95_mm, band.max_mm, band.force_rmse_N)
-    percent = (band.force_rmse_percent, band.direction_deg, band.covered_percent)
-    return (
-        band.name,
-        str(band.count),
-        *("-" if value is None else f"{value:.3f}" for value in values),
-        *("-" if value is None else f"{value:.2f}" for value in percent),
-    )

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
 THRESHOLD_FLOOR_PX = 0.02
+STIFFEST_PERCENTILE = 5  # of the skin's motion a newton, of the lightest third of the presses
+LIGHT_SHARE = 1 / 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,8 @@ class Measured:
     """What the images of a dataset's reference frames and presses show.
 
     view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
-    threshold_px: skin motion above which something touches.
+    threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
+    the dome is stiffest, None where no press's force is known.
     """
 
     sight: FirstSight
@@ -39,6 +42,7 @@ class Measured:
     view: View
     touches: tuple[tuple[Press, Beads], ...]
     threshold_px: float
+    threshold_N: float | None
 
 
 def measure(
@@ -52,6 +56,7 @@ def measure(
     reference, rest_motion = _measure_reference(dataset, sight, progress)
     tracker, skin = Tracker(reference), SkinMotion(reference)
     touches: list[tuple[Press, Beads]] = []
+    motion_px: list[float] = []
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
@@ -61,15 +66,30 @@ def measure(
             rest_motion.append(skin.size_px(beads))
         else:
             touches.append((press, beads))
+            motion_px.append(skin.size_px(beads))
         progress(len(dataset.reference) + number)
     threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
     return Measured(
         sight,
         reference,
         View(dataset.sensor.camera, sight.pose),
-        tuple((press, beads) for press, beads in touches if skin.size_px(beads) > threshold_px),
+        tuple(touch for touch, moved_px in zip(touches, motion_px, strict=True) if moved_px > threshold_px),
         threshold_px,
+        force_that_moves(
+            threshold_px, np.array([press.normal_force_N for press, _ in touches]), np.array(motion_px)
+        ),
     )
+
+
+def force_that_moves(size_px: float, force_N: Array, motion_px: Array) -> float | None:
+    """The normal force that moves the skin by `size_px` where the dome is stiffest, from presses of force_N
+    (n,) that moved it by motion_px (n,): motion is proportional to a light force. None without any force."""
+    pressed = force_N > 0
+    if not pressed.any():
+        return None
+    force_N, motion_px = force_N[pressed], motion_px[pressed]
+    light = force_N <= np.quantile(force_N, LIGHT_SHARE)
+    return float(size_px / np.percentile(motion_px[light] / force_N[light], STIFFEST_PERCENTILE))
 
 
 def _read(dataset: PressDataset, path: Path) -> Image:

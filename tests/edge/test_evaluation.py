@@ -15,10 +15,10 @@ from palpate_edge.evaluation import (
     PAPER_ERRORS_MM,
     _Answer,
     _figures,
-    as_table,
     evaluate_dataset,
     write_json,
 )
+from palpate_edge.evaluation_table import as_table
 from palpate_edge.stopwatch import Stopwatch
 
 
@@ -56,8 +56,8 @@ def answer(truth, position_mm, force_N=(0.0, 0.0, 0.0), radius95_mm=None):
     )
 
 
-def figures(answers):
-    return _figures("dome", "test", Method.CORRECTED, answers, Stopwatch())
+def figures(answers, threshold_N=None):
+    return _figures("dome", "test", Method.CORRECTED, answers, Stopwatch(), threshold_N)
 
 
 def chord_mm(angle_deg):
@@ -155,6 +155,23 @@ def test_confusion_counts_frames_by_truth_and_answer():
         in table
     )
     assert "refused: 2 of 12; 2 x frame is blank" in table
+
+
+def test_touches_below_the_threshold_are_counted_apart():
+    """Of two touches below 0.02 N one is missed; of three others one, and of five untouched frames one is
+    false: 2 wrong of 8."""
+    at, none = above_base(50), None
+    touched = [press(at, (0.0, 0.0, -force)) for force in (0.01, 0.019, 0.02, 0.3, 1.0)]
+    seen = [answer(truth, at) for truth in touched[1:4]]
+    missed = [answer(truth, none) for truth in (touched[0], touched[4])]
+    untouched = [*4 * [answer(press(none), none)], answer(press(none), at)]
+    found = figures([*seen, *missed, *untouched], threshold_N=0.02)
+    assert (found.confusion.wrong, found.confusion.judged) == (2, 8)
+    assert (found.confusion.missed_below, found.confusion.touches_below) == (1, 2)
+    assert (
+        "contact threshold 0.020 N: contact flag wrong in 2 of 8 frames (25.00 %): 1 touches missed, none "
+        "above 1.000 N, 1 false\ntouches below it missed: 1 of 2"
+    ) in as_table(found)
 
 
 def test_a_dataset_that_knows_no_forces_has_no_percentage():

@@ -1,0 +1,28 @@
+"""The contact threshold in newtons, against presses of skins whose stiffness is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate_edge.measured import force_that_moves
+
+
+def test_it_is_the_force_at_which_the_stiffest_place_moves_so_far():
+    """Half of the places move 2 px a newton, half 1 px: 0.03 px are 0.03 N at the stiff ones."""
+    force_N = np.linspace(0.01, 0.3, 200)
+    motion_px = force_N * np.where(np.arange(200) % 2, 2.0, 1.0)
+    assert force_that_moves(0.03, force_N, motion_px) == pytest.approx(0.03)
+
+
+def test_heavy_presses_that_the_skin_gives_way_to_less_do_not_count():
+    """Force grows with the square of the motion beyond 0.1 N, so that a newton moves it less and less."""
+    force_N = np.linspace(0.01, 0.3, 300)
+    motion_px = np.where(force_N < 0.12, force_N, np.sqrt(0.12 * force_N))
+    assert force_that_moves(0.02, force_N, motion_px) == pytest.approx(0.02)
+
+
+def test_presses_of_no_known_force_tell_none():
+    assert force_that_moves(0.02, np.zeros(5), np.ones(5)) is None
+    assert force_that_moves(0.02, np.zeros(0), np.zeros(0)) is None
+    assert force_that_moves(0.02, np.array([0.0, 0.5]), np.array([9.0, 1.0])) == pytest.approx(0.01)
