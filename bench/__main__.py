@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimator, frames, host, latency, node, tick, twin, twin_hand
+from bench import bus, estimate_to_bus, estimator, frames, host, latency, node, tick, twin, twin_hand
 from bench.timing import table
 
 
@@ -16,6 +16,8 @@ def main() -> None:
     print(table("Fingertip node and hub", bus.rows()))
     print()
     print(node.report())
+    print()
+    print(estimate_to_bus.report())
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
     print()

@@ -1,28 +1,18 @@
-"""The slave core: cost of a frame beside the `canopen` package's slave, and from the estimate to the bus.
+"""The slave core: cost of a frame beside the `canopen` package's slave.
 
 python -m bench.node
 """
 
 from __future__ import annotations
 
-import os
 import random
-import selectors
-import subprocess
-import sys
-import tempfile
-import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import canopen
-import numpy as np
 
 from bench.timing import Row, table, time_each
-from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
@@ -30,9 +20,6 @@ from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 CALLS = 5000
 BATCH = 64
 HOSTILE_FRAMES = 40_000
-ESTIMATES = 600
-ESTIMATE_PERIOD_S = 1 / 120
-CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), None, 1.0, "", 85, 85)
 READ_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 START = CanFrame(0x000, b"\x01\x10")
 
@@ -51,73 +38,6 @@ def rows() -> list[Row]:
             time_each(_requests(_hand_traffic()), range(CALLS // 10)) / BATCH,
         ),
     ]
-
-
-def estimate_to_bus() -> list[Row]:
-    """Seconds from a finished estimate until TPDO 1 to 3 are sent, through a thread and the hub.
-
-    A thread gives an estimate every 1/120 s, as the pixel thread does; the bus loop publishes it.
-    """
-    given: list[float] = []
-    sent: list[float] = []
-    busy: list[float] = []
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "hub.sock"
-        command = [
-            sys.executable,
-            "-c",
-            "from palpate_host.bus.cli import bus; bus()",
-            "hub",
-            "--socket",
-            str(path),
-        ]
-        with subprocess.Popen(command, stderr=subprocess.PIPE) as hub:
-            assert hub.stderr is not None
-            hub.stderr.readline()  # it listens
-            config = BusConfig(interface="palpate", channel=str(path))
-            try:
-                with open_bus(config, "fingertip") as bus, open_bus(config, "host", [0x390]) as host:
-                    _publish(bus, given, sent, busy)
-                    assert host.receive(1.0)
-            finally:
-                hub.terminate()
-                hub.communicate()
-    return [
-        Row("estimate to TPDO 1-3 sent", np.array(sent) - np.array(given)),
-        Row("of it processor time in the bus loop", np.array(busy)),
-    ]
-
-
-def _publish(bus: Bus, given: list[float], sent: list[float], busy: list[float]) -> None:
-    node = FingertipNode(0x10, Method.CORRECTED, "0" * 16)
-    node.process(0, (START,))
-    ready, estimated = os.pipe()
-
-    def estimate() -> None:
-        for _ in range(ESTIMATES):
-            time.sleep(ESTIMATE_PERIOD_S)
-            given.append(time.perf_counter())
-            os.write(estimated, b".")
-
-    pixels = threading.Thread(target=estimate)
-    with selectors.DefaultSelector() as selector:
-        selector.register(ready, selectors.EVENT_READ)
-        selector.register(bus.fileno(), selectors.EVENT_READ)
-        pixels.start()
-        while len(sent) < ESTIMATES:
-            for key, _ in selector.select():
-                if key.fd == ready:
-                    begin = time.thread_time()
-                    os.read(ready, 1)
-                    node.publish(CONTACT, 5000)
-                    bus.send(node.process(time.monotonic_ns() // 1000, ()).frames_out)
-                    sent.append(time.perf_counter())
-                    busy.append(time.thread_time() - begin)
-                else:
-                    bus.receive(0)
-    pixels.join()
-    os.close(ready)
-    os.close(estimated)
 
 
 def _requests(frames: list[CanFrame]) -> Callable[[int], object]:
@@ -176,17 +96,8 @@ def hostile_rate() -> str:
 
 
 def report() -> str:
-    """Both tables and the rates."""
-    costs = rows()
-    title = f"From the estimate to the bus, {ESTIMATES} at 120 a second, hub at 1 Mbit/s"
-    return "\n".join(
-        [
-            table("Slave core, one frame, one core", costs),
-            hostile_rate(),
-            "",
-            table(title, estimate_to_bus()),
-        ]
-    )
+    """The table and the rate."""
+    return f"{table('Slave core, one frame, one core', rows())}\n{hostile_rate()}"
 
 
 if __name__ == "__main__":

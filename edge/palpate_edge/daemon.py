@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import selectors
 import threading
-import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -20,10 +19,10 @@ from palpate_edge.bus import open_bus
 from palpate_edge.bus_link import BusLink
 from palpate_edge.calibration import load_calibration
 from palpate_edge.config import FingertipConfig
-from palpate_edge.errors import CaptureError, ConfigError, PalpateError
+from palpate_edge.errors import CaptureError, PalpateError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.health import health_path, write_health
+from palpate_edge.health import HealthFile, health_path
 from palpate_edge.health_report import health_report
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import Light
@@ -42,7 +41,7 @@ from palpate_edge.node.parameter_file import ParameterFile, answer_store_request
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 from palpate_edge.open_source import open_source
 from palpate_edge.pixel_thread import PixelThread
-from palpate_edge.record import Recorder, RingLimits
+from palpate_edge.record_on_demand import RecordOnDemand
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import record_signals, stop_event
 
@@ -67,7 +66,7 @@ def run(
         notifier = stack.enter_context(closing(Notifier()))
         daemon = _Daemon(config, report, clock, notifier, stack)
         stopped = stack.enter_context(stop_event())
-        stack.enter_context(record_signals(daemon.ask_to_record))
+        stack.enter_context(record_signals(daemon.recording.ask))
         report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
         notifier.ready(f"node 0x{config.node.id:02X} on {config.bus.interface}")
         try:
@@ -88,10 +87,8 @@ class _Daemon:
         chosen = config.estimator.method
         estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
         source = open_source(config, calibration, clock, report)
-        limits = RingLimits(config.record.megabytes * 1_000_000, config.record.seconds)
-        self.recorder = Recorder(Path(config.record.folder), limits)
-        stack.callback(self.recorder.close)
-        self._pixels = stack.enter_context(closing(PixelThread(source, estimator, self.recorder.offer)))
+        self.recording = stack.enter_context(closing(RecordOnDemand(config.record, self._say)))
+        self._pixels = stack.enter_context(closing(PixelThread(source, estimator, self.recording.offer)))
         self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         self._node = FingertipNode(
             config.node.id,
@@ -111,12 +108,9 @@ class _Daemon:
         self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
         self._gate = WatchdogGate(notifier.watchdog_us)
         self._fps = config.capture.camera.fps or calibration.sensor.camera.fps
-        self._health_path = health_path(config.name, config.health)
-        stack.callback(self._health_path.unlink, missing_ok=True)
+        path = health_path(config.name, config.health)
+        self._health_file = stack.enter_context(closing(HealthFile(path, self._say)))
         self._health_at_us = 0
-        self._health_failed = False
-        self._recording = ""
-        self._record_wanted: bool | None = None
         self._said_of_camera = ""
 
     def serve(self, stopped: threading.Event) -> None:
@@ -137,10 +131,6 @@ class _Daemon:
         self._core.stop(now_us)
         self._link.send(now_us, self._core.poll(now_us).frames_out)
 
-    def ask_to_record(self, wanted: bool) -> None:
-        """From a signal handler: the loop sees to it."""
-        self._record_wanted = wanted
-
     def summary(self) -> str:
         health = self._pixels.estimator.health
         return (
@@ -156,9 +146,7 @@ class _Daemon:
         frames = link.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
         for change in link.changes():
-            self._report(
-                f"{self._config.name}: the bus is {change.state.value}. {change.reason}".rstrip(". ")
-            )
+            self._say(f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
             core.link_changed(change)
         core.error_passive(link.error_passive)
         self._take_pixels()
@@ -169,7 +157,7 @@ class _Daemon:
         self._see_to(step.events)
         if self._gate.may_feed(now_us, core.watch.frames, link.sent + link.received):
             self._notifier.feed_watchdog()
-        self._obey_record_signal()
+        self.recording.see_to_it()
         if now_us >= self._health_at_us:
             self._health_at_us = now_us + HEALTH_EVERY_US
             self._tell_health(now_us)
@@ -191,7 +179,8 @@ class _Daemon:
                 self._tell_of_camera(str(outcome))
                 self._core.capture_failed(now_us, outcome)
             else:
-                self._core.contact(now_us, outcome, self._board_health())
+                self._link.send(now_us, self._core.contact(now_us, outcome))
+                self._core.frame_seen(now_us, outcome, self._board_health())
                 self._tell_of_camera("")
 
     def _board_health(self) -> Health:
@@ -218,7 +207,7 @@ class _Daemon:
         """What the bus asks of the board."""
         if self._parameters is not None:
             for line in answer_store_requests(self._node.slave, events, self._parameters):
-                self._report(f"{self._config.name}: {line}")
+                self._say(line)
         for event in events:
             if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
                 self._pixels.estimator.tare()
@@ -226,54 +215,40 @@ class _Daemon:
                 self._link.accept(event.can_ids)
             elif isinstance(event, StoreRequested) and self._parameters is None:
                 self._node.slave.store_finished(stored=False)
-                self._report(f"{self._config.name}: a master wants to store parameters: set node.parameters")
+                self._say("a master wants to store parameters: set node.parameters")
             elif isinstance(event, BitRateActivated):
-                self._report(
-                    f"{self._config.name}: LSS asks for {event.bit_rate_kbit_s} kbit/s: the bit rate is the "
-                    "link's, set BitRate= in its .network file"
+                self._say(
+                    f"LSS asks for {event.bit_rate_kbit_s} kbit/s: the bit rate is the link's, set BitRate= "
+                    "in its .network file"
                 )
-
-    def _obey_record_signal(self) -> None:
-        """A recording gets a folder of its own, named by the time of day."""
-        wanted, self._record_wanted = self._record_wanted, None
-        if wanted is False:
-            self.recorder.stop()
-        elif wanted and not self.recorder.is_recording:
-            try:
-                folder = self.recorder.start(time.strftime("%Y%m%d-%H%M%S"))
-            except CaptureError as error:
-                self._report(f"{self._config.name}: {error}")
-                return
-            self._recording = str(folder)
-            self._report(f"{self._config.name}: recording to {folder}")
 
     def _tell_of_camera(self, trouble: str) -> None:
         """Each trouble once, and its end."""
         if trouble != self._said_of_camera:
             self._said_of_camera = trouble
-            self._report(f"{self._config.name}: {trouble or 'camera gives frames again'}")
+            self._say(trouble or "camera gives frames again")
 
     def _tell_health(self, now_us: int) -> None:
         light = self._light.latest if self._light else None
         report = health_report(
-            self._config, self._core, self._link, self._pixels, self._fps, self._recording, light, now_us
+            self._config,
+            self._core,
+            self._link,
+            self._pixels,
+            self._fps,
+            self.recording.folder,
+            light,
+            now_us,
         )
         trouble = ", ".join(report.emergencies)
         self._notifier.status(
             f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"
             + (f"; {trouble}" if trouble else "")
         )
-        try:
-            write_health(self._health_path, report)
-        except ConfigError as error:  # a full disk is no reason to stop
-            if not self._health_failed:
-                self._report(f"{self._config.name}: {error}")
-            self._health_failed = True
-        else:
-            self._health_failed = False
-        if self._recording and not self.recorder.is_recording:
-            self._report(f"{self._config.name}: recording ended. {self.recorder.failure}".rstrip(". "))
-            self._recording = ""
+        self._health_file.write(report)
+
+    def _say(self, line: str) -> None:
+        self._report(f"{self._config.name}: {line}")
 
 
 def _open_light(config: FingertipConfig, level: int) -> Light | None:

@@ -77,10 +77,14 @@ class FingertipCore:
         arrived_us = [stamp_us for stamp_us, _ in frames]
         self._take(self._node.process(now_us, [frame for _, frame in frames], arrived_us))
 
-    def contact(self, now_us: int, contact: Contact, health: Health) -> None:
-        """The estimate of a frame, with the board's health then."""
+    def contact(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
+        """The estimate of a frame; returns its TPDOs, to send before anything else is done."""
         self._sequence = contact.sequence
-        contact = replace(contact, sequence=contact.sequence + self._withdrawals)
+        self._withdrawn = not contact.valid
+        return self._publish(now_us, contact)
+
+    def frame_seen(self, now_us: int, contact: Contact, health: Health) -> None:
+        """What the contact just sent says of camera and beads, with the board's health then."""
         self.watch.saw(now_us, contact, health.frames_dropped)
         self._capture_failed = False
         self.emergencies.set(Emergency.CAMERA_LOST, False)
@@ -88,8 +92,6 @@ class FingertipCore:
         self.emergencies.set(Emergency.BEADS_LOST, self.watch.beads_are_lost(now_us))
         self.emergencies.set(Emergency.OVERRUN, self.watch.overruns())
         self._node.report_health(health)
-        self._publish(now_us, contact)
-        self._withdrawn = not contact.valid
 
     def capture_failed(self, now_us: int, error: CaptureError) -> None:
         """The source has failed and is tried again, or the daemon is about to end."""
@@ -140,14 +142,18 @@ class FingertipCore:
         if not self._withdrawn:
             self._withdrawn = True
             self._withdrawals += 1
-            sequence = self._sequence + self._withdrawals
-            self._publish(now_us, refused_contact(sequence, now_us, reason, 0, 0))
+            refused = refused_contact(self._sequence, now_us, reason, 0, 0)
+            self._frames_out += self._publish(now_us, refused)
 
-    def _publish(self, now_us: int, contact: Contact) -> None:
-        """On the bus an exposure is told on the bus's clock."""
-        on_bus = replace(contact, exposed_at_us=self.clock.to_bus_us(contact.exposed_at_us))
+    def _publish(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
+        """On the bus an exposure is told on the bus's clock, and a withdrawal counts as a frame."""
+        on_bus = replace(
+            contact,
+            sequence=contact.sequence + self._withdrawals,
+            exposed_at_us=self.clock.to_bus_us(contact.exposed_at_us),
+        )
         self._node.publish(on_bus, now_us - contact.exposed_at_us)
-        self._take(self._node.process(now_us, []))
+        return self._node.slave.due_tpdos(now_us)
 
     def _report_clock(self, now_us: int) -> None:
         state = BUS_CLOCK_STATES[self.clock.state(now_us)]

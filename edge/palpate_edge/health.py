@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -97,6 +98,29 @@ def health_path(name: str, configured: str) -> Path:
         return Path(configured)
     folder = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
     return Path(folder or tempfile.gettempdir()) / f"palpate-{name}.json"
+
+
+class HealthFile:
+    """The file of a daemon that runs, removed by `close`. tell: gets each failure to write it once."""
+
+    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+        self._path = path
+        self._tell = tell
+        self._failed = False
+
+    def write(self, report: HealthReport) -> None:
+        """A full disk is no reason to stop."""
+        try:
+            write_health(self._path, report)
+        except ConfigError as error:
+            if not self._failed:
+                self._tell(str(error))
+            self._failed = True
+        else:
+            self._failed = False
+
+    def close(self) -> None:
+        self._path.unlink(missing_ok=True)
 
 
 def write_health(path: Path, report: HealthReport) -> None:

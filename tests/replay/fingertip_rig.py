@@ -104,7 +104,10 @@ def _run(core, events, now_us: int, end_us: int, off: range) -> list[LogRecord]:
             if isinstance(what, CanFrame):
                 core.receive(now_us, [(at_us, what)])
             elif isinstance(what, Contact):
-                core.contact(now_us, what, HEALTH)
+                frames = core.contact(now_us, what)
+                core.frame_seen(now_us, what, HEALTH)
+                if now_us not in off:
+                    sent += [LogRecord(now_us, frame) for frame in frames]
             else:
                 core.link_changed(what)
         step = core.poll(now_us)

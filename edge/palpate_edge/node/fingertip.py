@@ -80,7 +80,7 @@ class FingertipNode:
         return self.slave.process(now_us, frames_in, arrived_us)
 
     def publish(self, contact: Contact, latency_us: int) -> None:
-        """Have TPDO 1 to 3 sent by the next :meth:`process`; see :func:`encode_contact` for the clocks."""
+        """Trigger TPDO 1 to 3: see :meth:`Slave.due_tpdos`, and :func:`encode_contact` for the clocks."""
         objects = encode_contact(contact, latency_us)
         counted = Counter.FRAMES_ESTIMATED if contact.valid else Counter.FRAMES_REFUSED
         for index, subindex in (

@@ -103,7 +103,22 @@ FREE, TOUCHING = int(ContactFlag.VALID), int(ContactFlag.VALID | ContactFlag.CON
 SLIPPING = int(ContactFlag.VALID | ContactFlag.CONTACT | ContactFlag.SLIP)
 """2010h of a frame that is in no doubt."""
 
-NOTHING_KNOWN: dict[Channel, float | None] = dict.fromkeys(Channel)
+NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(Channel)
+NOTHING_TOUCHED = (0.0,) * (len(Channel) - 1)
+"""All channels, and all but the torsion."""
+
+CHANNEL_OBJECTS = tuple(
+    (
+        (AI_INPUT, int(channel)),
+        (AI_STATUS, int(channel)),
+        INCREMENTS_PER_UNIT[channel],
+        channel in OPTIONAL_CHANNELS,
+    )
+    for channel in Channel
+)
+"""Of each channel: keys of its value and its status, increments in a unit, whether it may be missing."""
+
+TORSION_KEY = (AI_INPUT, int(Channel.TORSION))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,14 +145,15 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     """
     objects: dict[ObjectKey, int] = {}
     doubt = not contact.valid or not math.isfinite(contact.quality)
-    for channel, value in channel_values(contact).items():
-        increments, status = encode_channel(value, INCREMENTS_PER_UNIT[channel])
-        not_given = value is None and channel in OPTIONAL_CHANNELS
-        doubt = doubt or (status is not ChannelStatus.GOOD and not not_given)
-        objects[AI_INPUT, channel] = increments
-        objects[AI_STATUS, channel] = status
+    for value, (input_key, status_key, increments_per_unit, optional) in zip(
+        channel_values(contact), CHANNEL_OBJECTS, strict=True
+    ):
+        objects[input_key], status = encode_channel(value, increments_per_unit)
+        objects[status_key] = status
+        if status and not (optional and value is None):
+            doubt = True
     if contact.torsion_Nmm is None:
-        objects[AI_INPUT, Channel.TORSION] = TORSION_NOT_GIVEN  # a zero would pass for a measured one
+        objects[TORSION_KEY] = TORSION_NOT_GIVEN  # a zero would pass for a measured one
     touching = SLIPPING if contact.slip else TOUCHING
     objects[FLAGS, 0] = 0 if doubt else touching if contact.in_contact else FREE
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
@@ -176,21 +192,17 @@ def encode_bus_clock(
     }
 
 
-def channel_values(contact: Contact) -> dict[Channel, float | None]:
-    """Each channel in mm, N or N mm; None where nothing is known."""
+def channel_values(contact: Contact) -> tuple[float | None, ...]:
+    """The channels in the order of `Channel`, in mm, N or N mm; None where nothing is known."""
     if not contact.valid:
         return NOTHING_KNOWN
     if not contact.in_contact:
-        return dict.fromkeys(Channel, 0.0) | {Channel.TORSION: contact.torsion_Nmm}
-    if contact.position_mm is None:
+        return (*NOTHING_TOUCHED, contact.torsion_Nmm)
+    position_mm, force_N = contact.position_mm, contact.force_N
+    if position_mm is None:
         return NOTHING_KNOWN
-    values: dict[Channel, float | None] = dict(zip(Channel, contact.position_mm, strict=False))
-    values[Channel.NORMAL_FORCE] = contact.normal_force_N
-    shear_N = None if contact.force_N is None else tangential_force_N(contact.position_mm, contact.force_N)
-    values[Channel.SHEAR_X] = None if shear_N is None else shear_N[0]
-    values[Channel.SHEAR_Y] = None if shear_N is None else shear_N[1]
-    values[Channel.TORSION] = contact.torsion_Nmm
-    return values
+    x_N, y_N = (None, None) if force_N is None else tangential_force_N(position_mm, force_N)[:2]
+    return (*position_mm, contact.normal_force_N, x_N, y_N, contact.torsion_Nmm)
 
 
 def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
@@ -198,10 +210,9 @@ def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
     distance_mm = math.hypot(*position_mm)
     if distance_mm == 0.0:
         return math.nan, math.nan, math.nan
-    normal = [component / distance_mm for component in position_mm]
-    along_N = sum(f * n for f, n in zip(force_N, normal, strict=True))
-    x_N, y_N, z_N = (f - along_N * n for f, n in zip(force_N, normal, strict=True))
-    return x_N, y_N, z_N
+    (x, y, z), (x_N, y_N, z_N) = position_mm, force_N
+    along_N_mm = (x_N * x + y_N * y + z_N * z) / distance_mm / distance_mm
+    return x_N - along_N_mm * x, y_N - along_N_mm * y, z_N - along_N_mm * z
 
 
 def encode_channel(value: float | None, increments_per_unit: int) -> tuple[int, ChannelStatus]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 
 from palpate_edge.errors import BusError
-from palpate_edge.node.object_dictionary import DataType, Entry, ObjectDictionary, ObjectKey, Value
+from palpate_edge.node.object_dictionary import RANGES, DataType, Entry, ObjectDictionary, ObjectKey, Value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 ERROR_HISTORY = 0x1003
@@ -21,6 +21,9 @@ class ObjectStore:
         self.od = od
         self.values: dict[ObjectKey, Value] = {key: entry.default for key, entry in od.entries.items()}
         self.saved: Mapping[ObjectKey, Value] = {}
+        self._ranges = {
+            key: RANGES[entry.data_type] for key, entry in od.entries.items() if entry.data_type in RANGES
+        }
         self._writable = [key for key, entry in od.entries.items() if entry.access.writable]
 
     def set_node_id(self, node_id: int) -> None:
@@ -54,9 +57,10 @@ class ObjectStore:
 
     def write_all(self, objects: Mapping[ObjectKey, Value]) -> None:
         """As :meth:`write`, all of them or none."""
-        entries = self.od.entries
+        ranges = self._ranges
         for key, value in objects.items():
-            (entries.get(key) or self.od.entry(*key)).check(value)
+            if value not in ranges.get(key, ()):
+                self.od.entry(*key).check(value)
         self.values.update(objects)
 
     def restore(self, indices: Container[int]) -> None:

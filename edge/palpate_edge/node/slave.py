@@ -133,6 +133,11 @@ class Slave:
         """Send these TPDOs in the next call of :meth:`process`, with the values they have then."""
         self._services.tpdo.trigger(numbers)
 
+    def due_tpdos(self, now_us: int) -> tuple[CanFrame, ...]:
+        """The TPDOs that may go now, before the rest of :meth:`process`."""
+        silent = now_us < self._silent_until_us
+        return () if silent else tuple(self._services.tpdo.poll(now_us))
+
     def accept_ids(self) -> tuple[int, ...]:
         """The identifiers to let through a receive filter: what is served and what reveals a conflict."""
         return tuple(sorted(self._handlers))

@@ -63,7 +63,8 @@ class Rig:
             self.until(self.now_us + PERIOD_US)
             self.sequence += 1
             seen = dataclasses.replace(contact, sequence=self.sequence, exposed_at_us=self.now_us - 3_000)
-            self.core.contact(self.now_us, seen, Health(None, self.dropped, 0))
+            self.sent += [(self.now_us, frame) for frame in self.core.contact(self.now_us, seen)]
+            self.core.frame_seen(self.now_us, seen, Health(None, self.dropped, 0))
             self.until(self.now_us)
 
     def wait(self, seconds):

@@ -1,0 +1,164 @@
+"""From a finished estimate until its TPDOs are sent: the daemon's own threads, core and link on the hub.
+
+python -m bench.estimate_to_bus
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from bench.estimator import decode
+from bench.frames import Material, materials
+from bench.timing import Row, table
+from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.bus_link import BusLink
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.capture.frame import Frame
+from palpate_edge.contact_type import Contact
+from palpate_edge.estimator import Estimator
+from palpate_edge.fingertip_core import FingertipCore
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Health, Method
+from palpate_edge.pixel_thread import PixelThread
+
+FRAMES = 600
+PERIOD_S = 1 / 120
+SERVICE_PRIORITY = 20  # systemd/palpate-fingertip.service.d/four-cores.conf
+START = CanFrame(0x000, b"\x01\x10")
+HEALTH = Health(None, 0, 0)
+
+
+class Camera:
+    """Decodes the next JPEG every `PERIOD_S`; `FRAMES` of them."""
+
+    dropped = 0
+
+    def __init__(self, material: Material) -> None:
+        self._jpegs = cycle(material.jpegs)
+        self._frames = 0
+        self._due_s = time.monotonic()
+
+    def read(self) -> Frame | None:
+        if self._frames == FRAMES:
+            return None
+        self._frames += 1
+        self._due_s += PERIOD_S
+        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        return Frame(decode(next(self._jpegs)), _now_us(), self._frames, "")
+
+    def close(self) -> None:
+        """It holds nothing."""
+
+
+class TimedEstimator(Estimator):
+    """Remembers when each estimate was there."""
+
+    given_s: list[float]
+
+    def estimate(self, frame: Frame) -> Contact:
+        contact = super().estimate(frame)
+        self.given_s.append(time.perf_counter())
+        return contact
+
+
+def rows(material: Material, scheduling: str) -> list[Row]:
+    """Seconds from an estimate until TPDO 1 to 3 are sent. scheduling: for the title."""
+    estimator = TimedEstimator(material.calibration)
+    estimator.given_s = []
+    with _hub() as channel:
+        config = BusConfig(interface="palpate", channel=channel)
+        with (
+            closing(BusLink(lambda: open_bus(config, "fingertip"))) as link,
+            open_bus(config, "host", [0x390]) as host,
+        ):
+            sent_s, busy_s = _publish(link, PixelThread(Camera(material), estimator))
+            assert host.receive(1.0)
+    return [
+        Row(f"estimate to TPDO 1-3 sent, {scheduling}", np.array(sent_s) - np.array(estimator.given_s)),
+        Row("  of it processor time in the bus loop", np.array(busy_s)),
+    ]
+
+
+def _publish(link: BusLink, pixels: PixelThread) -> tuple[list[float], list[float]]:
+    """As the daemon's loop; when each set was sent, and the processor time for it."""
+    core = FingertipCore(FingertipNode(0x10, Method.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us())
+    link.send(_now_us(), core.poll(_now_us()).frames_out)
+    core.receive(_now_us(), [(_now_us(), START)])
+    descriptor = link.descriptor()
+    assert descriptor is not None
+    sent_s: list[float] = []
+    busy_s: list[float] = []
+    with closing(pixels), selectors.DefaultSelector() as selector:
+        selector.register(pixels.fileno(), selectors.EVENT_READ)
+        selector.register(descriptor[0], selectors.EVENT_READ)
+        pixels.start()
+        while len(sent_s) < FRAMES:
+            selector.select()
+            begin_s = time.thread_time()
+            for contact in pixels.take():
+                assert isinstance(contact, Contact)
+                now_us = _now_us()
+                link.send(now_us, core.contact(now_us, contact))
+                sent_s.append(time.perf_counter())
+                busy_s.append(time.thread_time() - begin_s)
+                core.frame_seen(now_us, contact, HEALTH)
+            link.receive(_now_us())
+            link.send(_now_us(), core.poll(_now_us()).frames_out)
+    return sent_s, busy_s
+
+
+@contextmanager
+def _hub() -> Iterator[str]:
+    """A hub process; gives its socket."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "hub.sock")
+        start = "from palpate_host.bus.cli import bus; bus()"
+        command = [sys.executable, "-c", start, "hub", "--socket", path]
+        with subprocess.Popen(command, stderr=subprocess.PIPE) as hub:
+            assert hub.stderr is not None
+            hub.stderr.readline()  # it listens
+            try:
+                yield path
+            finally:
+                hub.terminate()
+                hub.communicate()
+
+
+@contextmanager
+def _in_real_time() -> Iterator[None]:
+    """This thread as the service's are on four cores, not the hub. PermissionError where not allowed."""
+    usual = os.sched_getscheduler(0), os.sched_getparam(0)
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    os.sched_setscheduler(0, policy, os.sched_param(SERVICE_PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *usual)
+
+
+def _now_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+def report() -> str:
+    """The table; without the right to the real-time class only its first half."""
+    material = next(materials())
+    found = rows(material, "as any process")
+    with suppress(PermissionError), _in_real_time():
+        found += rows(material, "in the service's real-time class")
+    return table(f"From the estimate to the bus, {FRAMES} at 120 a second, hub at 1 Mbit/s", found)
+
+
+if __name__ == "__main__":
+    print(report())
