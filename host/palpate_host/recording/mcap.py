@@ -9,6 +9,10 @@
 | /tactile/FINGER/force | SceneUpdate: an arrow of 10 mm a newton at the contact |
 | /object | PoseInFrame: orientation of the contact frame, Eq. (16), at the centroid of the tips |
 | /diagnostics | Log: every change of mode, with its reason, and of warning |
+| /host/status | JSON: all that the host told of the tick, from which every other topic is made |
+
+A file that was never closed (killed, power cut) is read by what follows the records and needs no index;
+`flush` ends a chunk, and what came before it is safe.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from pathlib import Path
 from types import TracebackType
 
 import foxglove
+import msgspec
 import numpy as np
 from foxglove import channels
 from foxglove import messages as fg
@@ -25,6 +30,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate_edge.errors import ConfigError
 from palpate_host.hand import Hand
+from palpate_host.recording.mcap_reader import STATUS_TOPIC
 from palpate_host.rotation import Array
 from palpate_host.status import FingerStatus, HostStatus
 
@@ -58,6 +64,8 @@ class McapRecording:
         self._forces = {
             name: channels.SceneUpdateChannel(f"/tactile/{name}/force", context=context) for name in fingers
         }
+        self._status = foxglove.Channel(STATUS_TOPIC, schema={"type": "object"}, context=context)
+        self._encoder = msgspec.json.Encoder()
         self._last_sequence: dict[str, int | None] = {}
         self._last_said = ("", "", "")
 
@@ -70,10 +78,22 @@ class McapRecording:
     def close(self) -> None:
         self._writer.close()
 
+    def flush(self) -> None:
+        """What was written so far is in the file, readable even if it is never closed."""
+        self._writer.flush()
+
+    def attach(self, name: str, media_type: str, data: bytes, time_us: int) -> None:
+        """A file that belongs to the recording, such as its bus log."""
+        time_ns = 1000 * time_us
+        self._writer.attach(
+            log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data
+        )
+
     def write(self, status: HostStatus) -> None:
         """One tick. A contact is written once, when its sequence number is new."""
         time_ns = status.time_us * 1000
         stamp = fg.Timestamp(time_ns // 1_000_000_000, time_ns % 1_000_000_000)
+        self._status.log(self._encoder.encode(status), log_time=time_ns)
         self._write_joints(status, stamp, time_ns)
         self._write_poses(status, stamp, time_ns)
         for finger in status.fingers:

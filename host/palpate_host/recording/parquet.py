@@ -1,11 +1,17 @@
-"""The rows of table.py as a Parquet file."""
+"""The rows of table.py as a Parquet file, in the types of LeRobot's datasets.
+
+There `observation.state` and `action` are vectors of float32, one a row, and `timestamp` is float32. The
+schema's metadata `names` tells, as JSON, what each vector's elements are. A value that is not known is NaN.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -14,6 +20,7 @@ from palpate_host.recording.table import Cell, rows
 from palpate_host.status import HostStatus
 
 ROWS_A_GROUP = 10_000
+Row = dict[str, Cell | list[float]]
 
 
 def write_parquet(path: Path, statuses: Iterable[HostStatus]) -> int:
@@ -22,16 +29,44 @@ def write_parquet(path: Path, statuses: Iterable[HostStatus]) -> int:
     first = next(table, None)
     if first is None:
         raise ConfigError(f"{path}: nothing to write: the log holds no tick of the host")
-    schema = pa.schema([(name, _type(name)) for name in first])
+    vectors = vector_names(first)
+    fields = [(name, _type(name)) for name in _packed(first, vectors)]
+    fields = [
+        (name, pa.list_(pa.float32(), len(vectors[name])) if name in vectors else kind)
+        for name, kind in fields
+    ]
+    schema = pa.schema(fields, metadata={"names": msgspec.json.encode(vectors)})
     count = 0
     try:
         with pq.ParquetWriter(path, schema) as writer:
             for group in _groups(itertools.chain([first], table)):
-                writer.write_table(pa.Table.from_pylist(group, schema))
+                writer.write_table(pa.Table.from_pylist([_packed(row, vectors) for row in group], schema))
                 count += len(group)
     except OSError as exc:
         raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
     return count
+
+
+def vector_names(row: dict[str, Cell]) -> dict[str, list[str]]:
+    """Vector column -> its elements: every number of `row` whose name has a part behind the vector's own."""
+    found: dict[str, list[str]] = {}
+    for name, value in row.items():
+        vector, _, element = name.rpartition(".")
+        if vector.startswith(("observation.", "action")) and not isinstance(value, bool):
+            found.setdefault(vector, []).append(element)
+    return found
+
+
+def _packed(row: dict[str, Cell], vectors: dict[str, list[str]]) -> Row:
+    packed: Row = {}
+    for name, value in row.items():
+        vector, _, element = name.rpartition(".")
+        if element not in vectors.get(vector, ()):
+            packed[name] = value
+        elif vector not in packed:
+            cells = [row[f"{vector}.{one}"] for one in vectors[vector]]
+            packed[vector] = [math.nan if cell is None else float(cell) for cell in cells]
+    return packed
 
 
 def _groups(table: Iterator[dict[str, Cell]]) -> Iterator[list[dict[str, Cell]]]:
@@ -44,4 +79,4 @@ def _type(name: str) -> pa.DataType:
         return pa.string()
     if name.endswith("index"):
         return pa.int64()
-    return pa.bool_() if name.endswith(("in_contact", "slip")) else pa.float64()
+    return pa.bool_() if name.endswith(("in_contact", "slip")) else pa.float32()

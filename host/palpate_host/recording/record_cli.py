@@ -1,0 +1,89 @@
+"""``palpate-host record``: listens on the bus and to the host, and keeps what they said."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from palpate_edge.bus import open_bus
+from palpate_edge.errors import ConfigError
+from palpate_edge.stop_signals import stop_event
+from palpate_host.bus.candump import LogRecord
+from palpate_host.host import load_hand, now_us
+from palpate_host.recording.status_listener import StatusListener
+from palpate_host.run_cli import CONFIG
+
+WAIT_S = 0.02
+MB = 1_000_000
+
+
+@click.command()
+@CONFIG
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for the pieces: 000001.log (candump), 000001.mcap, and so on.",
+)
+@click.option(
+    "--status",
+    "status_path",
+    type=click.Path(path_type=Path),
+    help="Socket to make for `run --status`.  [default: status.sock in the folder]",
+)
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
+@click.option(
+    "--piece-mb", type=click.FloatRange(0.1), default=100.0, show_default=True, help="A piece ends after it."
+)
+@click.option(
+    "--keep-mb",
+    type=click.FloatRange(0.2),
+    default=2000.0,
+    show_default=True,
+    help="The oldest pieces go beyond it.",
+)
+def record(
+    config_path: Path,
+    output: Path,
+    status_path: Path | None,
+    duration_s: float | None,
+    piece_mb: float,
+    keep_mb: float,
+) -> None:
+    """Keep all that is said on the bus, and what the host tells of itself, as bus logs and MCAP.
+
+    A process of its own, which sends nothing on the bus: the hand does not notice it. What the host tells
+    comes by a socket, to which a host that is started later connects. Ends at SIGTERM or SIGINT. A power cut
+    costs the last second; the files it leaves can be exported and viewed.
+
+    \b
+    Examples:
+      palpate-host record --config hand.toml -o recording &
+      palpate-host run --config hand.toml --status recording/status.sock
+      palpate-host view recording --config hand.toml
+    """
+    # needs the extra `record`, which slow imports come with
+    try:
+        from palpate_host.recording.segments import Bounds, SegmentedRecording  # noqa: PLC0415
+    except ModuleNotFoundError as exc:
+        raise ConfigError(f"record needs {exc.name}: pip install 'palpate[record]'") from exc
+
+    config, hand = load_hand(config_path)
+    bounds = Bounds(piece_bytes=round(piece_mb * MB), folder_bytes=round(keep_mb * MB))
+    end_s = None if duration_s is None else time.monotonic() + duration_s
+    with (
+        open_bus(config.bus, "record") as bus,
+        SegmentedRecording(output, config, hand, bounds) as recording,
+        StatusListener(status_path or output / "status.sock") as listener,
+        stop_event() as stopped,
+    ):
+        click.echo(f"record: listening, host at {status_path or output / 'status.sock'}", err=True)
+        while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
+            records = [LogRecord(stamp_us, frame) for stamp_us, frame in bus.receive(WAIT_S)]
+            recording.write(now_us(), records, listener.take())
+    garbled = f", {listener.garbled} garbled lines" if listener.garbled else ""
+    said = f"{recording.frames} frames, {recording.ticks} ticks in {output}"
+    click.echo(f"record: {said}, piece {recording.pieces}{garbled}")

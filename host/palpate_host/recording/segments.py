@@ -1,0 +1,116 @@
+"""A recording that may run for days: a folder of numbered pieces, each a bus log and an MCAP file.
+
+A piece ends after its bytes, and beyond the folder's bytes the oldest pieces go. Once a second all that came
+is on the disk, so that a power cut costs that second: a candump log is read line by line, an MCAP file
+without its end chunk by chunk (mcap_reader.py).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.candump import LogRecord, LogWriter
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig
+from palpate_host.recording.mcap import McapRecording
+from palpate_host.replay import contract_header
+from palpate_host.status import HostStatus
+
+FLUSH_EVERY_US = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """piece_bytes: of one piece, log and MCAP together; folder_bytes: of all."""
+
+    piece_bytes: int
+    folder_bytes: int
+
+
+class SegmentedRecording:
+    """Writes pieces 000001, 000002, ... into a folder; use it as a context."""
+
+    def __init__(self, folder: Path, config: HandConfig, hand: Hand, bounds: Bounds) -> None:
+        """ConfigError when the folder cannot be made or holds a recording already."""
+        self._folder, self._config, self._hand, self._bounds = folder, config, hand, bounds
+        self.frames = self.ticks = self.pieces = 0
+        self._log: LogWriter | None = None
+        self._mcap: McapRecording | None = None
+        self._flushed_us: int | None = None
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as exc:
+            raise ConfigError(f"{folder}: cannot be made ({exc.strerror}): give another folder") from exc
+        if any(folder.glob("*.mcap")):
+            raise ConfigError(f"{folder}: holds a recording already: give another folder or remove it")
+        self._begin()
+
+    def __enter__(self) -> SegmentedRecording:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, now_us: int, records: Iterable[LogRecord], statuses: Iterable[HostStatus]) -> None:
+        """What has come until `now_us`. ConfigError, LogError when the disk refuses."""
+        assert self._log is not None and self._mcap is not None
+        for record in records:
+            self._log.write(record)
+            self.frames += 1
+        self._log.flush()  # whole lines, so that a killed process leaves no cut one
+        for status in statuses:
+            self._mcap.write(status)
+            self.ticks += 1
+        if self._flushed_us is None or now_us - self._flushed_us >= FLUSH_EVERY_US:
+            self._flushed_us = now_us
+            self._to_disk()
+            if _size(self._paths(self.pieces)) >= self._bounds.piece_bytes:
+                self.close()
+                self._begin()
+            self._let_go()
+
+    def close(self) -> None:
+        """End the piece; a second call does nothing."""
+        if self._mcap is not None:
+            self._mcap.close()
+        if self._log is not None:
+            self._log.close()
+        self._mcap = self._log = None
+
+    def _begin(self) -> None:
+        self.pieces += 1
+        log, mcap = self._paths(self.pieces)
+        self._log = LogWriter(log, contract_header(self._config))
+        self._mcap = McapRecording(mcap, self._hand, [finger.name for finger in self._config.fingers])
+
+    def _paths(self, piece: int) -> tuple[Path, Path]:
+        return self._folder / f"{piece:06}.log", self._folder / f"{piece:06}.mcap"
+
+    def _to_disk(self) -> None:
+        assert self._log is not None and self._mcap is not None
+        self._mcap.flush()
+        for path in self._paths(self.pieces):
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+
+    def _let_go(self) -> None:
+        """The oldest pieces, as long as the folder is too large; the one that is written stays."""
+        sizes = {log: _size((log, log.with_suffix(".mcap"))) for log in sorted(self._folder.glob("*.log"))}
+        total = sum(sizes.values())
+        for log in list(sizes)[:-1]:
+            if total <= self._bounds.folder_bytes:
+                return
+            total -= sizes[log]
+            log.unlink(missing_ok=True)
+            log.with_suffix(".mcap").unlink(missing_ok=True)
+
+
+def _size(paths: Iterable[Path]) -> int:
+    return sum(path.stat().st_size for path in paths if path.exists())

@@ -1,0 +1,61 @@
+"""The host's status of every tick from whatever holds it: a bus log, status lines, an MCAP file, a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from palpate_edge.errors import ConfigError
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig
+from palpate_host.replay import read_bound_log, steps
+from palpate_host.status import HostStatus
+
+
+def read_statuses(source: Path, config: HandConfig, hand: Hand) -> Iterator[HostStatus]:
+    """Tick by tick.
+
+    A bus log is replayed through the host; `.jsonl` (of `run --status`) and `.mcap` (of `record` or `export`)
+    hold what the host said; a folder of `record` is its `.mcap` files in order. What was cut off at the end
+    is left out. ConfigError, LogError when `source` cannot be read.
+    """
+    if source.is_dir():
+        parts = sorted(source.glob("*.mcap"))
+        if not parts:
+            raise ConfigError(f"{source}: holds no .mcap: name a folder of palpate-host record, or a file")
+        for part in parts:
+            yield from _read_mcap(part)
+    elif source.suffix == ".jsonl":
+        yield from _read_lines(source)
+    elif source.suffix == ".mcap":
+        yield from _read_mcap(source)
+    else:
+        for step in steps(read_bound_log(source, config), config, hand):
+            if step.output.status is not None and step.output.frames_out:
+                yield step.output.status
+
+
+def _read_lines(source: Path) -> Iterator[HostStatus]:
+    decoder = msgspec.json.Decoder(HostStatus)
+    lines = source.read_bytes().splitlines(keepends=True)
+    for number, line in enumerate(lines, start=1):
+        if number == len(lines) and not line.endswith(b"\n"):
+            return
+        try:
+            yield decoder.decode(line)
+        except msgspec.MsgspecError as exc:
+            raise ConfigError(f"{source}, line {number}: is no status of the host ({exc})") from exc
+
+
+def _read_mcap(source: Path) -> Iterator[HostStatus]:
+    # pyarrow, which unpacks it, comes with the extra `record`
+    from palpate_host.recording.mcap_reader import STATUS_TOPIC, messages  # noqa: PLC0415
+
+    decoder = msgspec.json.Decoder(HostStatus)
+    for payload in messages(source, STATUS_TOPIC):
+        try:
+            yield decoder.decode(payload)
+        except msgspec.MsgspecError as exc:
+            raise ConfigError(f"{source}: its {STATUS_TOPIC} is no status of the host ({exc})") from exc
