@@ -43,6 +43,7 @@ class Camera:
     """Decodes the next JPEG every `PERIOD_S`; `FRAMES` of them."""
 
     dropped = 0
+    exposure_us = 0
 
     def __init__(self, material: Material) -> None:
         self._jpegs = cycle(material.jpegs)

@@ -194,6 +194,7 @@ class _Daemon:
             whole_image_searches=health.searches,
             transmit_retries=link.retries,
             bus_restarts=link.restarts,
+            exposure_us=self._pixels.source.exposure_us,
         )
 
     def _see_to_light(self) -> None:

@@ -21,6 +21,7 @@ class Script:
     """A source that plays a list: a frame number, or an exception to raise; then it ends."""
 
     dropped = 0
+    exposure_us = 0
 
     def __init__(self, *steps):
         self._steps = list(steps)

@@ -166,12 +166,13 @@ def test_any_health_fits_the_objects(health: Health) -> None:
 
 
 def test_health_in_its_units() -> None:
-    health = Health(36.64, 70_000, 200, 1.234, 3, 4, 2**32 + 5)
+    health = Health(36.64, 70_000, 200, 1.234, 3, 4, 2**32 + 5, 4_900)
     assert encode_health(health) == {
         (0x2020, 0): 366,
         (0x2022, 0): 65535,
         (0x2023, 0): 200,
         (0x2024, 0): 123,
+        (0x2031, 0): 4_900,
         (0x2041, 3): 70_000,
         (0x2041, 4): 3,
         (0x2041, 5): 4,

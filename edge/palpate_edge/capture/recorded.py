@@ -156,6 +156,7 @@ class RealTimeSource:
         self._start_us: int | None = None
         self._next = 0
         self.dropped = 0
+        self.exposure_us = 0
 
     def read(self) -> Frame | None:
         """Wait for the next exposure and give its frame; None at the end of the recording."""

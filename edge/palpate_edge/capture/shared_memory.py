@@ -38,6 +38,7 @@ class SharedMemorySource:
         self._path, self._at_monotonic_us = path, at_monotonic_us
         self._next_sequence: int | None = None
         self.dropped = 0
+        self.exposure_us = 0
 
     def read(self) -> Frame | None:
         """Wait for the next frame. Raises CameraStalledError when none comes for STALLED_AFTER_S."""

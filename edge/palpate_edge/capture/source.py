@@ -12,10 +12,16 @@ from palpate_edge.errors import CameraLostError, CaptureError
 
 
 class Source(Protocol):
-    """A capture source that waits for its next frame. dropped: frames that were exposed and not read."""
+    """A capture source that waits for its next frame.
+
+    dropped: frames that were exposed and not read; exposure_us: the camera's setting, 0 where it tells none.
+    """
 
     @property
     def dropped(self) -> int: ...
+
+    @property
+    def exposure_us(self) -> int: ...
 
     def read(self) -> Frame | None:
         """The next frame, None when there will be no more. Raises CaptureError."""
@@ -42,6 +48,10 @@ class ReopeningSource:
     @property
     def dropped(self) -> int:
         return self._dropped_before + (0 if self._source is None else self._source.dropped)
+
+    @property
+    def exposure_us(self) -> int:
+        return 0 if self._source is None else self._source.exposure_us
 
     def read(self) -> Frame | None:
         if self._source is None:

@@ -123,10 +123,10 @@ TORSION_KEY = (AI_INPUT, int(Channel.TORSION))
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The board's state for TPDO 4, 2024h and 2041h; counters since the start.
+    """The board's state for TPDO 4, 2024h, 2031h and 2041h; counters since the start.
 
     led_level: 0 (off) to 255; skin_drift_px: how far the untouched skin has gone since the reference frames
-    or the last tare.
+    or the last tare; exposure_us: 0 when the camera tells none.
     """
 
     temperature_degC: float | None
@@ -136,6 +136,7 @@ class Health:
     whole_image_searches: int = 0
     transmit_retries: int = 0
     bus_restarts: int = 0
+    exposure_us: int = 0
 
 
 def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
@@ -165,7 +166,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
 
 
 def encode_health(health: Health) -> dict[ObjectKey, int]:
-    """The objects of TPDO 4 but 2021h, which goes with the contact, 2024h and the health's part of 2041h."""
+    """The objects of TPDO 4 (but 2021h, which goes with the contact), 2024h, 2031h, the health's in 2041h."""
     temperature = TEMPERATURE_UNKNOWN
     if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
         temperature = clamp(10 * health.temperature_degC, INT16_MIN, TEMPERATURE_UNKNOWN - 1)
@@ -173,6 +174,7 @@ def encode_health(health: Health) -> dict[ObjectKey, int]:
         (TEMPERATURE, 0): temperature,
         (FRAMES_DROPPED, 0): clamp(health.frames_dropped, 0, UINT16_MAX),
         (LED_LEVEL, 0): clamp(health.led_level, 0, UINT8_MAX),
+        (CAMERA_EXPOSURE, 0): clamp(health.exposure_us, 0, UINT32_MAX),
         (SKIN_DRIFT, 0): clamp(100 * health.skin_drift_px, 0, UINT16_MAX),
         (COUNTERS, Counter.FRAMES_DROPPED): health.frames_dropped & UINT32_MAX,
         (COUNTERS, Counter.WHOLE_IMAGE_SEARCHES): health.whole_image_searches & UINT32_MAX,

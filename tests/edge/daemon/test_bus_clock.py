@@ -115,6 +115,17 @@ def test_a_correction_goes_in_slowly_and_time_never_goes_back():
     assert abs(clocks.error_us()) <= 200
 
 
+def test_a_second_stamp_for_one_sync_says_nothing():
+    """Repeated without a SYNC of its own it would be a sample of the time between the two."""
+    clocks = TwoClocks()
+    clocks.run(seconds=10)
+    line = [clocks.clock.to_bus_us(clocks.local_us() + ahead_us) for ahead_us in (0, 5_000_000)]
+    for delay_us in (500, 300, 100):  # each earlier than truth, which a clock would believe
+        clocks.clock.time_stamp((clocks.start_bus_us + clocks.passed_us + delay_us) % WRAP_US)
+    assert clocks.clock.rejected == 3
+    assert line == [clocks.clock.to_bus_us(clocks.local_us() + ahead_us) for ahead_us in (0, 5_000_000)]
+
+
 def test_late_ones_do_no_harm():
     clocks = TwoClocks(drift=50e-6)
     clocks.run(seconds=10)

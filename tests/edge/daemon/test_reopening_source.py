@@ -19,8 +19,9 @@ LOST, STALLED = CameraLostError("unplugged"), CameraStalledError("silent")
 class Camera:
     """Counts from 0 as a camera does that was just opened; plays numbers and errors."""
 
-    def __init__(self, *steps):
+    def __init__(self, *steps, exposure_us=0):
         self._steps = list(steps)
+        self.exposure_us = exposure_us
         self.dropped = 0
         self.closed = 0
 
@@ -69,6 +70,15 @@ def test_numbers_and_drops_run_on_over_the_gap():
 def test_a_camera_that_is_not_there_at_the_start_may_come():
     source = ReopeningSource(Port(LOST, LOST, Camera(0)).open)
     assert read_all(source, 2) == ["unplugged", 0]
+
+
+def test_the_exposure_is_that_of_the_camera_of_now():
+    source = ReopeningSource(Port(Camera(0, LOST, exposure_us=4_000), Camera(0, exposure_us=8_000)).open)
+    assert source.exposure_us == 4_000
+    read_all(source, 2)
+    assert source.exposure_us == 0
+    read_all(source, 1)
+    assert source.exposure_us == 8_000
 
 
 def test_one_that_cannot_be_used_is_refused_at_the_start():

@@ -6,7 +6,7 @@ import pytest
 from linuxpy.video import raw
 
 from palpate_edge.capture.v4l2 import controls
-from palpate_edge.capture.v4l2.controls import FixedExposure, lock_controls
+from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_controls
 from palpate_edge.capture.v4l2.formats import PixelCode
 from palpate_edge.capture.v4l2.negotiate import negotiate
 from palpate_edge.capture.v4l2.structures import CAP_TIMEPERFRAME, Ioctl, QueryControl
@@ -104,6 +104,15 @@ def test_everything_is_held_and_read_back():
         (ID.AUTO_WHITE_BALANCE, ID.WHITE_BALANCE_TEMPERATURE),
     ):
         assert camera.set_order.index(automatic) < camera.set_order.index(value)
+
+
+def test_exposure_is_told_as_the_camera_has_it():
+    camera = uvc_camera()
+    assert exposure_us(camera) == 15_700
+    lock_controls(camera, WANTED)
+    assert exposure_us(camera) == 5_000
+    del camera.ranges[ID.EXPOSURE_ABSOLUTE]
+    assert exposure_us(camera) == 0
 
 
 def test_values_that_are_not_asked_for_stay_and_their_automatics_go():

@@ -71,6 +71,14 @@ def lock_controls(device: ControlDevice, fixed: FixedExposure) -> list[str]:
     return [finding for finding in findings if finding]
 
 
+def exposure_us(device: ControlDevice) -> int:
+    """The camera's exposure time as it is now; 0 when it has no control that tells."""
+    query = device.query_control(EXPOSURE.control_id)
+    if query is None or query.flags & ControlFlag.DISABLED:
+        return 0
+    return EXPOSURE_UNIT_US * (device.get_control(EXPOSURE.control_id) or 0)
+
+
 def _set(device: ControlDevice, lock: Lock, value: int) -> str:
     query = device.query_control(lock.control_id)
     if query is None or query.flags & (ControlFlag.DISABLED | ControlFlag.READ_ONLY):

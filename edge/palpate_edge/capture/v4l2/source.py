@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge.capture.frame import Frame
-from palpate_edge.capture.v4l2.controls import FixedExposure, lock_controls
+from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_controls
 from palpate_edge.capture.v4l2.device import Device
 from palpate_edge.capture.v4l2.formats import PixelCode, decode
 from palpate_edge.capture.v4l2.negotiate import RATE_TOLERANCE, Agreement, negotiate, reaches
@@ -50,6 +50,7 @@ class V4l2Source:
         self._device = Device(path)
         try:
             self.agreement = self._set_up()
+            self.exposure_us = exposure_us(self._device)
             self._stream = Stream(self._device)
         except Exception:
             self._device.close()
