@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import cv2
 
-from bench import bus, estimate_to_bus, estimator, frames, host, latency, node, tick, twin, twin_hand
+from bench import bus, estimate_to_bus, estimator, frames, host, latency, node, startup, tick, twin, twin_hand
 from bench.timing import table
 
 
 def main() -> None:
     cv2.setNumThreads(1)
-    for material in frames.materials():
+    materials = list(frames.materials())
+    for material in materials:
         print(estimator.report(material))
         print()
+    print(startup.report(materials[0]))
+    print()
     print(table("Fingertip node and hub", bus.rows()))
     print()
     print(node.report())
