@@ -135,7 +135,9 @@ void core_temperatures(core_t *core, uint16_t led_adc, uint16_t silicone_adc) {
     core->cool = !is_broken(led_adc) && led < (int16_t)core->reg[REG_DERATE_START];
 }
 
-void core_trigger(core_t *core) { core->reg[REG_TRIGGERS]++; }
+void core_triggers(core_t *core, uint8_t count) {
+    core->reg[REG_TRIGGERS] += (uint8_t)(count - (uint8_t)core->reg[REG_TRIGGERS]);
+}
 
 static void clear_faults(core_t *core, uint16_t faults) {
     if (!core->cool) {
@@ -195,6 +197,7 @@ bool smbus_write(core_t *core, uint8_t byte) {
 }
 
 uint8_t smbus_read(core_t *core) {
+    bool exists = is_readable(core->command) && core->received == 1;
     uint8_t byte = 0xFF;
     switch (core->sent) {
     case 0:
@@ -205,8 +208,8 @@ uint8_t smbus_read(core_t *core) {
         break;
     case 2:
         /* what does not exist must not look right */
-        byte = is_readable(core->command) && core->received == 1 ? core->crc : (uint8_t)~core->crc;
-        if (is_readable(core->command) && core->received == 1) {
+        byte = exists ? core->crc : (uint8_t)~core->crc;
+        if (exists) {
             core->silent_ms = 0;
         }
         break;

@@ -1,7 +1,7 @@
 /* The controller's logic without hardware: the same file runs on the ATmega328P and, for tests, on a PC.
 
    Nothing here blocks or knows a clock. tick_ms comes every millisecond, temperatures when the ADC has both,
-   the smbus functions byte by byte from the two-wire interface; all are called with interrupts off. */
+   the smbus functions byte by byte from the two-wire interface; all are called from one loop. */
 #ifndef CORE_H
 #define CORE_H
 
@@ -29,7 +29,7 @@ typedef struct {
 void core_init(core_t *core, uint8_t reset_faults);
 void core_tick_ms(core_t *core);
 void core_temperatures(core_t *core, uint16_t led_adc, uint16_t silicone_adc);
-void core_trigger(core_t *core);
+void core_triggers(core_t *core, uint8_t count); /* the low byte of TRIGGERS */
 uint16_t core_duty(const core_t *core);
 
 /* The target's side of SMBus. smbus_write says whether to acknowledge the NEXT byte. */

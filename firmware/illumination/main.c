@@ -5,15 +5,17 @@
    PC4, PC5    SDA, SCL
 
    timer 0: 1 ms tick   timer 1: 10-bit PWM, 7.8 kHz   timer 2: strobe, 32 us
-   All work is done in interrupts; the main loop feeds the watchdog while the tick and the ADC both run. */
+   Only the strobe's interrupts do work. The tick's is 13 cycles, the ATOMIC_BLOCK some 20: nothing else can delay a
+   flash. The main loop does all the rest; the two-wire interface stretches the clock until it is served. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
-#include <avr/sleep.h>
 #include <avr/wdt.h>
+#include <util/atomic.h>
 #include <util/twi.h>
 
 #include "core.h"
 #include "reset_cause.h"
+#include "tick_interrupt.h"
 
 FUSES = {
     .low = FUSE_CKSEL0 & FUSE_CKSEL2 & FUSE_CKSEL3 & FUSE_SUT0, /* internal 8 MHz, slow start */
@@ -23,94 +25,102 @@ FUSES = {
 
 #define TICK_TOP (F_CPU / 64 / 1000 - 1)
 #define ADC_EVERY_MS 4
+#define TIMER_START 62 /* cycles from the edge to the timer and from its overflow to the light */
+#define INLINE static inline __attribute__((always_inline)) /* an interrupt that calls saves every register */
+#define PWM (_BV(WGM11)) /* mode 14 with WGM13 and WGM12: fast PWM, top in ICR1 */
 
 static core_t core;
-static volatile uint8_t tick_seen, adc_seen;
-static uint16_t led_adc;
-static bool flashing, steady;
 
-static void led_off(void) { TCCR1A &= (uint8_t)~_BV(COM1A1); }
+/* What the strobe's interrupts share with the main loop, a byte each. */
+static volatile struct {
+    uint8_t delay, width; /* 32 us; no width: steady light */
+    bool lit;             /* the duty is not 0 */
+    bool flashing;
+    uint8_t ticks;    /* until the flash begins or ends */
+    uint8_t triggers; /* wraps */
+} strobe;
 
-static void led_on(void) {
-    uint16_t duty = core_duty(&core);
-    OCR1A = duty;
-    if (duty) {
-        TCCR1A |= _BV(COM1A1);
-    } else {
-        led_off(); /* a compare value of 0 would still give a pulse of one cycle */
-    }
+/* Connects the LED driver to the PWM or holds it low: a compare value of 0 would still pulse for one cycle. */
+INLINE void switch_led(void) {
+    TCCR1A = strobe.lit && (strobe.flashing || strobe.width == 0) ? PWM | _BV(COM1A1) : PWM;
 }
 
-ISR(TIMER0_COMPA_vect) {
-    static uint8_t since_adc;
-    core_tick_ms(&core);
-    steady = core.reg[REG_STROBE_WIDTH] == 0;
-    if (steady || (flashing && core_duty(&core) == 0)) {
-        led_on();
-    } else if (!flashing) {
-        led_off();
-    }
-    if (++since_adc == ADC_EVERY_MS) {
-        since_adc = 0;
-        ADCSRA |= _BV(ADSC);
-    }
-    tick_seen = 1;
-}
-
-ISR(ADC_vect) {
-    uint16_t value = ADC;
-    if (ADMUX & 1) {
-        core_temperatures(&core, led_adc, value);
-        adc_seen = 1;
-    } else {
-        led_adc = value;
-    }
-    ADMUX ^= 1;
-}
-
-static void strobe_timer(uint8_t ticks) {
-    TCNT2 = 0;
-    OCR2A = (uint8_t)(ticks - 1);
-    TIFR2 = _BV(OCF2A);
-    TIMSK2 = _BV(OCIE2A);
-    TCCR2B = _BV(CS22) | _BV(CS21); /* 8 MHz / 256 */
-}
-
-static void flash(void) {
-    flashing = true;
-    led_on();
+INLINE void begin_flash(void) {
+    strobe.flashing = true;
+    strobe.ticks = strobe.width;
+    switch_led();
     TCNT1 = DUTY_MAX - 1; /* a new period at once: the flash starts with the edge, not with the PWM */
-    strobe_timer((uint8_t)core.reg[REG_STROBE_WIDTH]);
 }
 
 ISR(INT0_vect) {
-    core_trigger(&core);
-    if (core.reg[REG_STROBE_WIDTH] == 0) {
+    TCNT2 = TIMER_START; /* the prescaler is not in use: it runs on, a first tick would be anything up to 32 us */
+    TIFR2 = _BV(TOV2);
+    strobe.triggers++;
+    if (strobe.width == 0) {
         return;
     }
-    led_off();
-    flashing = false;
-    if (core.reg[REG_STROBE_DELAY]) {
-        strobe_timer((uint8_t)core.reg[REG_STROBE_DELAY]);
-    } else {
-        flash();
+    TIMSK2 = _BV(TOIE2);
+    if (strobe.delay == 0) {
+        begin_flash();
+        return;
     }
+    strobe.flashing = false;
+    strobe.ticks = strobe.delay;
+    switch_led();
 }
 
-ISR(TIMER2_COMPA_vect) {
-    TCCR2B = 0;
+ISR(TIMER2_OVF_vect) {
+    if (--strobe.ticks) {
+        return;
+    }
+    if (!strobe.flashing && strobe.width) {
+        begin_flash();
+        return;
+    }
     TIMSK2 = 0;
-    if (!flashing && core.reg[REG_STROBE_WIDTH]) {
-        flash();
-        return;
+    strobe.flashing = false;
+    switch_led();
+}
+
+/* The thermistors in turn; whether both have been read since this was true. */
+static bool read_temperature(void) {
+    static uint16_t led_adc;
+    bool both = ADMUX & 1;
+    if (ADCSRA & _BV(ADSC)) {
+        return false;
     }
-    flashing = false;
-    if (!steady) {
-        led_off();
+    if (both) {
+        core_temperatures(&core, led_adc, ADC);
+    } else {
+        led_adc = ADC;
+    }
+    ADMUX ^= 1;
+    ADCSRA |= _BV(ADSC);
+    return both;
+}
+
+static void tick(void) {
+    static uint8_t since_adc;
+    if (++since_adc == ADC_EVERY_MS) {
+        since_adc = 0;
+        if (read_temperature()) {
+            wdt_reset();
+        }
+    }
+    core_tick_ms(&core);
+    core_triggers(&core, strobe.triggers);
+    uint16_t duty = core.reg[REG_DUTY];
+    strobe.delay = (uint8_t)core.reg[REG_STROBE_DELAY];
+    strobe.width = (uint8_t)core.reg[REG_STROBE_WIDTH];
+    strobe.lit = duty != 0;
+    ATOMIC_BLOCK(ATOMIC_FORCEON) { /* 16-bit registers are written through one byte that all share */
+        OCR1A = duty;
+        switch_led();
     }
 }
 
-ISR(TWI_vect) {
+/* One byte of the two-wire interface. */
+static void serve_bus(void) {
     bool acknowledge = true;
     switch (TW_STATUS) {
     case TW_SR_SLA_ACK:
@@ -130,12 +140,12 @@ ISR(TWI_vect) {
         TWDR = smbus_read(&core);
         break;
     case TW_BUS_ERROR:
-        TWCR = _BV(TWINT) | _BV(TWSTO) | _BV(TWEA) | _BV(TWEN) | _BV(TWIE);
+        TWCR = _BV(TWINT) | _BV(TWSTO) | _BV(TWEA) | _BV(TWEN);
         return;
     default: /* not acknowledged, or the last byte was sent: listen again */
         break;
     }
-    TWCR = _BV(TWINT) | _BV(TWEN) | _BV(TWIE) | (acknowledge ? _BV(TWEA) : 0);
+    TWCR = _BV(TWINT) | _BV(TWEN) | (acknowledge ? _BV(TWEA) : 0);
 }
 
 static uint8_t reset_faults(void) {
@@ -156,8 +166,8 @@ int main(void) {
     PORTD = (uint8_t)~_BV(PORTD2); /* no floating inputs */
     DIDR0 = _BV(ADC0D) | _BV(ADC1D);
 
-    ICR1 = DUTY_MAX; /* mode 14: fast PWM, top in ICR1 */
-    TCCR1A = _BV(WGM11);
+    ICR1 = DUTY_MAX;
+    TCCR1A = PWM;
     TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS10);
 
     TCCR0A = _BV(WGM01);
@@ -165,24 +175,26 @@ int main(void) {
     OCR0A = TICK_TOP;
     TIMSK0 = _BV(OCIE0A);
 
-    TCCR2A = _BV(WGM21);
+    TCCR2B = _BV(CS20); /* overflows every 256 cycles */
 
     EICRA = _BV(ISC01) | _BV(ISC00);
     EIMSK = _BV(INT0);
 
     ADMUX = _BV(REFS0);
-    ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1);
+    ADCSRA = _BV(ADEN) | _BV(ADSC) | _BV(ADPS2) | _BV(ADPS1);
 
     TWAR = I2C_ADDRESS << 1;
-    TWCR = _BV(TWEN) | _BV(TWIE) | _BV(TWEA);
+    TWCR = _BV(TWEN) | _BV(TWEA);
 
     wdt_enable(WDTO_250MS);
     sei();
     for (;;) {
-        sleep_mode();
-        if (tick_seen && adc_seen) {
-            tick_seen = adc_seen = 0;
-            wdt_reset();
+        if (GPIOR0 & TICK_DUE) {
+            GPIOR0 &= (uint8_t)~TICK_DUE;
+            tick();
+        }
+        if (TWCR & _BV(TWINT)) {
+            serve_bus();
         }
     }
 }

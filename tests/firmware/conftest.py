@@ -15,7 +15,8 @@ import pytest
 if TYPE_CHECKING:
     from firmware_rig.simulated_controller import SimulatedController
 
-SOURCES = Path(__file__).resolve().parents[2] / "firmware" / "illumination"
+PROJECT = Path(__file__).resolve().parents[2]
+SOURCES = Path(os.environ.get("PALPATE_FIRMWARE", PROJECT / "firmware" / "illumination"))  # set by mutate.py
 
 
 def need(program: str, package: str) -> None:
@@ -39,8 +40,7 @@ def logic(tmp_path_factory: pytest.TempPathFactory) -> Path:
     library = tmp_path_factory.mktemp("logic") / "core.so"
     command = ["cc", "-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
     sanitize = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
-    core = os.environ.get("PALPATE_CORE_C", SOURCES / "core.c")  # set by mutate.py
-    subprocess.run([*command, *sanitize, f"-I{SOURCES}", "-o", library, core], check=True)
+    subprocess.run([*command, *sanitize, "-o", library, SOURCES / "core.c"], check=True)
     return library
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
@@ -12,6 +10,8 @@ from palpate_edge.errors import IlluminationError
 from palpate_edge.illumination import Illumination
 from palpate_edge.illumination_registers import I2C_ADDRESS, Fault, Register
 
+TICK = CLOCK_HZ // 1000  # cycles
+PHASES = 30
 ROOM_ADC, HOT_ADC = 512, 128  # 25 and 76 degC by the B equation
 
 
@@ -23,12 +23,6 @@ def bus(controller: SimulatedController) -> WireSmBus:
 @pytest.fixture
 def client(bus: WireSmBus) -> Illumination:
     return Illumination(bus, "simulated wires")
-
-
-def test_size_and_stack_are_within_their_budgets(build: Path) -> None:
-    text = (build / "budget.txt").read_text()
-    print(text)
-    assert "flash" in text
 
 
 def test_nobody_at_another_address(bus: WireSmBus) -> None:
@@ -91,19 +85,57 @@ def test_heat_darkens_without_the_board(client: Illumination, controller: Simula
     assert Fault.OVER_TEMPERATURE in client.state().faults
 
 
-def test_flash_follows_the_trigger(client: Illumination, controller: SimulatedController) -> None:
-    """Delay 10 and width 50 ticks of 32 us: light from 320 us to 1920 us after the edge."""
-    client.write(Register.STROBE_DELAY, 10)
-    client.write(Register.STROBE_WIDTH, 50)
+def flash_after(
+    controller: SimulatedController, client: Illumination, edge: int, traffic: bool = False
+) -> tuple[float, float]:
+    """When light comes and goes after a trigger at a cycle, in us; `traffic` talks on I2C all the while."""
+    controller.trigger_at(edge)
+    while controller.cycle < edge + 5 * TICK:
+        if traffic:
+            client.read(Register.FAULTS)
+        else:
+            controller.run_ms(0.5)
+    on, off = controller.led_edges(edge)
+    return (on - edge) / CLOCK_HZ * 1e6, (off - edge) / CLOCK_HZ * 1e6
+
+
+def strobe(client: Illumination, controller: SimulatedController, delay: int, width: int) -> None:
+    client.write(Register.STROBE_DELAY, delay)
+    client.write(Register.STROBE_WIDTH, width)
     client.set_level(250)
     controller.run_ms(250)
+
+
+def test_flash_follows_the_trigger(client: Illumination, controller: SimulatedController) -> None:
+    """Delay 10 and width 50 ticks of 32 us: light from 320 us to 1920 us after the edge."""
+    strobe(client, controller, 10, 50)
     assert controller.led_share(5) == 0.0
-    edge = controller.cycle
-    controller.trigger()
-    on, off = controller.led_edges(5)
-    assert (on - edge) / CLOCK_HZ * 1e6 == pytest.approx(320, abs=40)
-    assert (off - edge) / CLOCK_HZ * 1e6 == pytest.approx(1920, abs=40)
+    on, off = flash_after(controller, client, controller.cycle)
+    assert on == pytest.approx(320, abs=40)
+    assert off == pytest.approx(1920, abs=40)
     assert client.read(Register.TRIGGERS) == 1
+
+
+@pytest.mark.parametrize("traffic", [False, True], ids=["quiet", "I2C traffic"])
+@pytest.mark.parametrize(("delay", "width"), [(10, 50), (1, 1), (0, 1)])
+def test_no_phase_of_the_tick_delays_the_flash(
+    client: Illumination, controller: SimulatedController, delay: int, width: int, traffic: bool
+) -> None:
+    """30 triggers, each 1/30 ms later against the tick: docs/illumination.md states the bounds."""
+    strobe(client, controller, delay, width)
+    late_us, end_us = [], []
+    for phase in range(PHASES):
+        next_tick = controller.cycle // TICK + 2
+        on, off = flash_after(controller, client, next_tick * TICK + phase * TICK // PHASES, traffic)
+        late_us.append(on - 32 * delay)
+        end_us.append(off - 32 * (delay + width))
+    print(
+        f"light {min(late_us):.1f} to {max(late_us):.1f} us late, dark {min(end_us):.1f} to {max(end_us):.1f}"
+    )
+    constant_us = 0 if delay else 6.5  # there is no time to make up for the way through the interrupt
+    assert all(late == pytest.approx(constant_us, abs=4) for late in late_us)
+    assert all(end == pytest.approx(0, abs=4) for end in end_us)
+    assert client.read(Register.TRIGGERS) == PHASES
 
 
 def test_a_hung_controller_resets_itself_in_the_dark(

@@ -17,12 +17,7 @@ QUARTER_BIT = CLOCK_HZ // I2C_HZ // 4
 BUS_FREE_CYCLES = CLOCK_HZ // 10_000  # what a board's driver needs from one transaction to the next
 STRETCH_LIMIT = 4_000  # quarter bits
 IO = 0x20  # the simulator counts I/O registers from there
-GLOBAL_INTERRUPTS = 0x80
-FORGOTTEN = (  # register, flag, enable, vector
-    (0xBC - IO, 0x80, 0x01, 24),  # TWCR: TWINT, TWIE
-    (0x7A - IO, 0x10, 0x08, 21),  # ADCSRA: ADIF, ADIE
-)
-TIMSK0 = 0x6E - IO
+TCCR0B = 0x45 - IO
 COMPARE_OUTPUT, CHANNEL_A = 2, 0
 
 
@@ -47,6 +42,7 @@ class SimulatedController:
         self._trigger = core.Wire()
         self._trigger.attach(self.device.find_pin("PD2"))
         self._trigger.set_state("L")
+        self._trigger_edges: list[tuple[int, str]] = []
         self._led: list[tuple[int, bool]] = [(0, False)]
         _, request = self.device.ctlreq(core.IOCTL_TIMER("_", "1"), core.CTLREQ_GET_SIGNAL)
         self._led_hook = core.CallableSignalHook(self._led_changed)
@@ -66,33 +62,24 @@ class SimulatedController:
     def run_cycles(self, count: int) -> None:
         end = self.cycle + count
         while self.cycle < end:
-            self._loop.run(min(QUARTER_BIT, end - self.cycle))
+            self._drive_trigger()
+            next_edge = self._trigger_edges[0][0] if self._trigger_edges else end
+            self._loop.run(min(QUARTER_BIT, end - self.cycle, next_edge - self.cycle))
             assert self.device.state() is not core.Device.State.Crashed, (
                 f"crash at {self._probe.read_pc():#x}"
             )
-            self._raise_forgotten()
-
-    def _raise_forgotten(self) -> None:
-        """An interrupt whose flag software read before is forgotten by the simulator: raise it again."""
-        if not self._probe.read_sreg() & GLOBAL_INTERRUPTS:
-            return
-        for register, flag, enable, vector in FORGOTTEN:
-            value = self._probe.read_ioreg(register, False)
-            if value & flag and value & enable:
-                request = core.ctlreq_data_t()
-                request.data = core.vardata_t(1)
-                request.index = vector
-                self.device.ctlreq(core.IOCTL_INTR, core.CTLREQ_INTR_RAISE, request)
 
     def set_adc(self, channel: int, reading: int) -> None:
         """The voltage that reads as `reading` of 1023."""
         self._thermistors[channel].set_state("A", (reading + 0.5) / 1024)
 
-    def trigger(self) -> None:
-        """A 100 us pulse of the camera."""
-        self._trigger.set_state("H")
-        self.run_ms(0.1)
-        self._trigger.set_state("L")
+    def trigger_at(self, cycle: int) -> None:
+        """A 100 us pulse of the camera, at a cycle to come."""
+        self._trigger_edges += [(cycle, "H"), (cycle + CLOCK_HZ // 10_000, "L")]
+
+    def _drive_trigger(self) -> None:
+        while self._trigger_edges and self._trigger_edges[0][0] <= self.cycle:
+            self._trigger.set_state(self._trigger_edges.pop(0)[1])
 
     def _led_changed(self, event: core.signal_data_t, _tag: int) -> None:
         """OC1A, which the simulator does not put on the pin; a disabled output is low."""
@@ -109,16 +96,14 @@ class SimulatedController:
         on = sum(level * (after - since) for (since, level), (after, _) in itertools.pairwise(edges))
         return on / (self.cycle - start)
 
-    def led_edges(self, duration_ms: float) -> tuple[int, int]:
-        """Cycles of the first rise and of the last fall in the next time."""
-        count = len(self._led)
-        self.run_ms(duration_ms)
-        edges = self._led[count:]
+    def led_edges(self, since: int) -> tuple[int, int]:
+        """Cycles of the first rise and of the last fall from a cycle until now."""
+        edges = [edge for edge in self._led if edge[0] >= since]
         return next(cycle for cycle, level in edges if level), edges[-1][0]
 
     def stop_tick(self) -> None:
-        """Switch timer 0's interrupt off, as a firmware that went astray might."""
-        self._probe.write_ioreg(TIMSK0, 0)
+        """Stop timer 0, as a firmware that went astray might."""
+        self._probe.write_ioreg(TCCR0B, 0)
 
     def brown_out(self) -> None:
         self.device.reset(core.Device.ResetFlag.BOD)
