@@ -1,9 +1,9 @@
 """The joint torques: grasping, Eqs. (9)-(11), and the turning of the object, Eqs. (13)-(14).
 
 Readings of the paper: f_d is no force, tip i is pulled with f_d rho_i/(3 r) towards the tips' centroid at the
-distance rho_i. Eq. (13) has no sum in print; u_at is the sum over the fingers of J_i^T F_di. The gain K_r is
-one number: the paper's diag(3.5, 3.5, 3.5) is one too, and only then does the law not depend on how the
-hand's frame is laid.
+distance rho_i; with n fingers, of which the paper has three, the 3 is n. Eq. (13) has no sum in print; u_at
+is the sum over the fingers of J_i^T F_di. The gain K_r is one number: the paper's diag(3.5, 3.5, 3.5) is one
+too, and only then does the law not depend on how the hand's frame is laid.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from palpate_host.hand import HandPose
 from palpate_host.rotation import Array
 
 SINE_LIMIT_RAD = math.radians(60.0)
+COSINE_LIMIT = math.cos(SINE_LIMIT_RAD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +27,8 @@ class Gains:
 
     f_d_N: nominal grasping force. K_r: orientation gain. B_Nms_rad: (nq,) joint damping.
     tip_radius_m: r. friction_ratio: largest |F_di| over that finger's grasp force.
-    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. object_weight_N,
-    position_stiffness_N_m: see `carrying_force_N`.
+    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. soft_limit_rad: before its end
+    torque outwards fades. object_weight_N, position_stiffness_N_m: see `carrying_force_N`.
     """
 
     f_d_N: float
@@ -40,12 +41,21 @@ class Gains:
     q_max_rad: Array
     object_weight_N: float = 0.0
     position_stiffness_N_m: float = 0.0
+    soft_limit_rad: float = 0.05
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
-    """(3, 3) force on each tip towards the centroid x_cp of the tips' centres, Eqs. (10)-(11)."""
-    pull = gains.f_d_N / (3.0 * gains.tip_radius_m)
-    return np.asarray(pull * (tip_centre_m.mean(axis=0) - tip_centre_m))
+    """(n, 3) force on each tip towards the centroid x_cp of the tips' centres, Eqs. (10)-(11)."""
+    return np.asarray(-_pull_N_m(tip_centre_m, gains) * _lever_m(tip_centre_m))
+
+
+def _pull_N_m(tip_centre_m: Array, gains: Gains) -> float:
+    return gains.f_d_N / (len(tip_centre_m) * gains.tip_radius_m)
+
+
+def _lever_m(tip_centre_m: Array) -> Array:
+    """From the centroid to each tip's centre (n, 3)."""
+    return np.asarray(tip_centre_m - tip_centre_m.sum(axis=0) / len(tip_centre_m))
 
 
 def rotation_error(R_vir: Array, R_d_vir: Array) -> Array:
@@ -55,35 +65,41 @@ def rotation_error(R_vir: Array, R_d_vir: Array) -> Array:
     slope it has there, along the rotation's logarithm: continuous, growing up to half a turn.
     """
     missing = R_d_vir @ R_vir.T
+    sine_axis = rotation.axial(missing)
+    cosine = 0.5 * (float(missing[0, 0] + missing[1, 1] + missing[2, 2]) - 1.0)
+    if cosine >= COSINE_LIMIT:
+        return 2.0 * sine_axis
     vector = rotation.log(missing)
-    angle = float(np.linalg.norm(vector))
-    if angle <= SINE_LIMIT_RAD:
-        return 2.0 * rotation.axial(missing)
+    angle = rotation.norm(vector)
     return np.asarray(vector / angle * (2.0 * math.sin(SINE_LIMIT_RAD) + angle - SINE_LIMIT_RAD))
 
 
 def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains: Gains) -> Array:
-    """(3, 3) F_di = omega_di x (x_ci - x_0), Eq. (14), scaled down to what friction bears.
+    """(n, 3) F_di = omega_di x (x_ci - x_0), Eq. (14), scaled down to what friction bears.
 
     Print has l_di x omega_di with l_di pointing inwards, along axes n_i and a_i that are 0/0 at zero error.
     The two flips cancel: this form is identical and has no singularity; flipping one sign alone drives the
     object away.
 
-    Friction: as printed |F_di|/|F_grasp| is 2 K_r sin(angle), 3.5 at 30 degrees. All three forces are scaled
+    Friction: as printed |F_di|/|F_grasp| is 2 K_r sin(angle), 3.5 at 30 degrees. All forces are scaled
     by one factor so that none exceeds friction_ratio of its grasp force; their sum stays zero and their
     moment its axis.
     """
-    lever = tip_centre_m - tip_centre_m.mean(axis=0)
-    omega = gains.f_d_N / (3.0 * gains.tip_radius_m) * gains.K_r * rotation_error(R_vir, R_d_vir)
-    force = np.cross(omega, lever)
-    size = np.linalg.norm(force, axis=1)
-    allowed = gains.friction_ratio * np.linalg.norm(grasp_force_N(tip_centre_m, gains), axis=1)
-    excess = float(np.max(size / np.maximum(allowed, 1e-12)))
-    return np.asarray(force / max(1.0, excess))
+    lever = _lever_m(tip_centre_m)
+    turn = gains.K_r * rotation_error(R_vir, R_d_vir)
+    # Both forces are the same pull times K_r omega x lever and lever: the pull cancels from their ratio.
+    per_pull = lever @ rotation.skew(turn).T
+    excess = max(
+        (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24)
+        for (fx, fy, fz), (x, y, z) in zip(per_pull.tolist(), lever.tolist(), strict=True)
+    )
+    return np.asarray(
+        per_pull * (_pull_N_m(tip_centre_m, gains) / max(1.0, math.sqrt(excess) / gains.friction_ratio))
+    )
 
 
 def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
-    """(3,) that each tip adds to carry the object: a third of its weight, up the hand's +z, and a third of a
+    """(3,) that each tip adds to carry the object: its share of the weight, up the hand's +z, and of a
     spring from the tips' centroid to `hold_at_m` (3,).
 
     Not in the paper, whose object has no weight and whose law no term in the position: a real one would sink.
@@ -99,31 +115,43 @@ def joint_torque_Nm(
     R_d_vir: Array | None,
     gains: Gains,
     hold_at_m: Array | None = None,
+    tip_force_N: Array | None = None,
 ) -> Array:
     """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only without both frames.
 
     hold_at_m: where the tips' centroid is to stay with a grasped object, None: nothing is carried.
+    tip_force_N: (n, 3) that the tips add (contact_force.py).
     """
     force = grasp_force_N(pose.tip_centre_m, gains)
+    if tip_force_N is not None:
+        force = force + tip_force_N
     if hold_at_m is not None:
         force = force + carrying_force_N(pose.tip_centre_m, hold_at_m, gains)
     if R_vir is not None and R_d_vir is not None:
         force = force + orientation_force_N(pose.tip_centre_m, R_vir, R_d_vir, gains)
-    forces_to_joints = np.einsum("iaj,ia->j", pose.tip_jacobian_m, force)
+    return force_torque_Nm(pose, qdot_rad_s, force, gains)
+
+
+def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains) -> Array:
+    """(nq,) sum over the tips of J_i^T F_i, less damping, plus gravity."""
+    jacobian = pose.tip_jacobian_m
+    forces_to_joints = force_N.ravel() @ jacobian.reshape(-1, jacobian.shape[2])
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)
 
 
 def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
-    """Clamp each joint's torque (nq,), and let none push further out of its joint's range."""
-    u = np.clip(u_Nm, -gains.torque_limit_Nm, gains.torque_limit_Nm)
-    outwards = ((q_rad >= gains.q_max_rad) & (u > 0.0)) | ((q_rad <= gains.q_min_rad) & (u < 0.0))
-    return np.where(outwards, 0.0, u)
+    """Clamp each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
+    per_rad = 1.0 / max(gains.soft_limit_rad, 1e-9)
+    up = np.minimum(np.maximum((gains.q_max_rad - q_rad) * per_rad, 0.0), 1.0)
+    down = np.minimum(np.maximum((q_rad - gains.q_min_rad) * per_rad, 0.0), 1.0)
+    limit = gains.torque_limit_Nm
+    return np.asarray(np.minimum(np.maximum(u_Nm, -limit * down), limit * up))
 
 
-def target_step(full_step: Array, elapsed_s: float, ramp_s: float) -> Array:
-    """The part of the rotation `full_step` asked for after `elapsed_s`: a linear ramp along one axis.
+def target_step(full_turn_rad: Array, elapsed_s: float, ramp_s: float) -> Array:
+    """The part of the turn by the rotation vector (3,) asked for after `elapsed_s`: a linear ramp.
 
     A step at once asks for more tangential force than friction bears; a second or more of ramp does not.
     """
     share = 1.0 if ramp_s <= 0.0 else min(1.0, max(0.0, elapsed_s / ramp_s))
-    return rotation.exp(share * rotation.log(full_step))
+    return rotation.exp(share * full_turn_rad)

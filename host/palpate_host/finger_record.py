@@ -25,6 +25,11 @@ class FingerRecord:
         self._touched_at_us: int | None = None
         self._received_us: deque[int] = deque(maxlen=RATE_SAMPLES)
 
+    def forget(self) -> None:
+        """What it said before counts no more: its first frame is awaited anew."""
+        self.tip.forget()
+        self._last = self._valid_at_us = self._touched_at_us = None
+
     def note(self, contact: TipContact) -> None:
         """Remember a coherent contact. Ages count from the exposure, the moment it was true."""
         self._last = contact

@@ -8,11 +8,13 @@ contact.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
 from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.hand import HandPose
@@ -35,6 +37,9 @@ SEQUENCE_WRAP = 1 << 16
 # After so many refused triples in a row the node must have begun a new count of its own.
 EARLY_LIMIT_US = 5_000  # of a part before its frame was published, for clocks that differ
 RESYNCHRONISE_AFTER = 5
+# So many refused triples within the window are no disturbance: two devices send with one node id.
+CROWD = 10
+CROWD_WINDOW_US = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +83,7 @@ class Fingertip:
     def __init__(self, node_id: int, name: str) -> None:
         od = load_eds(FINGERTIP_EDS, node_id)
         self.name = name
+        self._node_id = node_id
         self.counters = TripleCounters()
         self._codecs = [pdo_codec(od, PdoDirection.TRANSMIT, number) for number in (1, 2, 3)]
         self._parts: list[tuple[int, bytes]] = []
@@ -85,6 +91,7 @@ class Fingertip:
         self._last_sequence: int | None = None
         self._begun_since_last = 0
         self._refused_in_a_row = 0
+        self._crowded_us: deque[int] = deque(maxlen=CROWD)
 
     @property
     def receive_ids(self) -> tuple[int, ...]:
@@ -97,11 +104,13 @@ class Fingertip:
         self._last_part = None
         self._last_sequence = None
         self._begun_since_last = 0
+        self._crowded_us.clear()
 
     def receive(self, stamp_us: int, frame: CanFrame) -> TipContact | None:
         """Take one TPDO in; returns a contact when it completes a coherent triple.
 
-        BusError, naming node and PDO, when its length is not the EDS's.
+        BusError, naming node and PDO, when its length is not the EDS's; and when the sequence numbers are
+        those of two devices.
         """
         number = self.receive_ids.index(frame.can_id)
         codec = self._codecs[number]
@@ -141,11 +150,23 @@ class Fingertip:
         published_us = contact.exposed_at_us + contact.latency_us
         is_whole = self._parts[0][0] >= published_us - EARLY_LIMIT_US
         self._parts.clear()
-        if not is_whole or not self._is_next(contact.sequence):
+        if not is_whole:
             self.counters.late += 1
+            return None
+        if not self._is_next(contact.sequence):
+            self.counters.late += 1
+            self._note_refusal(contact.received_at_us)
             return None
         self.counters.complete += 1
         return contact
+
+    def _note_refusal(self, now_us: int) -> None:
+        self._crowded_us.append(now_us)
+        if len(self._crowded_us) == CROWD and now_us - self._crowded_us[0] <= CROWD_WINDOW_US:
+            raise BusError(
+                f"{self.name}: two devices send as node 0x{self._node_id:02X}: disconnect one, or give it"
+                " another id (palpate-host bus lss)"
+            )
 
     def _is_next(self, sequence: int) -> bool:
         """Whether the sequence number fits the frames begun since the last one.

@@ -14,7 +14,7 @@ from palpate_host.hand_geometry import GeometryConfig
 from palpate_host.toml_file import read_toml
 from palpate_host.twin_config import TwinConfig
 
-FINGER_COUNT = 3
+FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -31,6 +31,14 @@ class ControlMode(enum.Enum):
     BLIND = "blind"
 
 
+class ForceLaw(enum.Enum):
+    """What the sensor's force does to the grasp (contact_force.py says more)."""
+
+    OPEN = "open"
+    INTEGRAL = "integral"
+    ADMITTANCE = "admittance"
+
+
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
@@ -41,7 +49,7 @@ class ModelConfig(_Strict, frozen=True):
     tip_sites: frame F of each dome, finger by finger; in a URDF, the links that have it.
     """
 
-    tip_sites: Annotated[tuple[Name, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)]
+    tip_sites: Annotated[tuple[Name, ...], msgspec.Meta(min_length=FEWEST_FINGERS)]
     mjcf: Text | None = None
 
 
@@ -73,7 +81,9 @@ class ControlConfig(_Strict, frozen=True):
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
     turned. integral_per_s: rate at which the error that a proportional law leaves is taken out; 0: as the
     paper. object_weight_N, position_stiffness_N_m: carry a grasped object, up is the hand's +z; 0: as the
-    paper, whose object has no weight.
+    paper, whose object has no weight. release_ms: how long the fingers open when told to let go.
+    force_law, force_per_s: regulate the contact force, and how fast. soft_limit_rad: before the end of a
+    joint's range the torque outwards fades.
     """
 
     mode: ControlMode
@@ -85,6 +95,10 @@ class ControlConfig(_Strict, frozen=True):
     contact_filter_s: NotNegative
     reference_frames: Annotated[int, msgspec.Meta(ge=1, le=1000)]
     settle_ms: Milliseconds
+    release_ms: Milliseconds = 500
+    soft_limit_rad: NotNegative = 0.05
+    force_law: ForceLaw = ForceLaw.OPEN
+    force_per_s: NotNegative = 2.0
     integral_per_s: NotNegative = 0.0
     object_weight_N: NotNegative = 0.0
     position_stiffness_N_m: NotNegative = 0.0
@@ -110,6 +124,34 @@ class StalenessConfig(_Strict, frozen=True):
     joint_stop_ms: Milliseconds
 
 
+class LimitsConfig(_Strict, frozen=True):
+    """What is a fault when it comes back from the hand (runaway.py).
+
+    contact_force_N: of a fingertip, normal or shear. joint_speed_rad_s: of any joint. torque_ratio: torque
+    that a drive reports over its joint's torque_limit_Nm.
+    """
+
+    contact_force_N: Positive = 20.0
+    joint_speed_rad_s: Positive = 20.0
+    torque_ratio: Annotated[float, msgspec.Meta(ge=1)] = 1.5
+
+
+class StartMode(enum.Enum):
+    """AUTO: grasp and turn by [target] as soon as possible; a fault ends the process.
+
+    COMMAND: wait in READY for the operator's commands, and after a fault for `recover`.
+    """
+
+    AUTO = "auto"
+    COMMAND = "command"
+
+
+class RunConfig(_Strict, frozen=True):
+    """How `palpate-host run` behaves."""
+
+    start: StartMode = StartMode.AUTO
+
+
 class NetworkConfig(_Strict, frozen=True):
     """The host as a CANopen node, and how long a node's heartbeat may be away."""
 
@@ -122,14 +164,14 @@ class HandConfig(_Strict, frozen=True):
     """The whole of hand.toml; make it with `load`. geometry: in place of model.mjcf."""
 
     model: ModelConfig
-    fingers: Annotated[
-        tuple[FingerConfig, ...], msgspec.Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT)
-    ]
+    fingers: Annotated[tuple[FingerConfig, ...], msgspec.Meta(min_length=FEWEST_FINGERS)]
     control: ControlConfig
     target: TargetConfig
     staleness: StalenessConfig
     bus: BusConfig
     network: NetworkConfig = NetworkConfig()
+    run: RunConfig = RunConfig()
+    limits: LimitsConfig = LimitsConfig()
     geometry: GeometryConfig | None = None
     twin: TwinConfig | None = None
 
@@ -187,6 +229,11 @@ def _check_nodes(path: Path, config: HandConfig) -> None:
 
 
 def _check_ranges(path: Path, config: HandConfig) -> None:
+    if len(config.model.tip_sites) != len(config.fingers):
+        raise ConfigError(
+            f"{path}: model.tip_sites has {len(config.model.tip_sites)} names for"
+            f" {len(config.fingers)} [[fingers]]: give each finger its tip"
+        )
     if (config.model.mjcf is None) == (config.geometry is None):
         raise ConfigError(
             f"{path}: needs either model.mjcf or [geometry]: name a file, or give the hand's shape"

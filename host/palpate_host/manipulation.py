@@ -12,17 +12,27 @@ import math
 import numpy as np
 
 from palpate_host import rotation
-from palpate_host.control import Gains, joint_torque_Nm, limit_torque_Nm, target_step
+from palpate_host.contact_force import ContactForce
+from palpate_host.control import (
+    Gains,
+    force_torque_Nm,
+    grasp_force_N,
+    joint_torque_Nm,
+    limit_torque_Nm,
+    target_step,
+)
 from palpate_host.fingertips import TipContact, contact_normal
 from palpate_host.hand import HandPose
 from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.object_orientation import ObjectOrientation
 from palpate_host.rotation import Array
-from palpate_host.supervisor import Mode
+from palpate_host.supervisor import MOVING, Mode
 from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
 """How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""
+RELEASE_RATIO = 0.25
+"""With how much of the grasp force the fingers open."""
 
 
 class Manipulation:
@@ -30,17 +40,31 @@ class Manipulation:
 
     def __init__(self, config: HandConfig) -> None:
         self.gains = gains_of(config)
-        self.orientation = ObjectOrientation(config.control.reference_frames, config.control.contact_filter_s)
+        control = config.control
+        self.orientation = ObjectOrientation(
+            len(config.fingers), control.reference_frames, control.contact_filter_s
+        )
         self.R_d: Array | None = None
         self.R_d_vir: Array | None = None
-        self._blind_by_choice = config.control.mode is ControlMode.BLIND
-        self._full_step = rotation.from_rpy_deg(*config.target.rpy_deg)
+        self._force = ContactForce(len(config.fingers), control, config.staleness.freeze_ms * 1e-3)
+        self._blind_by_choice = control.mode is ControlMode.BLIND
+        self._turn_rad = rotation.log(rotation.from_rpy_deg(*config.target.rpy_deg))
         self._ramp_s = config.target.ramp_s
         self._turned_s = 0.0
         self._start: Array | None = None
         self._hold_at_m: Array | None = None
-        self._integral_per_s = 0.0 if self._blind_by_choice else config.control.integral_per_s
+        self._integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
         self._trim_rad = np.zeros(3)
+
+    def turn(self, rpy_deg: tuple[float, float, float], ramp_s: float) -> None:
+        """Turn on from here: from where the object was to be, or, not turned yet, from where it is."""
+        self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
+        self._ramp_s, self._turned_s = ramp_s, 0.0
+        self._start = self.R_d
+
+    def rest(self) -> None:
+        """Turn no more; the next turn begins where the object is then."""
+        self.R_d = self.R_d_vir = self._start = None
 
     @property
     def M(self) -> Array | None:
@@ -52,6 +76,7 @@ class Manipulation:
 
         FrameError when the tips' centres defined no virtual frame at that moment.
         """
+        self._force.note(finger, contact)
         if not contact.in_contact:
             self.orientation.release(finger)
             return
@@ -64,20 +89,26 @@ class Manipulation:
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
     ) -> Array:
         """Joint torques (nq,) within every limit; zero unless the mode moves joints."""
-        if mode not in (Mode.HOLD, Mode.MANIPULATE, Mode.BLIND):
+        if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
+        grasp_N = grasp_force_N(pose.tip_centre_m, self.gains)
+        if mode is Mode.RELEASE:
+            self._hold_at_m = None
+            u = force_torque_Nm(pose, qdot_rad_s, -RELEASE_RATIO * grasp_N, self.gains)
+            return limit_torque_Nm(u, pose.q_rad, self.gains)
         R_d_vir = None
-        if R_vir is not None and mode is not Mode.HOLD:
+        if R_vir is not None and mode in (Mode.MANIPULATE, Mode.BLIND):
             if mode is Mode.MANIPULATE or self._blind_by_choice:
                 self._advance(R_vir, dt_s)
             R_d_vir = self.R_d_vir
         self._hold_at_m = self._place_to_hold(mode, pose)
-        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m)
+        felt_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s) if self._force.is_on else None
+        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m, felt_N)
         return limit_torque_Nm(u, pose.q_rad, self.gains)
 
     def _place_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
         """Where the tips' centroid was when the object was first held; None while it is not."""
-        is_held = mode is not Mode.HOLD or self.orientation.is_following
+        is_held = mode in (Mode.MANIPULATE, Mode.BLIND) or self.orientation.is_following
         if not is_held or self._hold_at_m is not None:
             return self._hold_at_m if is_held else None
         return np.asarray(pose.tip_centre_m.mean(axis=0))
@@ -90,9 +121,12 @@ class Manipulation:
         if self._start is None:
             self._start = R_vir @ M
         self._turned_s += dt_s
-        self.R_d = target_step(self._full_step, self._turned_s, self._ramp_s) @ self._start
-        self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
-        self.R_d_vir = desired_virtual_frame(rotation.exp(self._trim_rad) @ self.R_d, M)
+        self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s) @ self._start
+        wanted = self.R_d
+        if self._integral_per_s > 0.0:
+            self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
+            wanted = rotation.exp(self._trim_rad) @ self.R_d
+        self.R_d_vir = desired_virtual_frame(wanted, M)
 
     def _trim(self, missing: Array, dt_s: float) -> Array:
         """The integral of the turn still missing, as a rotation vector (3,) of bounded length."""
@@ -114,4 +148,5 @@ def gains_of(config: HandConfig) -> Gains:
         q_max_rad=np.array([joint.max_rad for joint in joints]),
         object_weight_N=control.object_weight_N,
         position_stiffness_N_m=control.position_stiffness_N_m,
+        soft_limit_rad=control.soft_limit_rad,
     )

@@ -14,27 +14,45 @@ import numpy as np
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_host import rotation
+from palpate_host import rotation, runaway
+from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.drives.joint_command import DriveGoal
 from palpate_host.finger_record import FingerRecord
 from palpate_host.fingertips import TipContact
 from palpate_host.hand import Hand, HandPose
-from palpate_host.hand_config import ControlMode, HandConfig
+from palpate_host.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.joint_history import JointHistory
 from palpate_host.manipulation import Manipulation
-from palpate_host.network import EMCY_ID, HEARTBEAT_ID, SYNC, Network, TimeStampProducer
+from palpate_host.network import (
+    EMCY_ID,
+    HEARTBEAT_ID,
+    NMT_ID,
+    SYNC,
+    Network,
+    TimeStampProducer,
+    foreign_stop,
+)
 from palpate_host.rotation import Array
 from palpate_host.status import Counters, HostStatus, matrix
-from palpate_host.supervisor import Decision, Inputs, Mode, Tiers, decide
+from palpate_host.supervisor import (
+    MOVING,
+    STOPPED,
+    Decision,
+    Inputs,
+    Mode,
+    Tiers,
+    Wish,
+    decide,
+)
 from palpate_host.virtual_frame import FrameError, check_numbering, virtual_frame
 
 QUICK_STOP_LIMIT_US = 500_000
 POWER_OFF_US = 50_000
 EXPOSURE_AHEAD_LIMIT_US = 50_000
 
-_MOVING = (Mode.HOLD, Mode.MANIPULATE, Mode.BLIND)
 OPERATOR_STOP = "stopped by the operator"
+NMT_STOP = "stopped by another NMT master"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +94,9 @@ class HostCore:
             hold_us=s.hold_ms * 1000,
             stop_us=s.stop_ms * 1000,
             settle_us=config.control.settle_ms * 1000,
+            release_us=config.control.release_ms * 1000,
         )
+        self._waits_for_commands = config.run.start is StartMode.COMMAND
         self._drives = DriveGroup(config.joints)
         self._fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
         self._finger_by_id = {
@@ -84,10 +104,13 @@ class HostCore:
         }
         self._history = JointHistory(config.control.tick_Hz)
         self._control = Manipulation(config)
-        self._decision: Decision | None = None
+        self._target_rpy_deg = config.target.rpy_deg
+        self._wish = Wish.NOTHING if self._waits_for_commands else Wish.TURN
+        self._decision = Decision(Mode.INIT, "starting", 0)
         self._next_tick_us: int | None = None
         self._last_sync_us: int | None = None
-        self._stop_reason = ""
+        self._stop_reason = self._fault = ""
+        self._leaves = False
         self._command_Nm = np.zeros(len(config.joints))
         self._R_vir: Array | None = None
         self._power_off_us: int | None = None
@@ -105,12 +128,59 @@ class HostCore:
         nodes = self._config.node_names
         beats = [HEARTBEAT_ID + node for node in nodes]
         emergencies = [EMCY_ID + node for node in nodes]
-        others = [SYNC.can_id, *beats, *emergencies]
+        others = [NMT_ID, SYNC.can_id, *beats, *emergencies]
         return tuple(sorted([*others, *self._drives.receive_ids, *self._finger_by_id]))
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
-        """Stop at the next tick: quick stop, drives off, NMT stop. The first reason stays."""
+        """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason stays."""
+        self._leaves = True
         self._stop_reason = self._stop_reason or reason
+
+    def command(self, command: Command) -> None:
+        """Obey from the next tick on.
+
+        CommandError, saying what to do first, when the mode does not allow it.
+        """
+        mode = self._decision.mode
+        match command:
+            case Stop():
+                self._stop_reason = self._stop_reason or OPERATOR_STOP
+            case Recover():
+                self._recover(mode)
+            case Grasp():
+                if mode not in (Mode.READY, *MOVING):
+                    raise _refusal("grasp", self._decision)
+                self._wish = Wish.GRASP
+                self._control.rest()
+            case Rotate(rpy_deg=rpy_deg, ramp_s=ramp_s):
+                if mode not in MOVING or self._wish is Wish.NOTHING:
+                    raise _refusal("rotate", self._decision, "grasp first")
+                self._wish = Wish.TURN
+                self._target_rpy_deg = rpy_deg
+                self._control.turn(rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
+            case Release():
+                if mode not in (Mode.READY, *MOVING):
+                    raise _refusal("release", self._decision)
+                self._wish = Wish.NOTHING
+                self._control = Manipulation(self._config)
+
+    def _recover(self, mode: Mode) -> None:
+        """Out of FAULT and STOP, once no drive has power: all nodes anew, nothing wished for."""
+        if mode not in STOPPED or self._leaves:
+            raise _refusal("recover", self._decision, "there is nothing to recover from")
+        if self._power_off_us is None:
+            raise _refusal("recover", self._decision, "the drives are still stopping, try again")
+        self._stop_reason = self._fault = self._last_emergency = ""
+        self._wish = Wish.NOTHING
+        self._power_off_us = None
+        self._control = Manipulation(self._config)
+        self._history = JointHistory(self._config.control.tick_Hz)
+        self._network.restart()
+        for node_id in self._config.node_names:
+            self._booted(node_id)
+        for finger in self._fingers:
+            finger.forget()
+        self._decision = Decision(Mode.INIT, "recovering", self._decision.since_us)
 
     def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> Output:
         """Take in stamped frames and, when a tick is due, give the host's frames for it.
@@ -123,7 +193,7 @@ class HostCore:
             try:
                 self._receive(stamp_us, frame)
             except BusError as exc:
-                self.request_stop(str(exc))
+                self._fault = self._fault or str(exc)
         if self._next_tick_us is None:
             self._next_tick_us = now_us
         frames_out: list[CanFrame] = []
@@ -135,7 +205,7 @@ class HostCore:
             self._next_tick_us = tick_us + self._tick_us
             self._counters.frames_out += len(frames_out)
             self._status = self._make_status(tick_us)
-        failure = "" if self._stop_reason == OPERATOR_STOP or not self._finished else self._stop_reason
+        failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
         return Output(tuple(frames_out), self._next_tick_us, self._status, self._finished, failure)
 
     def _receive(self, stamp_us: int, frame: CanFrame) -> None:
@@ -144,6 +214,9 @@ class HostCore:
             self._counters.foreign_frames += 1
         elif frame.can_id == SYNC.can_id:
             self._time_stamps.sync_left(stamp_us)
+        elif frame.can_id == NMT_ID:
+            if foreign_stop(frame, self._config.network.host_node):
+                self._stop_reason = self._stop_reason or NMT_STOP
         elif frame.can_id in self._finger_by_id:
             self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
         elif frame.can_id in self._drives.receive_ids:
@@ -172,6 +245,9 @@ class HostCore:
         contact = finger.tip.receive(stamp_us, frame)
         if contact is None:
             return
+        self._fault = self._fault or runaway.force_fault(
+            self._config.fingers[index].name, contact, self._config.limits
+        )
         pose = self._pose_at_exposure(contact, stamp_us)
         if pose is None:
             finger.unpaired += 1
@@ -204,7 +280,8 @@ class HostCore:
         goal, torque = self._control_step(tick_us)
         self._command_Nm = torque
         frames += self._drives.commands(goal, torque)
-        if self._power_off_us is not None and tick_us - self._power_off_us >= POWER_OFF_US:
+        is_over = self._power_off_us is not None and tick_us - self._power_off_us >= POWER_OFF_US
+        if is_over and (self._leaves or not self._waits_for_commands):
             frames += self._network.stop_all()
             self._finished = True
         return frames
@@ -220,46 +297,54 @@ class HostCore:
             except FrameError as exc:
                 no_virtual_frame = str(exc)
         self._R_vir = R_vir
-        decision = self._decide(tick_us, no_virtual_frame)
-        if decision.mode is Mode.STOP:
+        decision = self._decide(tick_us, no_virtual_frame, None if angles is None else angles[1])
+        if decision.mode in STOPPED:
             return self._stopping(tick_us, decision), np.zeros_like(self._command_Nm)
         if pose is None or angles is None:
             torque = np.zeros_like(self._command_Nm)
         else:
             torque = self._control.torque_Nm(decision.mode, pose, angles[1], R_vir, self._tick_us * 1e-6)
-        return (DriveGoal.OFF if decision.mode is Mode.INIT else DriveGoal.TORQUE), torque
+        is_off = decision.mode in (Mode.INIT, Mode.CHECK)
+        return (DriveGoal.OFF if is_off else DriveGoal.TORQUE), torque
 
-    def _decide(self, tick_us: int, no_virtual_frame: str) -> Decision:
-        last = self._decision or Decision(Mode.INIT, "starting", tick_us)
+    def _decide(self, tick_us: int, no_virtual_frame: str, qdot_rad_s: Array | None) -> Decision:
+        last = self._decision
         orientation = self._control.orientation
         inputs = Inputs(
             now_us=tick_us,
-            stop=self._reason_to_stop(tick_us, last.mode),
-            waiting_for=", ".join(self._network.not_operating()),
+            stop=self._stop_reason,
+            fault=self._fault or self._fault_now(tick_us, last.mode, qdot_rad_s),
+            missing=", ".join(self._network.missing()),
+            unchecked=", ".join(self._network.not_operating()),
+            homing="",
             drives_waiting=self._drives.waiting(),
             no_virtual_frame=no_virtual_frame,
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
             blind_by_choice=self._config.control.mode is ControlMode.BLIND,
+            wish=self._wish,
             fingers=[
                 finger.health(tick_us, self._network.is_silent(finger.node_id, tick_us))
                 for finger in self._fingers
             ],
         )
         self._decision = decide(last, inputs, self._tiers)
-        if self._decision.mode is Mode.STOP:
-            self.request_stop(self._decision.reason)
         return self._decision
 
-    def _reason_to_stop(self, tick_us: int, mode: Mode) -> str:
-        if self._stop_reason or mode not in _MOVING:
-            return self._stop_reason
+    def _fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
+        """Why the hand must stop in a mode that moves joints; empty: it need not."""
+        if mode not in MOVING:
+            return ""
         for drive in self._drives.drives:
             if self._network.is_silent(drive.node_id, tick_us):
                 return f"{self._network.name(drive.node_id)}: heartbeat lost"
         waiting = self._drives.waiting()
         if waiting:
             return f"{waiting} left operation enabled; {self._last_emergency or 'no EMCY'}"
-        return self._drives.lost_joint(tick_us, self._config.staleness.joint_stop_ms * 1000)
+        lost = self._drives.lost_joint(tick_us, self._config.staleness.joint_stop_ms * 1000)
+        if lost or qdot_rad_s is None:
+            return lost
+        torque_Nm = [drive.torque_Nm for drive in self._drives.drives]
+        return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
 
     def _stopping(self, tick_us: int, decision: Decision) -> DriveGoal:
         """Quick stop until no drive has power, at most 500 ms; then off."""
@@ -270,7 +355,6 @@ class HostCore:
         return DriveGoal.OFF
 
     def _make_status(self, now_us: int) -> HostStatus:
-        assert self._decision is not None
         control, M, R_vir = self._control, self._control.M, self._R_vir
         R_d_vir = control.R_d_vir
         error = None if R_vir is None or R_d_vir is None else rotation.angle_deg(R_d_vir @ R_vir.T)
@@ -287,7 +371,13 @@ class HostCore:
             R_d_vir=matrix(R_d_vir),
             orientation_error_deg=error,
             fit_residual_deg=control.orientation.residual_deg,
-            target_rpy_deg=self._config.target.rpy_deg,
+            target_rpy_deg=self._target_rpy_deg,
             last_emergency=self._last_emergency,
             counters=replace(self._counters),
         )
+
+
+def _refusal(what: str, decision: Decision, way_out: str = "") -> CommandError:
+    if not way_out:
+        way_out = {True: "recover first", False: "wait until it is ready"}[decision.mode in STOPPED]
+    return CommandError(f"{what} is refused in mode {decision.mode.value} ({decision.reason}): {way_out}")

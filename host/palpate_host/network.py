@@ -23,7 +23,7 @@ TIME_STAMP_EVERY_US = 50_000
 
 
 class NmtCommand(enum.IntEnum):
-    """The NMT commands of CiA 301 that the host gives."""
+    """The NMT commands of CiA 301 that the host gives; any but START from another master stops the hand."""
 
     START = 0x01
     STOP = 0x02
@@ -42,6 +42,17 @@ class NmtState(enum.IntEnum):
 def nmt(command: NmtCommand, node_id: int) -> CanFrame:
     """The NMT frame for one node."""
     return CanFrame(NMT_ID, bytes((command, node_id)))
+
+
+def foreign_stop(frame: CanFrame, host_node: int) -> bool:
+    """Whether another master takes all nodes, or this host, out of operation: an operator's stop by NMT.
+
+    The host itself commands its nodes one by one, so its own frames never mean this.
+    """
+    if frame.can_id != NMT_ID or len(frame.data) != 2:
+        return False
+    command, node_id = frame.data
+    return node_id in (0, host_node) and command != NmtCommand.START
 
 
 class TimeStampProducer:
@@ -130,6 +141,15 @@ class Network:
 
     def operates(self, node_id: int) -> bool:
         return self._state.get(node_id) == NmtState.OPERATIONAL
+
+    def restart(self) -> None:
+        """Forget every node: each is reset and started anew."""
+        for known in (self._heard_us, self._state, self._asked_us, self._started_us):
+            known.clear()
+
+    def missing(self) -> list[str]:
+        """Names of the nodes not heard of since their reset."""
+        return [self.name(node_id) for node_id in self._names if node_id not in self._heard_us]
 
     def is_silent(self, node_id: int, now_us: int) -> bool:
         """It was heard once and its heartbeat has been away for longer than the time-out."""

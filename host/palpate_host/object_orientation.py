@@ -1,8 +1,8 @@
 """Follows the grasped object's orientation through the contacts: M = R_vir^T R_c, kept and smoothed.
 
 Each finger's normal arrives alone, already in R_vir of its own exposure (virtual_frame.py says why). The
-first ones are averaged to references; from then on every new normal refits M to all three. When a finger lets
-go, the object is taken to have moved with the virtual frame until it is touched anew: M stays, and the new
+first ones are averaged to references; from then on every new normal refits M to all. When a finger lets go,
+the object is taken to have moved with the virtual frame until it is touched anew: M stays, and the new
 contacts' references are chosen so that it does. So the desired frame never jumps.
 """
 
@@ -19,21 +19,19 @@ from palpate_host.virtual_frame import (
     low_pass,
 )
 
-FINGERS = 3
-
 
 class ObjectOrientation:
     """The estimate of M (3, 3); None until the first references are complete."""
 
-    def __init__(self, reference_frames: int, time_constant_s: float) -> None:
+    def __init__(self, fingers: int, reference_frames: int, time_constant_s: float) -> None:
         self.M: Array | None = None
         self.problem = ""
         self.residual_deg = 0.0
         self._needed = reference_frames
         self._time_constant_s = time_constant_s
-        self._collected: list[list[Array]] = [[] for _ in range(FINGERS)]
+        self._collected: list[list[Array]] = [[] for _ in range(fingers)]
         self._reference: Array | None = None
-        self._latest: list[Array] = [np.zeros(3)] * FINGERS
+        self._latest: list[Array] = [np.zeros(3)] * fingers
         self._updated_us: int | None = None
 
     @property

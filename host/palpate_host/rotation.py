@@ -15,7 +15,8 @@ _NEAR_HALF_TURN = 1e-6
 
 def skew(v: Array) -> Array:
     """The matrix whose product with w is v x w."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    x, y, z = v.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -23,16 +24,23 @@ def cross(a: Array, b: Array) -> Array:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+def norm(v: Array) -> float:
+    """|v| of a vector (3,)."""
+    x, y, z = v.tolist()
+    return math.sqrt(x * x + y * y + z * z)
+
+
 def axial(R: Array) -> Array:
     """Rotation axis times sin(angle): half the sum of e_k x R e_k over the columns."""
-    return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = R.tolist()
+    return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])
 
 
 def log(R: Array) -> Array:
     """Rotation vector (3,) of `R`, angle in 0..pi; the axis' sign is arbitrary at pi."""
     s = axial(R)
-    sine = float(np.linalg.norm(s))
-    cosine = 0.5 * (float(np.trace(R)) - 1.0)
+    sine = norm(s)
+    cosine = 0.5 * (float(R[0, 0] + R[1, 1] + R[2, 2]) - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > _NEAR_HALF_TURN:
         return np.asarray(s * (angle / sine))
@@ -43,16 +51,25 @@ def log(R: Array) -> Array:
     axis = columns[:, int(np.argmax(np.diag(columns)))]
     if axis @ s < 0.0:
         axis = -axis
-    return np.asarray(axis * (angle / float(np.linalg.norm(axis))))
+    return np.asarray(axis * (angle / norm(axis)))
 
 
 def exp(rotation_vector_rad: Array) -> Array:
     """Rodrigues' formula: the rotation by |v| about v."""
-    angle = float(np.linalg.norm(rotation_vector_rad))
+    x, y, z = rotation_vector_rad.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
     if angle < _SMALL_ANGLE_RAD:
-        return np.eye(3) + skew(rotation_vector_rad)
-    k = skew(rotation_vector_rad / angle)
-    return np.asarray(np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k))
+        return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
+    x, y, z = x / angle, y / angle, z / angle
+    s, c = math.sin(angle), math.cos(angle)
+    v = 1.0 - c
+    return np.array(
+        [
+            [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
+            [v * x * y + s * z, c + v * y * y, v * y * z - s * x],
+            [v * x * z - s * y, v * y * z + s * x, c + v * z * z],
+        ]
+    )
 
 
 def from_rpy_deg(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
@@ -74,4 +91,4 @@ def to_rpy_deg(R: Array) -> tuple[float, float, float]:
 
 def angle_deg(R: Array) -> float:
     """Angle of the rotation `R`, 0..180."""
-    return math.degrees(float(np.linalg.norm(log(R))))
+    return math.degrees(norm(log(R)))

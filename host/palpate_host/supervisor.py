@@ -1,9 +1,11 @@
 """Which law may move the hand: the modes and what switches between them. Pure, in the time it is given.
 
+    INIT -> CHECK -> HOME -> READY -> GRASP -> MANIPULATE <-> BLIND, HOLD        any -> FAULT, STOP
+
 The ladder of staleness: a contact older than `warn` is reported, older than `freeze` (or let go) freezes the
-desired frame, older than `hold` leaves only the grasp, and a fingertip without a valid frame for `stop` stops
-the hand. STOP is left by no input: a person starts the host again. Every mode keeps the torque limits
-(control.py).
+desired frame, older than `hold` leaves only the grasp, and a fingertip without a valid frame for `stop` is a
+fault. FAULT and STOP are left by the operator's `recover` alone (master.py). Every mode keeps the limits
+(control.py, runaway.py).
 """
 
 from __future__ import annotations
@@ -17,22 +19,41 @@ class Mode(enum.Enum):
     """What the host does with the joints."""
 
     INIT = "init"  # nodes missing: drives off
-    READY = "ready"  # drives enabling, torque 0, waiting for the first frames
-    HOLD = "hold"  # grasp only, u_sg
+    CHECK = "check"  # nodes are there: drives say what they are, all are started
+    HOME = "home"  # drives look for their zero, those that have to
+    READY = "ready"  # drives enabling, torque 0, waiting for the first frames and for a command
+    GRASP = "grasp"  # closing and holding: u_sg
+    HOLD = "hold"  # u_sg alone, since turning is not possible now
     MANIPULATE = "manipulate"  # Eqs. (9)-(16), contacts correct the desired frame
     BLIND = "blind"  # Eqs. (9)-(14), desired frame frozen or by joint angles alone
-    STOP = "stop"  # torque 0, drives quick-stopped
+    RELEASE = "release"  # opening, for a time
+    FAULT = "fault"  # something broke: torque 0, drives quick-stopped, then off
+    STOP = "stop"  # the operator's wish: the same
+
+
+STOPPED = (Mode.FAULT, Mode.STOP)
+STARTING = (Mode.INIT, Mode.CHECK, Mode.HOME, Mode.READY)
+MOVING = (Mode.GRASP, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.RELEASE)
+
+
+class Wish(enum.Enum):
+    """What the operator wants of the hand; each includes what stands before it."""
+
+    NOTHING = "nothing"
+    GRASP = "grasp"
+    TURN = "turn"
 
 
 @dataclass(frozen=True, slots=True)
 class Tiers:
-    """Times of the ladder and of the settling grasp, in us."""
+    """Times of the ladder, of the settling grasp and of the opening, in us."""
 
     warn_us: int
     freeze_us: int
     hold_us: int
     stop_us: int
     settle_us: int
+    release_us: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +71,23 @@ class FingerHealth:
 class Inputs:
     """What one decision sees. The texts are reasons; empty means there is none.
 
-    stop: operator's wish, drive fault, bus fault or lost joint. waiting_for: nodes not yet operating.
-    drives_waiting: drives not yet enabled. no_virtual_frame: why R_vir of Eq. (12) does not exist now.
-    no_contact_frame: why the contacts give no R_c of Eq. (16) now.
-    blind_by_choice: the configuration asks for Tahara's law: fingertips do not matter.
+    stop: the operator's. fault: drive, bus, lost joint, runaway. missing: nodes not heard of. unchecked:
+    nodes not yet operating. homing, drives_waiting: drives without a zero, not yet enabled.
+    no_virtual_frame: why R_vir of Eq. (12) does not exist now. no_contact_frame: why the contacts give no R_c
+    of Eq. (16) now. blind_by_choice: the configuration asks for Tahara's law: fingertips do not matter.
     """
 
     now_us: int
     stop: str
-    waiting_for: str
+    fault: str
+    missing: str
+    unchecked: str
+    homing: str
     drives_waiting: str
     no_virtual_frame: str
     no_contact_frame: str
     blind_by_choice: bool
+    wish: Wish
     fingers: Sequence[FingerHealth]
 
 
@@ -78,28 +103,43 @@ class Decision:
 
 def decide(last: Decision, inputs: Inputs, tiers: Tiers) -> Decision:
     """The next decision; `since_us` moves only when the mode changes."""
-    if last.mode is Mode.STOP:
+    if last.mode in STOPPED:
         return last
     mode, reason = _next_mode(last, inputs, tiers)
-    warning = "" if mode in (Mode.INIT, Mode.READY, Mode.STOP) else _warning(inputs, tiers)
+    warning = "" if mode in STARTING + STOPPED else _warning(inputs, tiers)
     if mode is last.mode:
         return replace(last, reason=reason, warning=warning)
     return Decision(mode, reason, inputs.now_us, warning)
 
 
 def _next_mode(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]:
-    if inputs.stop:
-        return Mode.STOP, inputs.stop
-    if last.mode is Mode.INIT and inputs.waiting_for:
-        return Mode.INIT, f"waiting for {inputs.waiting_for}"
-    if last.mode in (Mode.INIT, Mode.READY):
-        waiting = inputs.drives_waiting or _first_frame_missing(inputs)
-        if waiting:
-            return Mode.READY, f"waiting for {waiting}"
-        return Mode.HOLD, "grasping"
-    if inputs.blind_by_choice:
-        return _by_joint_angles(last, inputs, tiers)
-    return _by_contacts(last, inputs, tiers)
+    if inputs.stop or inputs.fault:
+        return (Mode.STOP, inputs.stop) if inputs.stop else (Mode.FAULT, inputs.fault)
+    if last.mode in STARTING:
+        return _starting(last.mode, inputs)
+    if inputs.wish is Wish.NOTHING:
+        is_open = last.mode is Mode.RELEASE and inputs.now_us - last.since_us >= tiers.release_us
+        return (Mode.READY, "released") if is_open else (Mode.RELEASE, "opening")
+    if last.mode is Mode.RELEASE:
+        return Mode.GRASP, "grasping"
+    return (_by_joint_angles if inputs.blind_by_choice else _by_contacts)(last, inputs, tiers)
+
+
+def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
+    """One stage after the other; READY alone does not go back, its drives are enabled anew."""
+    if last is not Mode.READY:
+        if inputs.missing:
+            return Mode.INIT, f"waiting for {inputs.missing}"
+        if inputs.unchecked:
+            return Mode.CHECK, f"waiting for {inputs.unchecked}"
+        if inputs.homing:
+            return Mode.HOME, f"homing {inputs.homing}"
+    waiting = inputs.drives_waiting or _first_frame_missing(inputs)
+    if waiting:
+        return Mode.READY, f"waiting for {waiting}"
+    if inputs.wish is Wish.NOTHING:
+        return Mode.READY, "waiting for a command: palpate-host command grasp"
+    return Mode.GRASP, "grasping"
 
 
 def _first_frame_missing(inputs: Inputs) -> str:
@@ -110,27 +150,36 @@ def _first_frame_missing(inputs: Inputs) -> str:
 
 
 def _by_joint_angles(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]:
+    waits_in = last.mode if last.mode is Mode.GRASP else Mode.HOLD
     if inputs.no_virtual_frame:
-        return Mode.HOLD, inputs.no_virtual_frame
-    if last.mode is Mode.HOLD and inputs.now_us - last.since_us < tiers.settle_us:
-        return Mode.HOLD, "grasp settling"
+        return waits_in, inputs.no_virtual_frame
+    if inputs.wish is not Wish.TURN:
+        return Mode.GRASP, _GRASPED
+    if last.mode is not Mode.BLIND and inputs.now_us - last.since_us < tiers.settle_us:
+        return waits_in, "grasp settling"
     return Mode.BLIND, "control.mode is blind"
 
 
 def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]:
     for finger in inputs.fingers:
         if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
-            return Mode.STOP, f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
+            return Mode.FAULT, f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
+    waits_in = last.mode if last.mode is Mode.GRASP else Mode.HOLD
+    was_turning = last.mode in (Mode.MANIPULATE, Mode.BLIND)
     only_grasp = inputs.no_virtual_frame or _first(_grasp_reason, inputs.fingers, tiers)
     if only_grasp:
-        return Mode.HOLD, only_grasp
+        return waits_in, only_grasp
     frozen = _first(_freeze_reason, inputs.fingers, tiers) or inputs.no_contact_frame
-    was_turning = last.mode in (Mode.MANIPULATE, Mode.BLIND)
+    if inputs.wish is not Wish.TURN:
+        return Mode.GRASP, frozen or _GRASPED
     if frozen:
-        return (Mode.BLIND if was_turning else Mode.HOLD), frozen
+        return (Mode.BLIND if was_turning else waits_in), frozen
     if not was_turning and inputs.now_us - last.since_us < tiers.settle_us:
-        return Mode.HOLD, "grasp settling"
+        return waits_in, "grasp settling"
     return Mode.MANIPULATE, "every finger in contact"
+
+
+_GRASPED = "holding: palpate-host command rotate turns the object"
 
 
 def _first(

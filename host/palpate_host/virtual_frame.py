@@ -22,12 +22,13 @@ import numpy as np
 
 from palpate_edge.errors import ConfigError
 from palpate_host import rotation
-from palpate_host.rotation import Array, cross
+from palpate_host.rotation import Array
 
 # The triangle's area over that of the equilateral one with the same longest side.
 MIN_TRIANGLE_FLATNESS = 0.02
 # Second plus signed third singular value of the sum of normal products; 3 equal normals give 0.
 MIN_NORMAL_SPREAD = 0.05
+_COUNTS = {3: "three", 4: "four", 5: "five"}
 
 
 class FrameError(ConfigError):
@@ -35,24 +36,39 @@ class FrameError(ConfigError):
 
 
 def virtual_frame(tip_centre_m: Array) -> Array:
-    """R_vir (3, 3) of the tips' centres x_ci (3, 3, a row each), Eq. (12).
+    """R_vir (3, 3) of the tips' centres x_ci (n, 3, a row each), Eq. (12).
 
     As printed the axes are orthonormal and right-handed: y from tip 3 to tip 2, z normal to the tips'
-    triangle on the side from which 1, 2, 3 run counter-clockwise. FrameError when the tips are (nearly) on
-    one line.
+    triangle on the side from which 1, 2, 3 run counter-clockwise. With more than three fingers z is the
+    normal of the polygon 1, 2, 3, ... (the sum of its edges' cross products) and y lies in its plane.
+    FrameError when the tips are (nearly) on one line.
     """
-    x1, x2, x3 = tip_centre_m
-    normal = cross(x1 - x3, x2 - x3)
-    length = float(np.linalg.norm(normal))
-    longest_squared = max(float(e @ e) for e in (x1 - x3, x2 - x3, x1 - x2))
-    if length < MIN_TRIANGLE_FLATNESS * longest_squared * math.sqrt(3.0) / 2.0 or longest_squared == 0.0:
+    # Plain floats: numpy takes longer to look at nine numbers than to compute with them.
+    tips = tip_centre_m.tolist()
+    x0, y0, z0 = tips[2]
+    arms = [(x - x0, y - y0, z - z0) for x, y, z in tips]
+    nx = ny = nz = longest_squared = 0.0
+    previous = arms[-1]
+    for arm in arms:
+        (ax, ay, az), (bx, by, bz) = previous, arm
+        nx, ny, nz = nx + ay * bz - az * by, ny + az * bx - ax * bz, nz + ax * by - ay * bx
+        longest_squared = max(longest_squared, (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
+        previous = arm
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if length <= MIN_TRIANGLE_FLATNESS * longest_squared * math.sqrt(3.0) / 2.0:
         raise FrameError(
-            "the three fingertip centres lie on one line, Eq. (12) defines no frame:"
-            " spread the fingers or correct the zero offsets in hand.toml"
+            f"the {_COUNTS.get(len(tips), len(tips))} fingertip centres lie on one line, Eq. (12) defines no"
+            " frame: spread the fingers or correct the zero offsets in hand.toml"
         )
-    z = normal / length
-    y = (x2 - x3) / np.linalg.norm(x2 - x3)
-    return np.column_stack((cross(y, z), y, z))
+    nx, ny, nz = nx / length, ny / length, nz / length
+    yx, yy, yz = arms[1]
+    off_plane = yx * nx + yy * ny + yz * nz
+    yx, yy, yz = yx - off_plane * nx, yy - off_plane * ny, yz - off_plane * nz
+    y_length = math.sqrt(yx * yx + yy * yy + yz * yz)
+    if y_length == 0.0:
+        raise FrameError("fingertips 2 and 3 stand above each other: number the fingers otherwise")
+    yx, yy, yz = yx / y_length, yy / y_length, yz / y_length
+    return _with_x(yx, yy, yz, nx, ny, nz)
 
 
 def check_numbering(tip_centre_m: Array) -> None:
@@ -68,31 +84,41 @@ def check_numbering(tip_centre_m: Array) -> None:
 
 
 def contact_frame(normals: Array) -> Array:
-    """R_c (3, 3) from three unit vectors d_i = (x_ci - x_i)/|x_ci - x_i| (rows), Eq. (16).
+    """R_c (3, 3) from n >= 3 unit vectors d_i = (x_ci - x_i)/|x_ci - x_i| (rows), Eq. (16).
 
     The norms are garbled in print; the reading is that each numerator is divided by its own norm. r_cy rests
     on finger 1 alone, so that finger's noise is the frame's yaw: this frame only starts the estimate, and
     `fit_contact_frame` follows it. FrameError when the contacts are opposed or equal (r_cz is 0/0).
     """
-    d1, d2, d3 = normals
-    z = cross(d1, d2) + cross(d2, d3) + cross(d3, d1)
-    z_length = float(np.linalg.norm(z))
+    # Plain floats, as in `virtual_frame`.
+    rows = normals.tolist()
+    zx = zy = zz = 0.0
+    ax, ay, az = rows[-1]
+    for bx, by, bz in rows:
+        zx, zy, zz = zx + ay * bz - az * by, zy + az * bx - ax * bz, zz + ax * by - ay * bx
+        ax, ay, az = bx, by, bz
+    z_length = math.sqrt(zx * zx + zy * zy + zz * zz)
     if z_length < MIN_NORMAL_SPREAD:
         raise FrameError(_COLLINEAR)
-    z = z / z_length
-    y = cross(d1, z)
-    y_length = float(np.linalg.norm(y))
+    zx, zy, zz = zx / z_length, zy / z_length, zz / z_length
+    dx, dy, dz = rows[0]
+    yx, yy, yz = dy * zz - dz * zy, dz * zx - dx * zz, dx * zy - dy * zx
+    y_length = math.sqrt(yx * yx + yy * yy + yz * yz)
     if y_length < MIN_NORMAL_SPREAD:
         raise FrameError(_COLLINEAR)
-    y = y / y_length
-    return np.column_stack((cross(y, z), y, z))
+    return _with_x(yx / y_length, yy / y_length, yz / y_length, zx, zy, zz)
+
+
+def _with_x(yx: float, yy: float, yz: float, zx: float, zy: float, zz: float) -> Array:
+    """The rotation (3, 3) with these second and third columns; the first is y x z."""
+    return np.array([[yy * zz - yz * zy, yx, zx], [yz * zx - yx * zz, yy, zy], [yx * zy - yy * zx, yz, zz]])
 
 
 def fit_contact_frame(reference: Array, normals: Array) -> Array:
     """The rotation R that best turns the reference normals (rows, in the object) into `normals`: by SVD.
 
     Wahba's problem: minimises sum |d_i - R d_ref,i|^2 over rotations. With the reference taken as R_c(t0)^T
-    d_i(t0) this is Eq. (16) with all three fingers weighing the same, and equal to R_c(t0) at t0. It supposes
+    d_i(t0) this is Eq. (16) with all fingers weighing the same, and equal to R_c(t0) at t0. It supposes
     contacts on faces that turn with the object; rolling on a flat face keeps that true. FrameError when the
     normals leave a turn free.
     """

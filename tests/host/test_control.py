@@ -171,13 +171,20 @@ def test_limits(u, q):
     limited = limit_torque_Nm(u, q, GAINS)
     assert np.all(np.abs(limited) <= 0.5)
     assert not np.any((q >= 1.8) & (limited > 0)) and not np.any((q <= -0.5) & (limited < 0))
-    inside = (q > -0.5) & (q < 1.8)
+    inside = (q > -0.5 + 0.05) & (q < 1.8 - 0.05)
     np.testing.assert_array_equal(limited[inside], np.clip(u, -0.5, 0.5)[inside])
+
+
+def test_torque_outwards_fades_before_the_end_of_the_range():
+    """Half of the last 0.05 rad is left: half of the limit outwards, all of it inwards."""
+    near_end = np.full(9, 1.775)
+    np.testing.assert_allclose(limit_torque_Nm(np.full(9, 5.0), near_end, GAINS), 0.25)
+    np.testing.assert_allclose(limit_torque_Nm(np.full(9, -5.0), near_end, GAINS), -0.5)
 
 
 def test_target_ramps_along_one_axis():
     full = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
     for share in (0.0, 0.25, 1.0, 2.0):
-        step = Rotation.from_matrix(target_step(full.as_matrix(), share * 2.0, 2.0))
+        step = Rotation.from_matrix(target_step(full.as_rotvec(), share * 2.0, 2.0))
         np.testing.assert_allclose(step.as_rotvec(), min(1.0, share) * full.as_rotvec(), atol=1e-9)
-    np.testing.assert_allclose(target_step(full.as_matrix(), 0.0, 0.0), full.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(target_step(full.as_rotvec(), 0.0, 0.0), full.as_matrix(), atol=1e-9)

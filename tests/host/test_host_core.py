@@ -17,6 +17,8 @@ from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 from palpate_host.virtual_frame import FrameError, virtual_frame
 
+START_UP = (Mode.INIT, Mode.CHECK, Mode.READY, Mode.GRASP)
+
 
 def modes_of(bench):
     modes = []
@@ -43,7 +45,7 @@ def rig(bench, table_4):
 
 def test_start_up_to_manipulation_and_an_orderly_stop(rig):
     status = rig.run(1.5)
-    assert modes_of(rig) == [Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE]
+    assert modes_of(rig) == [*START_UP, Mode.MANIPULATE]
     assert all(drive.state is DriveState.OPERATION_ENABLED for drive in rig.drives)
     assert [finger.frames_per_s for finger in status.fingers] == pytest.approx([30] * 3, abs=2)
     assert status.fingers[0].lost_frames == 0 and status.counters.foreign_frames <= 12
@@ -168,7 +170,7 @@ def test_gain_and_loss_of_contact_switch_cleanly(bench, table_4):
     rig = bench.VirtualBench(config, hand, feel=feel)
     rig.run(3.0)
     assert modes_of(rig) == [
-        Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.MANIPULATE,
+        *START_UP, Mode.MANIPULATE, Mode.BLIND, Mode.MANIPULATE,
     ]  # fmt: skip
     turning = [np.array(status.R_d_vir) for status in rig.statuses if status.R_d_vir is not None]
     jumps = [np.degrees(Rotation.from_matrix(b @ a.T).magnitude()) for a, b in pairwise(turning)]
@@ -191,7 +193,7 @@ def test_contacts_that_jump_about_never_pass_the_limits(bench, table_4):
 
     rig = bench.VirtualBench(config, hand, feel=feel)
     rig.run(6.0)
-    assert rig.statuses[-1].mode is not Mode.STOP
+    assert rig.statuses[-1].mode is not Mode.FAULT
     assert {Mode.HOLD, Mode.MANIPULATE, Mode.BLIND} <= set(modes_of(rig))
     for status in rig.statuses:
         assert all(abs(j.command_Nm) <= limit for j, limit in zip(status.joints, limits, strict=True))
@@ -207,7 +209,7 @@ def test_blind_by_choice_reaches_the_target_of_the_virtual_frame_without_fingert
     rig.run(0.4)
     R_start = virtual_frame(rig.pose().tip_centre_m)
     rig.run(2.5)
-    assert modes_of(rig) == [Mode.INIT, Mode.READY, Mode.HOLD, Mode.BLIND]
+    assert modes_of(rig) == [*START_UP, Mode.BLIND]
     turned = Rotation.from_matrix(virtual_frame(rig.pose().tip_centre_m) @ R_start.T).as_rotvec(degrees=True)
     # A proportional law against the load's spring: on the way, and the right way round.
     assert 0.3 < turned[2] <= 2.0
@@ -217,7 +219,7 @@ def test_a_silent_fingertip_goes_down_the_ladder(rig):
     rig.run(1.5)
     rig.silent.add(0x11)
     rig.run(6.0)
-    assert modes_of(rig)[3:] == [Mode.MANIPULATE, Mode.BLIND, Mode.HOLD, Mode.STOP]
+    assert modes_of(rig)[4:] == [Mode.MANIPULATE, Mode.BLIND, Mode.HOLD, Mode.FAULT]
     assert rig.output.finished and "finger-2: no valid frame for more than 3000 ms" in rig.output.failure
     assert drives_are_off(rig)
 
@@ -251,7 +253,7 @@ def test_a_pdo_of_the_wrong_length_stops_the_hand_safely(bench, table_4):
 
     rig = bench.VirtualBench(*table_4, to_host=cut)
     status = rig.run(3.0)
-    assert status.mode is Mode.STOP and rig.output.finished
+    assert status.mode is Mode.FAULT and rig.output.finished
     assert (
         rig.output.failure.startswith("node 17 TPDO 2: 7 bytes, expected 8")
         and "\n" not in rig.output.failure
@@ -290,7 +292,7 @@ def test_random_frames_never_raise(table_4, bench):
             remote=bool(rng.random() < 0.05),
         )
         output = core.process(now_us, [(now_us, frame)])
-    assert output.status.mode is Mode.STOP
+    assert output.status.mode is Mode.FAULT
 
 
 def test_status_survives_json(rig):

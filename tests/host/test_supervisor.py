@@ -4,18 +4,22 @@ import dataclasses
 
 import pytest
 
-from palpate_host.supervisor import Decision, FingerHealth, Inputs, Mode, Tiers, decide
+from palpate_host.supervisor import STOPPED, Decision, FingerHealth, Inputs, Mode, Tiers, Wish, decide
 
-TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500)
+TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500, release_us=400)
 FRESH = FingerHealth("finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, is_silent=False)
 GOOD = Inputs(
     now_us=10_000,
     stop="",
-    waiting_for="",
+    fault="",
+    missing="",
+    unchecked="",
+    homing="",
     drives_waiting="",
     no_virtual_frame="",
     no_contact_frame="",
     blind_by_choice=False,
+    wish=Wish.TURN,
     fingers=(FRESH, FRESH, FRESH),
 )
 
@@ -30,16 +34,48 @@ def with_finger(**changes):
 
 
 def test_start_up_waits_for_nodes_drives_frames_and_the_grasp():
-    one = decide(at(Mode.INIT), dataclasses.replace(GOOD, waiting_for="node 3"), TIERS)
-    assert (one.mode, one.reason) == (Mode.INIT, "waiting for node 3")
-    two = decide(one, dataclasses.replace(GOOD, drives_waiting="drive of curl_1"), TIERS)
-    assert (two.mode, two.reason) == (Mode.READY, "waiting for drive of curl_1")
-    three = decide(two, with_finger(frame_age_us=None, contact_age_us=None), TIERS)
-    assert (three.mode, three.reason) == (Mode.READY, "waiting for a valid frame of finger-2")
-    four = decide(three, GOOD, TIERS)
-    assert four.mode is Mode.HOLD
-    assert decide(four, dataclasses.replace(GOOD, now_us=10_499), TIERS).mode is Mode.HOLD
-    assert decide(four, dataclasses.replace(GOOD, now_us=10_500), TIERS).mode is Mode.MANIPULATE
+    stages = [
+        ({"missing": "node 3", "unchecked": "node 3"}, Mode.INIT, "waiting for node 3"),
+        ({"unchecked": "node 4"}, Mode.CHECK, "waiting for node 4"),
+        ({"homing": "drive of curl_1"}, Mode.HOME, "homing drive of curl_1"),
+        ({"drives_waiting": "drive of curl_1"}, Mode.READY, "waiting for drive of curl_1"),
+    ]
+    last = at(Mode.INIT)
+    for changes, mode, reason in stages:
+        last = decide(last, dataclasses.replace(GOOD, **changes), TIERS)
+        assert (last.mode, last.reason) == (mode, reason)
+    last = decide(last, with_finger(frame_age_us=None, contact_age_us=None), TIERS)
+    assert (last.mode, last.reason) == (Mode.READY, "waiting for a valid frame of finger-2")
+    last = decide(last, GOOD, TIERS)
+    assert last.mode is Mode.GRASP
+    assert decide(last, dataclasses.replace(GOOD, now_us=10_499), TIERS).mode is Mode.GRASP
+    assert decide(last, dataclasses.replace(GOOD, now_us=10_500), TIERS).mode is Mode.MANIPULATE
+
+
+def test_a_hand_that_waits_for_commands_moves_by_them_alone():
+    """READY, grasp, turn, hold on without turning, release, READY: each by its wish."""
+    wishes = [
+        (Wish.NOTHING, 0, Mode.READY),
+        (Wish.GRASP, 10_000, Mode.GRASP),
+        (Wish.GRASP, 20_000, Mode.GRASP),
+        (Wish.TURN, 30_000, Mode.MANIPULATE),
+        (Wish.GRASP, 31_000, Mode.GRASP),
+        (Wish.NOTHING, 32_000, Mode.RELEASE),
+        (Wish.NOTHING, 32_399, Mode.RELEASE),
+        (Wish.NOTHING, 32_400, Mode.READY),
+    ]
+    last = at(Mode.READY)
+    for wish, now_us, mode in wishes:
+        last = decide(last, dataclasses.replace(GOOD, wish=wish, now_us=now_us), TIERS)
+        assert last.mode is mode, (wish, now_us, last)
+    assert "command grasp" in decide(last, dataclasses.replace(GOOD, wish=Wish.NOTHING), TIERS).reason
+
+
+def test_a_grasp_waits_for_its_contacts_and_a_turn_that_lost_them_holds():
+    nothing_yet = with_finger(in_contact=False, contact_age_us=None)
+    assert decide(at(Mode.GRASP), nothing_yet, TIERS).mode is Mode.GRASP
+    assert decide(at(Mode.MANIPULATE), nothing_yet, TIERS).mode is Mode.HOLD
+    assert decide(at(Mode.RELEASE), GOOD, TIERS).mode is Mode.GRASP
 
 
 @pytest.mark.parametrize(
@@ -53,7 +89,7 @@ def test_start_up_waits_for_nodes_drives_frames_and_the_grasp():
         ({"contact_age_us": 1001}, Mode.HOLD, "finger-2: no contact for more"),
         ({"is_silent": True}, Mode.HOLD, "finger-2: heartbeat lost"),
         ({"frame_age_us": 3000}, Mode.MANIPULATE, "every finger"),
-        ({"frame_age_us": 3001}, Mode.STOP, "finger-2: no valid frame"),
+        ({"frame_age_us": 3001}, Mode.FAULT, "finger-2: no valid frame"),
     ],
 )
 def test_ladder_from_manipulate(changes, mode, reason):
@@ -87,15 +123,18 @@ def test_frames_that_do_not_exist():
 def test_blind_by_choice_needs_no_fingertip():
     gone = FingerHealth("finger-1", None, None, False, True)
     inputs = dataclasses.replace(GOOD, blind_by_choice=True, fingers=(gone, gone, gone))
-    assert decide(at(Mode.READY), inputs, TIERS).mode is Mode.HOLD
+    assert decide(at(Mode.READY), inputs, TIERS).mode is Mode.GRASP
     assert decide(at(Mode.HOLD, 0), inputs, TIERS).mode is Mode.BLIND
     assert decide(at(Mode.HOLD, 9_999), inputs, TIERS).mode is Mode.HOLD
 
 
-@pytest.mark.parametrize("mode", [mode for mode in Mode if mode is not Mode.STOP])
-def test_every_mode_stops_and_stop_is_left_by_nothing(mode):
-    stopped = decide(at(mode), dataclasses.replace(GOOD, stop="drive of curl_1: fault"), TIERS)
-    assert (stopped.mode, stopped.reason) == (Mode.STOP, "drive of curl_1: fault")
+@pytest.mark.parametrize("mode", [mode for mode in Mode if mode not in STOPPED])
+def test_every_mode_stops_and_a_stopped_hand_stays_so(mode):
+    broken = decide(at(mode), dataclasses.replace(GOOD, fault="drive of curl_1: fault"), TIERS)
+    assert (broken.mode, broken.reason) == (Mode.FAULT, "drive of curl_1: fault")
+    assert decide(broken, GOOD, TIERS) is broken
+    stopped = decide(at(mode), dataclasses.replace(GOOD, stop="the operator"), TIERS)
+    assert (stopped.mode, stopped.reason) == (Mode.STOP, "the operator")
     assert decide(stopped, GOOD, TIERS) is stopped
 
 

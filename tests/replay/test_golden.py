@@ -53,7 +53,7 @@ def test_answers_are_the_golden_ones_in_every_time_zone(tmp_path, log, name, zon
             text=True,
             check=True,
         )
-        assert "modes: init ready hold manipulate" in done.stdout
+        assert "modes: init check ready grasp manipulate" in done.stdout
         assert answers.read_bytes() == golden, (
             "the host answers otherwise than before; if meant: python tests/replay/refresh.py"
         )
@@ -61,7 +61,7 @@ def test_answers_are_the_golden_ones_in_every_time_zone(tmp_path, log, name, zon
 
 def test_the_golden_log_shows_what_it_should(log, hand_and_config):
     result = replay_to_log(log, *hand_and_config)
-    assert result.modes[:4] == (Mode.INIT, Mode.READY, Mode.HOLD, Mode.MANIPULATE)
+    assert result.modes[:5] == (Mode.INIT, Mode.CHECK, Mode.READY, Mode.GRASP, Mode.MANIPULATE)
     assert Mode.BLIND in result.modes
     assert result.failure == ""
 

@@ -20,10 +20,15 @@ QUALITY_FULL = 255
 
 _MODE_STYLE = {
     Mode.INIT: "bold white on blue",
+    Mode.CHECK: "bold white on blue",
+    Mode.HOME: "bold white on blue",
     Mode.READY: "bold white on blue",
+    Mode.GRASP: "bold black on yellow",
     Mode.HOLD: "bold black on yellow",
+    Mode.RELEASE: "bold black on yellow",
     Mode.BLIND: "bold black on yellow",
     Mode.MANIPULATE: "bold white on green",
+    Mode.FAULT: "bold white on red",
     Mode.STOP: "bold white on red",
 }
 _MODE_NAME = {Mode.MANIPULATE: "PROPOSED"}  # the paper's name for the law with contacts

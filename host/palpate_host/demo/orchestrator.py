@@ -23,11 +23,10 @@ from palpate_host.demo.processes import Children, DemoError, Program
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
 from palpate_host.replay import contract_header
-from palpate_host.supervisor import Mode
+from palpate_host.supervisor import STARTING
 
 START_TIMEOUT_S = 60.0
 LOOK_PERIOD_S = 0.125
-STARTING = (Mode.INIT, Mode.READY)
 
 Show = Callable[[Sight, float], None]
 

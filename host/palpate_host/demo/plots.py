@@ -28,11 +28,16 @@ JOINT_COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
 _MODE_COLOUR = {
     Mode.INIT: "0.85",
+    Mode.CHECK: "0.8",
+    Mode.HOME: "0.75",
     Mode.READY: "0.7",
+    Mode.GRASP: "bisque",
     Mode.HOLD: "tab:orange",
+    Mode.RELEASE: "tab:purple",
     Mode.BLIND: "gold",
     Mode.MANIPULATE: "tab:green",
-    Mode.STOP: "tab:red",
+    Mode.FAULT: "tab:red",
+    Mode.STOP: "tab:brown",
 }
 
 

@@ -1,0 +1,51 @@
+"""What an operator may ask of the hand: plain data, the same for the control socket, Python and tests."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from palpate_edge.errors import PalpateError
+
+Angle = Annotated[float, msgspec.Meta(ge=-180, le=180)]
+RampSeconds = Annotated[float, msgspec.Meta(ge=0, le=600)]
+
+
+class CommandError(PalpateError):
+    """The hand's mode does not allow a command, or a command is garbled; says what to do first."""
+
+    exit_status = 8
+
+
+class _Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="command", tag=str.lower):
+    pass
+
+
+class Grasp(_Command, frozen=True):
+    """Close and hold; while turning: go on holding, turn no more."""
+
+
+class Rotate(_Command, frozen=True):
+    """Turn the held object about the hand's fixed axes x, y, z (rpy_deg), from where it was to be before.
+
+    ramp_s: in what time; None: target.ramp_s of hand.toml.
+    """
+
+    rpy_deg: tuple[Angle, Angle, Angle]
+    ramp_s: RampSeconds | None = None
+
+
+class Release(_Command, frozen=True):
+    """Open for control.release_ms, then let the joints go."""
+
+
+class Stop(_Command, frozen=True):
+    """Quick stop, drives off. `Recover` leads on."""
+
+
+class Recover(_Command, frozen=True):
+    """Leave FAULT or STOP: reset the nodes, start anew from INIT, ask for no movement."""
+
+
+Command = Grasp | Rotate | Release | Stop | Recover

@@ -1,0 +1,62 @@
+"""The contact force, regulated with what the fingertips measure, Eq. (3). Optional.
+
+The paper only observes the force. Both laws act along the contact's normal n_i, from the contact to the
+tip's centre, on which the object presses with f_n.
+
+ADMITTANCE is for joints that turn with torque / B_d (geared drives under velocity command): there the
+object's reaction does not reach the joint by itself, so f_n n_i is added to what the tip is commanded, and
+the joint rests when both are equal. INTEGRAL is for torque-commanded joints: it trims the grasp until f_n is
+the grasp force asked for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate_host.fingertips import TipContact
+from palpate_host.hand_config import ControlConfig, ForceLaw
+from palpate_host.rotation import Array
+
+TRIM_RATIO = 0.5
+"""How much of its grasp force a finger may be trimmed by."""
+
+
+class ContactForce:
+    """What each finger's sensor felt last, and the integral of what was missing."""
+
+    def __init__(self, fingers: int, control: ControlConfig, oldest_s: float) -> None:
+        """oldest_s: a force measured longer ago is not regulated with."""
+        self._law, self._per_s, self._oldest_s = control.force_law, control.force_per_s, oldest_s
+        self._force_N = np.zeros(fingers)
+        self._normal_F = np.tile([0.0, 0.0, -1.0], (fingers, 1))
+        self._age_s = np.full(fingers, np.inf)
+        self._trim_N = np.zeros(fingers)
+
+    @property
+    def is_on(self) -> bool:
+        return self._law is not ForceLaw.OPEN
+
+    def note(self, finger: int, contact: TipContact) -> None:
+        """A valid frame of one finger."""
+        self._age_s[finger] = 0.0
+        self._force_N[finger] = contact.normal_force_N if contact.in_contact else 0.0
+        if contact.in_contact:
+            point = np.array(contact.position_mm)
+            self._normal_F[finger] = -point / max(float(np.linalg.norm(point)), 1e-9)
+
+    def tip_force_N(self, grasp_N: Array, tip_rotation: Array, dt_s: float) -> Array:
+        """(n, 3) that the tips add to their grasp forces (n, 3) in this tick.
+
+        Where the sensor is silent, ADMITTANCE takes the finger's command away: the joints then stand, where
+        they would go on closing; INTEGRAL leaves the trim as it is.
+        """
+        self._age_s += dt_s
+        is_fresh = self._age_s <= self._oldest_s
+        normal = np.einsum("iab,ib->ia", tip_rotation, self._normal_F)
+        if self._law is ForceLaw.ADMITTANCE:
+            return np.asarray(np.where(is_fresh[:, None], self._force_N[:, None] * normal, -grasp_N))
+        wanted_N = -np.einsum("ia,ia->i", grasp_N, normal)
+        change_N = self._per_s * dt_s * (wanted_N - self._force_N) * (is_fresh & (self._force_N > 0.0))
+        bound_N = TRIM_RATIO * np.abs(wanted_N)
+        self._trim_N = np.minimum(np.maximum(self._trim_N + change_N, -bound_N), bound_N)
+        return np.asarray(-self._trim_N[:, None] * normal)
