@@ -14,6 +14,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "replay": ("palpate_host.replay_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),
     "record": ("palpate_host.recording.record_cli:record", "Keep what bus and host say: bus logs and MCAP."),
+    "view": ("palpate_host.view.cli:view", "The hand in 3-D, live or from a recording (Rerun)."),
     "export": ("palpate_host.recording.cli:export", "A recording as MCAP, CSV or Parquet."),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),

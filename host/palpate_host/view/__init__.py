@@ -1,0 +1,1 @@
+"""The hand in Rerun's viewer: live, or from a recording."""

@@ -1,0 +1,76 @@
+"""Pictures of a fingertip's camera for the viewer: from a folder of `palpate-edge record`, or a live ring."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import rerun as rr
+
+from palpate_edge.capture.frame_ring import RingReader
+from palpate_edge.errors import ConfigError
+from palpate_edge.record import INDEX
+
+JPEG_QUALITY = 80
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSource:
+    """name: as it is shown. path: a folder of `palpate-edge record`, or a ring in shared memory."""
+
+    name: str
+    path: Path
+
+
+def parse_camera(text: str) -> CameraSource:
+    """NAME=PATH; ConfigError otherwise, or when there is nothing at PATH."""
+    name, _, path = text.partition("=")
+    if not name or not path:
+        raise ConfigError(f"--camera {text}: write NAME=PATH, as in finger-1=frames/")
+    if not Path(path).exists():
+        raise ConfigError(
+            f"--camera {text}: there is no {path}: name a folder of palpate-edge record, or a ring"
+        )
+    return CameraSource(name, Path(path))
+
+
+def recorded_pictures(source: CameraSource) -> Iterator[tuple[int, rr.EncodedImage]]:
+    """(exposed_at_us, picture) in order. ConfigError when the folder has no index."""
+    index = source.path / INDEX
+    try:
+        with index.open(newline="") as file:
+            rows = [(int(row["exposed_at_us"]), row["frame"]) for row in csv.DictReader(file)]
+    except (OSError, KeyError, ValueError) as exc:
+        raise ConfigError(f"{index}: no index of recorded frames ({exc}): name a recording's folder") from exc
+    for exposed_us, name in rows:
+        path = source.path / name
+        if path.exists():  # the ring of files may have let it go
+            yield exposed_us, rr.EncodedImage(path=path)
+
+
+class LiveCamera:
+    """The newest picture of a ring, when there is a new one."""
+
+    def __init__(self, source: CameraSource) -> None:
+        """ConfigError, CaptureError when there is no ring."""
+        self.name = source.name
+        try:
+            self._ring = RingReader(source.path)
+        except FileNotFoundError as exc:
+            raise ConfigError(f"{source.path}: no ring of frames: start what writes there first") from exc
+
+    def take(self) -> tuple[int, rr.EncodedImage | rr.Image] | None:
+        """(exposed_at_us, picture); None when nothing is new."""
+        frame = self._ring.newest()
+        if frame is None:
+            return None
+        # A ring's time is monotonic, the view's is Unix time.
+        exposed_us = frame.exposed_at_us + (time.time_ns() - time.monotonic_ns()) // 1000
+        colours = rr.ColorModel.L if frame.image.ndim == 2 else rr.ColorModel.BGR
+        return exposed_us, rr.Image(frame.image, color_model=colours).compress(jpeg_quality=JPEG_QUALITY)
+
+    def close(self) -> None:
+        self._ring.close()

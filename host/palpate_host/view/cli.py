@@ -1,0 +1,91 @@
+"""``palpate-host view``: the hand in Rerun's viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate_edge.errors import ConfigError
+from palpate_host.host import load_hand
+from palpate_host.recording.statuses import read_statuses
+from palpate_host.run_cli import CONFIG
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.command()
+@click.argument("source", type=click.Path(path_type=Path, exists=True), required=False)
+@CONFIG
+@click.option("--status", "status_path", type=FILE, help="Live: socket to make for `run --status`.")
+@click.option(
+    "--camera",
+    "cameras",
+    multiple=True,
+    metavar="NAME=PATH",
+    help="Pictures: a folder of `palpate-edge record`, or (live) a ring in shared memory; may be repeated.",
+)
+@click.option("--save", "save_path", type=FILE, help="Write a .rrd file and open no viewer.")
+@click.option(
+    "--connect", "url", metavar="URL", help="Show in a viewer that runs, such as on another machine."
+)
+@click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0), help="Live: stop after so many seconds."
+)
+@click.option(
+    "--scene-hz", type=click.FloatRange(0.1, 1000), default=30.0, show_default=True, help="Of the 3-D hand."
+)
+def view(
+    source: Path | None,
+    config_path: Path,
+    status_path: Path | None,
+    cameras: tuple[str, ...],
+    save_path: Path | None,
+    url: str | None,
+    duration_s: float | None,
+    scene_hz: float,
+) -> None:
+    """Show a hand in 3-D with its contacts, forces, joints and what the host says.
+
+    SOURCE is a recording: a bus log, status lines, an MCAP file or a folder of `record`. Without it the hand
+    is shown live: the host connects to the socket of --status. The viewer is Rerun's own, on this machine.
+
+    \b
+    Examples:
+      palpate-host view recording --config hand.toml
+      palpate-host view traffic.log --config hand.toml --save hand.rrd
+      palpate-host view --config hand.toml --status view.sock    # then: run --status view.sock
+    """
+    try:
+        import rerun as rr  # noqa: PLC0415 (slow, and an extra)
+
+        from palpate_host.view.blueprint import blueprint  # noqa: PLC0415
+        from palpate_host.view.cameras import parse_camera  # noqa: PLC0415
+        from palpate_host.view.hand_view import HandView  # noqa: PLC0415
+        from palpate_host.view.sources import show_live, show_recording  # noqa: PLC0415
+    except ModuleNotFoundError as exc:
+        raise ConfigError(f"view needs {exc.name}: pip install 'palpate[view,record]'") from exc
+    if (source is None) == (status_path is None):
+        raise ConfigError("view needs either a recording or, to show a hand live, --status SOCKET: give one")
+    if save_path is not None and url is not None:
+        raise ConfigError("--save and --connect exclude each other: give one")
+    config, hand = load_hand(config_path)
+    pictures = [parse_camera(text) for text in cameras]
+    stream = rr.RecordingStream(f"palpate {config_path.stem}")
+    layout = blueprint([picture.name for picture in pictures])
+    if save_path is not None:
+        stream.save(save_path, default_blueprint=layout)
+    elif url is not None:
+        stream.connect_grpc(url, default_blueprint=layout)
+    else:
+        stream.spawn(default_blueprint=layout)
+    shown = HandView(stream, config, hand, scene_hz)
+    if source is not None:
+        ticks = show_recording(shown, read_statuses(source, config, hand), pictures)
+    else:
+        assert status_path is not None
+        click.echo(f"view: waiting for the host at {status_path}", err=True)
+        ticks = show_live(shown, status_path, pictures, duration_s)
+    stream.flush()
+    stream.disconnect()
+    click.echo(f"view: {ticks} ticks" + (f" in {save_path}" if save_path is not None else ""))

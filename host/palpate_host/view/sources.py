@@ -1,0 +1,48 @@
+"""Where a view's ticks and pictures come from: a recording, or a host that runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from palpate_edge.stop_signals import stop_event
+from palpate_host.recording.status_listener import StatusListener
+from palpate_host.status import HostStatus
+from palpate_host.view.cameras import CameraSource, LiveCamera, recorded_pictures
+from palpate_host.view.hand_view import HandView
+
+WAIT_S = 0.02
+
+
+def show_recording(view: HandView, statuses: Iterable[HostStatus], cameras: Sequence[CameraSource]) -> int:
+    """Everything at once; returns the number of ticks."""
+    ticks = 0
+    for status in statuses:
+        view.add(status)
+        ticks += 1
+    for camera in cameras:
+        for exposed_us, picture in recorded_pictures(camera):
+            view.add_picture(camera.name, exposed_us, picture)
+    return ticks
+
+
+def show_live(
+    view: HandView, status_path: Path, cameras: Sequence[CameraSource], duration_s: float | None
+) -> int:
+    """Until SIGTERM, SIGINT or for `duration_s`; returns the number of ticks."""
+    ticks = 0
+    end_s = None if duration_s is None else time.monotonic() + duration_s
+    with ExitStack() as stack:
+        live = [stack.enter_context(closing(LiveCamera(camera))) for camera in cameras]
+        listener = stack.enter_context(StatusListener(status_path))
+        stopped = stack.enter_context(stop_event())
+        while not stopped.wait(WAIT_S) and (end_s is None or time.monotonic() < end_s):
+            for status in listener.take():
+                view.add(status)
+                ticks += 1
+            for camera in live:
+                if (taken := camera.take()) is not None:
+                    view.add_picture(camera.name, *taken)
+    return ticks
