@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import tempfile
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,9 @@ pytest_plugins = ("kernel_guest.forwarding", "kernel_guest.links", "kernel_guest
 # FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
 # that ran earlier in this process may have opened one. test_run.py sees the command line's own doing.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+# Hosts of parallel test runs shall not meet on the default control socket.
+os.environ["PALPATE_CONTROL"] = str(Path(tempfile.gettempdir()) / f"palpate-test-{os.getpid()}.sock")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 STIFFNESS_N_MM = 0.8

@@ -147,9 +147,10 @@ class StartMode(enum.Enum):
 
 
 class RunConfig(_Strict, frozen=True):
-    """How `palpate-host run` behaves."""
+    """How `palpate-host run` behaves. real_time: ask for SCHED_FIFO and locked memory (real_time.py)."""
 
     start: StartMode = StartMode.AUTO
+    real_time: bool = False
 
 
 class NetworkConfig(_Strict, frozen=True):

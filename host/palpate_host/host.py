@@ -6,9 +6,13 @@ following ones. Time is the system's epoch clock, which stamps the bus and, modu
 
 from __future__ import annotations
 
+import sys
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from palpate_edge.bus import Bus, open_bus
 from palpate_edge.errors import BusError
@@ -16,9 +20,11 @@ from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
 from palpate_host import hand_config
 from palpate_host.hand import Hand
-from palpate_host.hand_config import HandConfig
+from palpate_host.hand_config import HandConfig, StartMode
 from palpate_host.hand_model import model_of, source_of
 from palpate_host.master import HostCore
+from palpate_host.operator_socket import OperatorSocket, default_control_socket
+from palpate_host.real_time import become_real_time
 from palpate_host.status_stream import StatusStream
 
 BUS_NAME = "host"
@@ -38,35 +44,53 @@ def now_us() -> int:
     return time.time_ns() // 1000
 
 
-def run(config_path: Path, duration_s: float | None = None, status_target: Path | None = None) -> None:
-    """Run the hand until SIGTERM or SIGINT, for `duration_s`, or until a fault stops it.
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run, beside hand.toml. duration_s: None: until told to stop. status_target: takes every tick's
+    status. control_socket: None: the default one. start: in place of run.start."""
+
+    duration_s: float | None = None
+    status_target: Path | None = None
+    control_socket: Path | None = None
+    start: StartMode | None = None
+
+
+def run(config_path: Path, options: Options) -> None:
+    """Run the hand until SIGTERM or SIGINT, for `duration_s`, or until a fault ends it.
 
     Always leaves with the drives quick-stopped, off and NMT-stopped, if the bus still carries that.
     ConfigError for the configuration; BusError when the bus goes or a fault stopped the hand, with the
     fault's reason.
     """
     config, hand = load_hand(config_path)
+    if options.start is not None:
+        config = msgspec.structs.replace(config, run=msgspec.structs.replace(config.run, start=options.start))
     core = HostCore(config, hand)
-    stream = StatusStream(status_target) if status_target is not None else None
-    try:
-        bus_with_echo = open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True)
-        with (
-            bus_with_echo as bus,
-            closing(Notifier()) as notifier,
-            on_stop_signal(core.request_stop),
-        ):
-            notifier.ready(f"on {config.bus.interface}")
-            failure = _loop(core, bus, stream, duration_s, notifier)
-            notifier.stopping()
-    finally:
-        if stream is not None:
-            stream.close()
+    with ExitStack() as stack:
+        stream = None
+        if options.status_target is not None:
+            stream = stack.enter_context(closing(StatusStream(options.status_target)))
+        path = options.control_socket or default_control_socket()
+        control = stack.enter_context(closing(OperatorSocket(path)))
+        bus = stack.enter_context(open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True))
+        notifier = stack.enter_context(closing(Notifier()))
+        stack.enter_context(on_stop_signal(core.request_stop))
+        for refusal in become_real_time() if config.run.real_time else ():
+            print(f"warning: {refusal}", file=sys.stderr)
+        notifier.ready(f"on {config.bus.interface}")
+        failure = _loop(core, bus, stream, control, options.duration_s, notifier)
+        notifier.stopping()
     if failure:
         raise BusError(failure)
 
 
 def _loop(
-    core: HostCore, bus: Bus, stream: StatusStream | None, duration_s: float | None, notifier: Notifier
+    core: HostCore,
+    bus: Bus,
+    stream: StatusStream | None,
+    control: OperatorSocket,
+    duration_s: float | None,
+    notifier: Notifier,
 ) -> str:
     """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on."""
     gate, ticks = WatchdogGate(notifier.watchdog_us), 0
@@ -74,6 +98,8 @@ def _loop(
     output = core.process(now_us(), ())
     while True:
         bus.send(output.frames_out)
+        if output.frames_out:
+            control.serve(core.command, output.status)
         if stream is not None and output.frames_out and output.status is not None:
             stream.write(output.status)
         if output.finished:

@@ -71,6 +71,11 @@ class Manipulation:
         """R_vir^T R_c. Tahara's blind law is the paper's with the virtual frame in the object's place."""
         return np.eye(3) if self._blind_by_choice else self.orientation.M
 
+    @property
+    def turned(self) -> float:
+        """Share of the ramp that is done."""
+        return 1.0 if self._ramp_s <= 0.0 else min(1.0, self._turned_s / self._ramp_s)
+
     def add_contact(self, finger: int, contact: TipContact, exposure_pose: HandPose) -> None:
         """A valid frame of one finger with the hand's pose at its exposure (pairs Eq. 15).
 

@@ -7,6 +7,7 @@ exactly.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,7 @@ from palpate_host.network import (
     foreign_stop,
 )
 from palpate_host.rotation import Array
-from palpate_host.status import Counters, HostStatus, matrix
+from palpate_host.status import LATE_BINS_US, Counters, HostStatus, matrix
 from palpate_host.supervisor import (
     MOVING,
     STOPPED,
@@ -117,6 +118,7 @@ class HostCore:
         self._finished = False
         self._last_emergency = ""
         self._counters = Counters()
+        self._lateness = [0] * (len(LATE_BINS_US) + 1)
         self._status: HostStatus | None = None
 
     @property
@@ -200,6 +202,7 @@ class HostCore:
         if now_us >= self._next_tick_us and not self._finished:
             left_out = (now_us - self._next_tick_us) // self._tick_us
             self._counters.late_ticks += left_out
+            self._lateness[bisect_right(LATE_BINS_US, now_us - self._next_tick_us)] += 1
             tick_us = self._next_tick_us + left_out * self._tick_us
             frames_out = self._tick(tick_us)
             self._next_tick_us = tick_us + self._tick_us
@@ -374,6 +377,8 @@ class HostCore:
             target_rpy_deg=self._target_rpy_deg,
             last_emergency=self._last_emergency,
             counters=replace(self._counters),
+            turned=control.turned,
+            lateness=tuple(self._lateness),
         )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from palpate_host import host
+from palpate_host.hand_config import StartMode
 from palpate_host.replay import contract_header
 
 CONFIG = click.option(
@@ -27,14 +28,35 @@ CONFIG = click.option(
     type=click.Path(path_type=Path),
     help="Write the status of every tick as a JSON line to this file, named pipe or Unix socket.",
 )
-def run(config_path: Path, duration_s: float | None, status_target: Path | None) -> None:
-    """Control the hand on its bus until SIGTERM, SIGINT or a fault.
+@click.option(
+    "--socket",
+    "control_socket",
+    type=click.Path(path_type=Path),
+    help="Where palpate-host command reaches it [default: palpate-host.sock in $RUNTIME_DIRECTORY, ...].",
+)
+@click.option(
+    "--start",
+    type=click.Choice([mode.value for mode in StartMode]),
+    help="In place of run.start: move at once, or wait for commands.",
+)
+def run(
+    config_path: Path,
+    duration_s: float | None,
+    status_target: Path | None,
+    control_socket: Path | None,
+    start: str | None,
+) -> None:
+    """Control the hand on its bus until SIGTERM, SIGINT or, with --start auto, a fault.
 
     \b
+    palpate-host run --config hand.toml --start command
     palpate-host run --config hand.toml
     palpate-host run --config hand.toml --duration 10 --status status.jsonl
     """
-    host.run(config_path, duration_s, status_target)
+    options = host.Options(
+        duration_s, status_target, control_socket, None if start is None else StartMode(start)
+    )
+    host.run(config_path, options)
 
 
 @click.command()

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
 
+LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
+"""Upper ends of the bins of `HostStatus.lateness`; the last bin has none."""
+
 Matrix = tuple[tuple[float, float, float], ...]
 
 
@@ -70,7 +73,8 @@ class HostStatus:
 
     R_vir, R_c, R_d, R_d_vir: rows of Eqs. (12), (16), the target and (15); None while they do not exist.
     orientation_error_deg: angle from R_vir to R_d_vir. fit_residual_deg: largest misfit of a contact normal.
-    target_rpy_deg: the turn asked for at the end of the ramp.
+    target_rpy_deg: the turn asked for at the end of the ramp. turned: share of that ramp that is done.
+    lateness: ticks so far by how much later than due they began (LATE_BINS_US).
     """
 
     time_us: int
@@ -88,6 +92,8 @@ class HostStatus:
     target_rpy_deg: tuple[float, float, float]
     last_emergency: str
     counters: Counters
+    turned: float = 0.0
+    lateness: tuple[int, ...] = ()
 
 
 def matrix(R: Array | None) -> Matrix | None:

@@ -55,6 +55,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path) -> list[Comma
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
     config = ("--config", str(folder.hand_toml))
     calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
+    sockets = ("--status", str(folder.status_socket), "--socket", str(folder.control_socket))
     return [
         Command("calibrate", Program.EDGE, calibrate),
         Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries)),
@@ -63,7 +64,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path) -> list[Comma
             Command(finger.name, Program.EDGE, ("run", "--config", str(folder.finger_toml(finger.name))))
             for finger in hand.fingers
         ),
-        Command("host", Program.HOST, ("run", *config, "--status", str(folder.status_socket))),
+        Command("host", Program.HOST, ("run", *config, *sockets)),
     ]
 
 

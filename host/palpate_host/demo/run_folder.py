@@ -38,6 +38,11 @@ class RunFolder:
         return self.path / "hub.sock"
 
     @property
+    def control_socket(self) -> Path:
+        """Where the host takes commands."""
+        return self.path / "host.sock"
+
+    @property
     def status_socket(self) -> Path:
         return self.path / "status.sock"
 

@@ -1,0 +1,114 @@
+"""`palpate-host command`: tells a running hand what to do."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+import msgspec
+
+from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.operator_client import OperatorClient
+from palpate_host.operator_protocol import Status
+from palpate_host.operator_socket import default_control_socket
+from palpate_host.status import LATE_BINS_US, HostStatus
+from palpate_host.supervisor import STOPPED
+
+ANGLE = click.FloatRange(-180, 180)
+
+
+@click.group()
+@click.option(
+    "--socket",
+    "path",
+    type=click.Path(path_type=Path),
+    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
+)
+@click.pass_context
+def command(context: click.Context, path: Path | None) -> None:
+    """Tell a running hand what to do. Leaves with 0 when it obeys, 8 when it refuses, 9 when none runs.
+
+    \b
+    palpate-host command grasp
+    palpate-host command rotate 0 0 30 --ramp 3
+    palpate-host command status
+    palpate-host command release
+    """
+    context.obj = path or default_control_socket()
+
+
+@command.command()
+@click.pass_obj
+def grasp(path: Path) -> None:
+    """Close and hold; while turning: turn no more."""
+    _tell(path, Grasp())
+
+
+@command.command(context_settings={"ignore_unknown_options": True})
+@click.argument("roll", type=ANGLE)
+@click.argument("pitch", type=ANGLE)
+@click.argument("yaw", type=ANGLE)
+@click.option("--ramp", "ramp_s", type=click.FloatRange(0, 600), help="In so many seconds.")
+@click.pass_obj
+def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | None) -> None:
+    """Turn the held object by ROLL PITCH YAW degrees about the hand's fixed axes."""
+    _tell(path, Rotate((roll, pitch, yaw), ramp_s))
+
+
+@command.command()
+@click.pass_obj
+def release(path: Path) -> None:
+    """Open, then let the joints go."""
+    _tell(path, Release())
+
+
+@command.command()
+@click.pass_obj
+def stop(path: Path) -> None:
+    """Quick stop, drives off. `recover` leads on."""
+    _tell(path, Stop())
+
+
+@command.command()
+@click.pass_obj
+def recover(path: Path) -> None:
+    """Leave fault or stop: every node is reset, nothing moves until `grasp`."""
+    _tell(path, Recover())
+
+
+@command.command()
+@click.option("--json", "as_json", is_flag=True, help="The whole status as one JSON object.")
+@click.pass_obj
+def status(path: Path, as_json: bool) -> None:
+    """Print mode, reason, fingers and joints. Leaves with 8 in fault and stop."""
+    with OperatorClient(path) as client:
+        found = client.ask(Status())
+    if found is None:
+        raise CommandError("the host has not ticked yet: ask again")
+    click.echo(msgspec.json.encode(found).decode() if as_json else status_text(found))
+    if found.mode in STOPPED:
+        sys.exit(CommandError.exit_status)
+
+
+def _tell(path: Path, what: Command) -> None:
+    with OperatorClient(path) as client:
+        client.ask(what)
+
+
+def status_text(status: HostStatus) -> str:
+    """For a person, some lines."""
+    lines = [f"{status.mode.value}: {status.reason}"]
+    if status.warning:
+        lines.append(f"warning: {status.warning}")
+    for finger in status.fingers:
+        touch = f"{finger.normal_force_N:.2f} N" if finger.normal_force_N is not None else "no contact"
+        age = "never" if finger.age_ms is None else f"{finger.age_ms:.0f} ms old"
+        lines.append(f"{finger.name}: {touch}, {finger.frames_per_s:.0f} frames/s, {age}")
+    for joint in status.joints:
+        place = "unknown" if joint.position_rad is None else f"{joint.position_rad:+.3f} rad"
+        lines.append(f"{joint.name}: {place}, {joint.command_Nm:+.3f} N m, {joint.drive_state}")
+    bins = [f"< {bin_us}" for bin_us in LATE_BINS_US] + [f">= {LATE_BINS_US[-1]}"]
+    late = ", ".join(f"{count} {name}" for name, count in zip(bins, status.lateness, strict=False) if count)
+    lines.append(f"ticks late by us: {late or 'none yet'}; left out: {status.counters.late_ticks}")
+    return "\n".join(lines)

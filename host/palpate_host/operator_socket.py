@@ -1,0 +1,225 @@
+"""The control socket at the host's rim: requests in, answers out, without ever holding up the loop.
+
+A Unix stream socket of mode 0660 whose peers must be root, the host's own user or a member of the host's
+group. A client that does not read loses its stream's lines, one that floods loses its connection.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pwd
+import selectors
+import socket
+import stat
+import struct
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from palpate_edge.errors import ConfigError, PalpateError
+from palpate_host.command import Command, CommandError
+from palpate_host.operator_protocol import (
+    LONGEST_REQUEST,
+    Answer,
+    Lines,
+    Status,
+    Stream,
+    decode_request,
+    encode,
+)
+from palpate_host.status import HostStatus
+
+MOST_CLIENTS = 16
+MOST_UNSENT = 1 << 18
+"""Bytes that a client may leave unread before its stream skips ticks and its requests end the connection."""
+RECEIVE_BYTES = 4096
+_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: struct ucred of unix(7)
+
+Execute = Callable[[Command], None]
+
+
+def default_control_socket() -> Path:
+    """$PALPATE_CONTROL, else palpate-host.sock in the service's directory, $XDG_RUNTIME_DIR or the directory
+    for temporary files (there with the user's number, as that directory is everybody's)."""
+    named = os.environ.get("PALPATE_CONTROL")
+    if named:
+        return Path(named)
+    for variable in ("RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"):
+        if folder := os.environ.get(variable):
+            return Path(folder) / "palpate-host.sock"
+    return Path(tempfile.gettempdir()) / f"palpate-host-{os.getuid()}.sock"
+
+
+class _Client:
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.lines = Lines(LONGEST_REQUEST)
+        self.unsent = b""
+        self.streams = False
+
+
+class OperatorSocket:
+    """The listening socket and its clients; call `serve` once a tick."""
+
+    def __init__(self, path: Path) -> None:
+        """ConfigError when another host listens there, or the path cannot be used."""
+        self._path = path
+        self._clients: dict[int, _Client] = {}
+        self._selector = selectors.DefaultSelector()
+        self._listener = _listen(path)
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._own = os.stat(path).st_ino  # noqa: PTH116 - of the socket, not of what a link leads to
+
+    def serve(self, execute: Execute, status: HostStatus | None) -> None:
+        """Answer what has come, and send `status` to who asked for every tick's.
+
+        execute: obeys a command; what it raises as CommandError is the answer.
+        """
+        for key, _ in self._selector.select(0):
+            if key.fileobj is self._listener:
+                self._accept()
+            elif key.fd in self._clients:
+                self._read(key.fd, self._clients[key.fd], execute, status)
+        line = b""
+        for fd, client in list(self._clients.items()):
+            if client.streams and status is not None and not client.unsent:
+                line = line or encode(Answer(status=status))
+                client.unsent = line
+            self._flush(fd, client)
+
+    def close(self) -> None:
+        """Close every connection and remove the socket, unless somebody else's has taken its place."""
+        for fd in list(self._clients):
+            self._drop(fd)
+        self._selector.close()
+        self._listener.close()
+        with contextlib.suppress(FileNotFoundError):
+            if self._path.stat().st_ino == self._own:
+                self._path.unlink()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return
+        connection.setblocking(False)
+        refusal = "" if may_command(connection) else _not_allowed()
+        if len(self._clients) >= MOST_CLIENTS:
+            refusal = f"{MOST_CLIENTS} clients are connected already: close one"
+        if refusal:
+            with contextlib.suppress(OSError):
+                connection.send(encode(Answer(refusal)))
+            connection.close()
+            return
+        self._clients[connection.fileno()] = _Client(connection)
+        self._selector.register(connection, selectors.EVENT_READ)
+
+    def _read(self, fd: int, client: _Client, execute: Execute, status: HostStatus | None) -> None:
+        try:
+            data = client.connection.recv(RECEIVE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(fd)
+            return
+        try:
+            lines = client.lines.receive(data)
+        except CommandError as exc:
+            client.unsent += encode(Answer(str(exc)))
+            self._flush(fd, client)
+            self._drop(fd)
+            return
+        for line in lines:
+            client.unsent += encode(_answer(client, line, execute, status))
+            if len(client.unsent) > MOST_UNSENT:
+                self._drop(fd)
+                return
+
+    def _flush(self, fd: int, client: _Client) -> None:
+        if not client.unsent:
+            return
+        try:
+            sent = client.connection.send(client.unsent)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(fd)
+            return
+        client.unsent = client.unsent[sent:]
+
+    def _drop(self, fd: int) -> None:
+        client = self._clients.pop(fd, None)
+        if client is not None:
+            self._selector.unregister(client.connection)
+            client.connection.close()
+
+
+def _answer(client: _Client, line: bytes, execute: Execute, status: HostStatus | None) -> Answer:
+    try:
+        request = decode_request(line)
+        if isinstance(request, Stream):
+            client.streams = True
+        elif not isinstance(request, Status):
+            execute(request)
+    except PalpateError as exc:
+        return Answer(str(exc))
+    return Answer(status=status)
+
+
+def may_command(connection: socket.socket) -> bool:
+    """Whether the peer is root, this user, or in this process's group."""
+    raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    _, uid, gid = _CREDENTIALS.unpack(raw)
+    if uid in (0, os.getuid()) or gid == os.getgid():
+        return True
+    try:
+        name = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return False
+    return os.getgid() in os.getgrouplist(name, gid)
+
+
+def _not_allowed() -> str:
+    return "only root, the host's user and its group may command the hand: sudo -u palpate palpate-host ..."
+
+
+def _listen(path: Path) -> socket.socket:
+    _remove_stale(path)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    former = os.umask(0o117)
+    try:
+        listener.bind(str(path))
+    except OSError as exc:
+        listener.close()
+        raise ConfigError(
+            f"control socket {path}: {exc.strerror or exc}: give another with --socket"
+        ) from exc
+    finally:
+        os.umask(former)
+    listener.setblocking(False)
+    listener.listen(MOST_CLIENTS)
+    return listener
+
+
+def _remove_stale(path: Path) -> None:
+    """A socket that nobody listens on is left over from a host that was killed."""
+    try:
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise ConfigError(f"control socket {path}: is a file: give another path with --socket")
+    except FileNotFoundError:
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+        except OSError as exc:
+            raise ConfigError(
+                f"control socket {path}: {exc.strerror or exc}: give another with --socket"
+            ) from exc
+    raise ConfigError(f"control socket {path}: a host is running there: stop it, or give another --socket")
