@@ -5,8 +5,9 @@ the image's beads nearly as one: a shift, a turn, a zoom and two tilts. No press
 its motion is a dent that those six cannot make. So a frame tells drift from touch by itself:
 
 - the skin moved less than the contact threshold: nothing touches, and the drift is followed;
-- it moved more, as one, and no farther than drift can have gone since it was last seen untouched: the same
-  (a touch held the drift back and has ended);
+- it moved more, as one, and no farther than drift can have gone since it was last seen untouched: nothing
+  touches either (a touch held the drift back and has ended). A far motion is taken up at once; as a faint
+  touch on the apex moves the beads nearly as one too, a small one only after some frames in a row;
 - it moved much more, as one: the camera was knocked. That is no contact, but no frame to believe either until
   the drift has caught up; only the first frames ever may be any way off, as the calibration may be old;
 - anything else is a touch, and the drift stands still however long it lasts.
@@ -35,6 +36,8 @@ DENT_SETTLING_S = 2.0
 DENT_SPACINGS = 1.4  # of the neighbourhood that a dent is averaged over
 MAX_DENT_NOISE = 0.5  # of a motion as one, in contact thresholds; frames of the sample stay below 0.41
 MAX_DENT_SHARE = 0.06  # of a motion as one: parallax and swelling leave up to 0.053, a press 0.25 or more
+STEADY_FRAMES = 5  # in a row that move as one before a small motion above the threshold is followed
+PLAIN = 10.0  # contact thresholds: a dent that noise hides in a motion of this size is none of a press
 MOTIONS = 6
 KNOCKED = 4.0  # contact thresholds: no press of this size can be taken for a motion as one
 
@@ -61,7 +64,9 @@ class Drift:
         self._fit = np.linalg.pinv(self._modes.reshape(-1, MOTIONS))
         self._whole_px = np.zeros_like(rest.position_px)
         self._dent_px = np.zeros_like(rest.position_px)
-        self._followed_at_us: int | None = None
+        self._last_us: int | None = None
+        self._unseen_px = math.inf  # how far the drift can have gone since it was last followed
+        self._steady = 0
         self._catching_up = False
 
     @property
@@ -78,40 +83,41 @@ class Drift:
 
         beads: settled; motion_px: their SkinMotion.size_px; at_us: exposure time.
         """
-        touched = motion_px > self._threshold_px
+        elapsed_s = 0.0 if self._last_us is None else max(0.0, 1e-6 * (at_us - self._last_us))
+        self._last_us = at_us
+        self._unseen_px += MAX_RATE_PX_S * elapsed_s
+        moved = motion_px > self._threshold_px
         whole_px, dent_px = self._split(beads)
         skin = Skin.UNTOUCHED
-        if touched:
-            skin = self._moved_as_one(motion_px, whole_px, self._size(dent_px, beads.found), at_us)
+        if moved:
+            skin = self._moved_as_one(motion_px, whole_px, self._size(dent_px, beads.found))
         self._catching_up = skin is Skin.KNOCKED
-        if skin is not Skin.TOUCHED:
-            self._follow(whole_px, dent_px, at_us)
+        self._steady = 0 if skin is Skin.TOUCHED else self._steady + 1
+        plain = motion_px > PLAIN * self._threshold_px
+        if skin is not Skin.TOUCHED and (not moved or plain or self._steady > STEADY_FRAMES):
+            self._follow(
+                whole_px, dent_px, elapsed_s, 1.0 if plain else 1.0 - math.exp(-elapsed_s / SETTLING_S)
+            )
         return skin
 
-    def _moved_as_one(self, motion_px: float, whole_px: Array, dent_size_px: float, at_us: int) -> Skin:
+    def _moved_as_one(self, motion_px: float, whole_px: Array, dent_size_px: float) -> Skin:
         """What a motion above the threshold is."""
         if dent_size_px > MAX_DENT_NOISE * self._threshold_px + MAX_DENT_SHARE * motion_px:
             return Skin.TOUCHED
-        if rms(whole_px) <= min(MAX_RATE_PX_S * self._elapsed_s(at_us), self._room_px()):
+        if rms(whole_px) <= min(self._unseen_px, self._room_px()):
             return Skin.UNTOUCHED
         knocked = self._catching_up or motion_px > KNOCKED * self._threshold_px
         return Skin.KNOCKED if knocked else Skin.TOUCHED
 
-    def _follow(self, whole_px: Array, dent_px: Array, at_us: int) -> None:
-        elapsed_s = self._elapsed_s(at_us)
-        self._followed_at_us = at_us
+    def _follow(self, whole_px: Array, dent_px: Array, elapsed_s: float, share: float) -> None:
+        """elapsed_s: since the frame before, whatever that showed; share of the motion as one to take up."""
         size_px = max(rms(whole_px), 1e-12)
-        share = min(1.0 - math.exp(-elapsed_s / SETTLING_S), MAX_RATE_PX_S * elapsed_s / size_px)
-        self._whole_px = self._whole_px + min(share, self._room_px() / size_px) * whole_px
+        share = min(share, self._unseen_px / size_px, self._room_px() / size_px)
+        self._whole_px = self._whole_px + share * whole_px
+        self._unseen_px = min(max(0.0, self._unseen_px - share * size_px), (1.0 - share) * size_px)
         self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_SETTLING_S)) * dent_px
         limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._whole_px)
         self._dent_px *= min(1.0, limit_px / max(rms(self._dent_px), 1e-12))
-
-    def _elapsed_s(self, at_us: int) -> float:
-        """Since the drift was last followed; before that, as long as one likes."""
-        if self._followed_at_us is None:
-            return math.inf
-        return max(0.0, 1e-6 * (at_us - self._followed_at_us))
 
     def _room_px(self) -> float:
         return max(0.0, MAX_TOTAL_PX - rms(self._whole_px))

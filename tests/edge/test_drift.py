@@ -98,6 +98,35 @@ def test_the_drift_during_a_touch_is_taken_up_at_its_end(watched, drawn_dome, an
     assert watched.see(whole + dent_px(0.3, 2.0, 0.3)) is Skin.TOUCHED
 
 
+@pytest.mark.parametrize("begin", [0, 30])
+def test_one_frame_that_moves_as_one_spoils_no_press_after_it(
+    reference, drawn_dome, another_dome, dent_px, begin
+):
+    """Five thresholds, as a faint touch on the apex makes them, in one frame among presses."""
+    watched = Watched(reference)
+    faint = moved_camera(drawn_dome, another_dome, 1.0)
+    faint *= 5 * THRESHOLD_PX / watched.motion_px(faint)
+    for number in range(60):
+        if number == begin:
+            assert watched.see(faint) is Skin.UNTOUCHED
+        else:
+            assert watched.see(dent_px(0.1 * (number % 12), 0.4 * number, 0.5)) is Skin.TOUCHED
+    assert watched.drift.total_px < 0.1 * THRESHOLD_PX
+
+
+def test_a_camera_that_has_moved_a_little_behind_a_touch_is_followed_after_some_frames(
+    watched, drawn_dome, another_dome, dent_px
+):
+    whole = moved_camera(drawn_dome, another_dome, 1.0)
+    whole *= 5 * THRESHOLD_PX / watched.motion_px(whole)
+    size_px = np.sqrt((whole**2).sum(axis=1).mean())
+    watched.see(0 * whole)
+    for _ in range(300):
+        watched.see(dent_px(0.6, 1.0, 1.0))
+    assert {watched.see(whole) for _ in range(20)} == {Skin.UNTOUCHED}
+    assert watched.drift.total_px == pytest.approx(size_px, rel=0.1)
+
+
 @pytest.mark.parametrize("theta", [0.0, 0.4, 0.8, 1.2])
 @pytest.mark.parametrize("depth", [0.3, 1.0])
 def test_an_hour_of_touch_is_not_tared_away(reference, dent_px, theta, depth):
