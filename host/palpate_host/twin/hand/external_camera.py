@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_host import rotation
-from palpate_host.groundtruth import DICTIONARY, MarkerCamera
+from palpate_host.groundtruth.marker import DICTIONARY, MarkerCamera
 from palpate_host.rotation import Array
 
 Image = npt.NDArray[np.uint8]
