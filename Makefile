@@ -2,10 +2,11 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+DEPLOY := .venv-deploy
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit kernel-test uml-test vm-test firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit kernel-test uml-test vm-test deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -21,7 +22,7 @@ lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(VENV)/firmware.stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
+unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
 	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
@@ -33,6 +34,14 @@ uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part o
 vm-test: $(VENV)/dev.stamp  ## those in a virtual machine: SocketCAN, CAN cards, V4L2 (its disks are built once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
 	$(BIN)/pytest -m vm $(PYTEST_ARGS)
+
+wheelhouse: $(VENV)/host.stamp  ## build/wheelhouse: what boards install from, for aarch64 and x86-64 (docs/deploying.md)
+	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
+
+deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
+	@for tier in lint namespace; do \
+	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
+	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
 firmware-mutation: $(VENV)/dev.stamp  ## break the firmware's logic line by line, count what its tests notice (10 minutes)
 	$(BIN)/python tests/firmware/mutate.py
@@ -59,7 +68,7 @@ system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu,
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
+	rm -rf $(VENV) $(DEPLOY) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -76,6 +85,13 @@ $(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock pyproject.toml
 $(VENV)/dev.stamp: $(VENV)/host.stamp requirements/dev.lock
 	@echo "installing the test tools into $(VENV)"
 	@$(PIP) install --require-hashes -r requirements/dev.lock
+	@touch $@
+
+# What provisions boards is a program of its own, apart from palpate's environment.
+$(DEPLOY)/stamp: requirements/deploy.lock
+	@echo "installing ansible into $(DEPLOY)"
+	@$(PYTHON) -m venv $(DEPLOY)
+	@$(DEPLOY)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/deploy.lock
 	@touch $@
 
 # Compiles from source for a minute or two, so only where the firmware can be built.

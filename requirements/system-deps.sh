@@ -2,7 +2,7 @@
 # Install what apt has and some tests use. Every one is optional: without it its tests skip and name it.
 set -eu
 packages="tshark user-mode-linux kmod iproute2 can-utils qemu-system-x86 mmdebstrap e2fsprogs systemd
-  gcc g++ gcc-avr avr-libc avrdude libelf-dev"
+  gcc g++ gcc-avr avr-libc avrdude libelf-dev openssh-client qemu-user-static"
 if [ "$(id -u)" -eq 0 ]; then sudo=""; else sudo="sudo"; fi
 missing=""
 for package in $packages; do

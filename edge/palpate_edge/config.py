@@ -9,6 +9,7 @@ import msgspec
 
 from palpate_edge.bus import BusConfig
 from palpate_edge.errors import ConfigError
+from palpate_edge.safe_file import refuse_unsafe
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 
@@ -96,6 +97,7 @@ class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_config(path: Path) -> FingertipConfig:
     """Read a fingertip's configuration. Raises ConfigError naming file and key."""
     try:
+        refuse_unsafe(path)
         config = msgspec.toml.decode(path.read_bytes(), type=FingertipConfig)
     except FileNotFoundError:
         raise ConfigError(f"{path} is missing: write it as in docs/configuration.md") from None

@@ -8,17 +8,20 @@ from typing import TypeVar
 import msgspec
 
 from palpate_edge.errors import ConfigError
+from palpate_edge.safe_file import refuse_unsafe
 
 T = TypeVar("T")
 
 
 def read_toml(path: Path, kind: type[T], *, option: str, example: str) -> T:
-    """The file as a `kind`; ConfigError when it is missing, garbled, or has a wrong, unknown or missing key.
+    """The file as a `kind`; ConfigError when it is missing, garbled, writable by everybody, or has a wrong,
+    unknown or missing key.
 
     option: what gives the file, as `the hand's file with --config`; example: where its keys stand, as a
     clause.
     """
     try:
+        refuse_unsafe(path)
         return msgspec.toml.decode(path.read_bytes(), type=kind)
     except OSError as exc:
         raise ConfigError(f"{path}: cannot be read ({exc.strerror}): give {option}") from exc

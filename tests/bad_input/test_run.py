@@ -30,6 +30,12 @@ def test_a_configuration_that_is_not_there(refused, tmp_path):
     )
 
 
+def test_a_configuration_that_everybody_may_write(refused, fingertip):
+    path = fingertip()
+    path.chmod(0o666)
+    says(refused("run", "--config", path), path, "may be written by everybody (mode 666)", "chmod o-w")
+
+
 @pytest.mark.parametrize(
     "content",
     [b"", b"[capture", b"\xff\xfe\x00garbled", b"a = " + b"[" * 5000, b"a = " + b"9" * 5000],

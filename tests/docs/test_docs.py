@@ -91,6 +91,17 @@ def test_quoted_messages_stand_in_the_sources(page):
             assert part in code, part
 
 
+def test_messages_of_the_deploying_page_stand_in_what_is_deployed():
+    files = [path for path in (ROOT / "ansible").rglob("*") if path.suffix in {".py", ".sh", ".yml"}]
+    code = " ".join(" ".join(path.read_text() for path in files).split())
+    table = (ROOT / "docs" / "deploying.md").read_text().split("## Troubleshooting")[1]
+    messages = re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE)
+    assert len(messages) > 5
+    for message in messages:
+        for part in filter(None, (part.strip(": ") for part in re.split(r"\.\.\.|is activating", message))):
+            assert part in code, part
+
+
 NAMED_TESTS = re.findall(r"`(test_\w+)::(test_\w+)`", (ROOT / "docs" / "canopen.md").read_text())
 
 

@@ -67,6 +67,14 @@ def test_refusals(tmp_path, table_4_text, pattern, replacement, says):
     assert re.search(says, text), text
 
 
+def test_a_file_that_everybody_may_write_is_refused(tmp_path, table_4_text):
+    path = tmp_path / "hand.toml"
+    path.write_text(table_4_text)
+    path.chmod(0o646)
+    with pytest.raises(ConfigError, match=r"hand\.toml may be written by everybody .mode 646.: chmod o-w"):
+        hand_config.load(path)
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"cannot be read .No such file.*give the hand's file"):
         hand_config.load(tmp_path / "hand.toml")

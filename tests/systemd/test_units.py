@@ -26,9 +26,14 @@ def board(tmp_path_factory):
     shutil.copytree(UNITS, root / "etc/systemd/system")
     programs = root / "opt/palpate/current/bin"
     programs.mkdir(parents=True)
-    for name in ("palpate-edge", "palpate-host"):
-        (programs / name).write_text("#!/bin/sh\n")
-        (programs / name).chmod(0o755)
+    (root / "opt/palpate/bin").mkdir()
+    for program in (
+        programs / "palpate-edge",
+        programs / "palpate-host",
+        root / "opt/palpate/bin/palpate-release",
+    ):
+        program.write_text("#!/bin/sh\n")
+        program.chmod(0o755)
     return root
 
 
@@ -38,7 +43,7 @@ def analyze(*words, root):
 
 
 def test_verify_finds_nothing(board):
-    answer = analyze("verify", *SERVICES, "palpate.target", root=board)
+    answer = analyze("verify", *SERVICES, "palpate.target", "palpate-settle.service", root=board)
     ours = [line for line in answer.stderr.splitlines() if "palpate" in line]
     assert (answer.returncode, ours) == (0, [])
 

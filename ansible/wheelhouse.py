@@ -1,0 +1,97 @@
+"""Write the wheelhouse that boards install from without network, every file by its hash.
+
+wheelhouse/RELEASE                  the release's name: version and a digest of all that is in it
+wheelhouse/PART/ARCHITECTURE/       wheels, requirements.txt, SHA256SUMS; PART is edge or host
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+PROJECT = Path(__file__).resolve().parents[1]
+ARCHITECTURES = ("aarch64", "x86_64")
+PARTS = ("edge", "host")
+OLDEST_GLIBC, BOARDS_GLIBC = 17, 36  # manylinux2014; Debian 12
+PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "--quiet")
+
+
+def requirements(lock: str, python: str) -> str:
+    """The entries of a lock that hold for this Python: pip itself would ask the one it runs on."""
+    environment = {"python_version": python, "python_full_version": f"{python}.0"}
+    kept = []
+    for entry in lock.replace("\\\n", "").splitlines():
+        if not entry.strip() or entry.startswith("#"):
+            continue
+        name, *hashes = entry.split(" --hash=")
+        requirement = Requirement(name)
+        if requirement.marker is None or requirement.marker.evaluate(environment):
+            requirement.marker = None
+            kept.append(" \\\n    ".join([str(requirement), *(f"--hash={one.strip()}" for one in hashes)]))
+    return "\n".join(kept) + "\n"
+
+
+def own_wheel(folder: Path) -> Path:
+    """palpate's own wheel, the same bytes for the same sources."""
+    subprocess.run(
+        [*PIP, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, PROJECT], check=True
+    )
+    return next(folder.glob("palpate-*.whl"))
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -> None:
+    """One part for one architecture."""
+    folder.mkdir(parents=True)
+    text = requirements((PROJECT / "requirements" / f"{part}.lock").read_text(), python)
+    listed = folder / "requirements.txt"
+    listed.write_text(text)
+    platforms = [f"manylinux_2_{glibc}_{architecture}" for glibc in range(OLDEST_GLIBC, BOARDS_GLIBC + 1)]
+    command = [*PIP, "download", "--require-hashes", "--only-binary=:all:", "--dest", folder]
+    command += ["--implementation", "cp", "--python-version", python, "--requirement", listed]
+    command += [word for platform in platforms for word in ("--platform", platform)]
+    subprocess.run([*command, "--no-deps"], check=True)
+    shutil.copy(wheel, folder)
+    version = wheel.name.split("-")[1]
+    listed.write_text(f"{text}palpate=={version} --hash=sha256:{sha256(wheel)}\n")
+    sums = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.iterdir())]
+    (folder / "SHA256SUMS").write_text("".join(sums))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="written anew")
+    parser.add_argument("--python", default="3.11", help="the boards' Python (default: %(default)s)")
+    parser.add_argument("--part", choices=PARTS, action="append", help="only this one; may be repeated")
+    parser.add_argument("--architecture", choices=ARCHITECTURES, action="append", help="the same")
+    wanted = parser.parse_args()
+    unfinished = wanted.folder.with_name(f"{wanted.folder.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
+    wheel = own_wheel(unfinished)
+    digest = hashlib.sha256()
+    for part in wanted.part or PARTS:
+        for architecture in wanted.architecture or ARCHITECTURES:
+            print(f"wheelhouse: {part} for {architecture}", file=sys.stderr, flush=True)
+            fill(unfinished / part / architecture, wheel, part, architecture, wanted.python)
+        digest.update((PROJECT / "requirements" / f"{part}.lock").read_bytes())
+    digest.update(wheel.read_bytes())
+    wheel.unlink()
+    version = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["version"]
+    (unfinished / "RELEASE").write_text(f"{version}-{digest.hexdigest()[:8]}\n")
+    shutil.rmtree(wanted.folder, ignore_errors=True)
+    unfinished.rename(wanted.folder)
+
+
+if __name__ == "__main__":
+    main()

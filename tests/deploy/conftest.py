@@ -1,0 +1,34 @@
+"""What the tiers share. A tier of minutes runs only where its marker is named: docs/testing.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from deploy_rig.image import board_image, missing, wheelhouse
+
+BY_NAME = ("deploy_booted", "deploy_foreign")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for marker in BY_NAME:
+        if marker not in config.option.markexpr:
+            left_out = [item for item in items if item.get_closest_marker(marker)]
+            items[:] = [item for item in items if item not in left_out]
+            config.hook.pytest_deselected(items=left_out)
+
+
+@pytest.fixture(scope="session")
+def bare_board() -> Path:
+    """The folder of a bare Debian board."""
+    if (reason := missing()) is not None:
+        pytest.skip(reason)
+    return board_image()
+
+
+@pytest.fixture(scope="session")
+def wheels(bare_board: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheelhouse of a fingertip with today's sources."""
+    return wheelhouse(tmp_path_factory.mktemp("wheels") / "wheelhouse")

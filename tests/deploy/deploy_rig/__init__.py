@@ -1,0 +1,1 @@
+"""Boards to provision: bare Debian in namespaces or in a virtual machine, reached by ssh."""

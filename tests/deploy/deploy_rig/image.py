@@ -1,0 +1,62 @@
+"""What boards are made of, built once and kept in .cache/deploy: bare Debian, and the wheelhouse."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from kernel_guest.virtual_machine import PROJECT, _digest, _made
+
+CACHE = PROJECT / ".cache" / "deploy"
+RIG = Path(__file__).parent
+ANSIBLE = PROJECT / "ansible"
+TOOLS = PROJECT / ".venv-deploy" / "bin"
+
+
+def missing(*tools: tuple[str, str]) -> str | None:
+    """What is not installed, and the way out."""
+    if os.geteuid() != 0:
+        return "only root can make a board's namespaces and files: sudo make deploy-test"
+    path = f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/sbin"
+    for tool, package in (("mmdebstrap", "mmdebstrap"), ("ssh-keygen", "openssh-client"), *tools):
+        if shutil.which(tool, path=path) is None:
+            return f"{package} is missing: make system-deps"
+    return None if ansible("ansible-playbook").exists() else "ansible is missing: make .venv-deploy/stamp"
+
+
+def ansible(program: str) -> Path:
+    """A program of ansible, from its own environment."""
+    return TOOLS / program
+
+
+def board_image() -> Path:
+    """The folder that build-board.sh fills."""
+    recipe = [RIG / "build-board.sh", *sorted(path for path in (RIG / "board").rglob("*") if path.is_file())]
+    target = CACHE / f"board-{_digest(b''.join(path.read_bytes() for path in recipe))}"
+    if not target.exists():
+        with _made(target) as folder:
+            subprocess.run([RIG / "build-board.sh", folder], check=True)
+    return target
+
+
+def wheelhouse(folder: Path, project: Path = PROJECT, architecture: str = "x86_64") -> Path:
+    """The wheelhouse of a fingertip with these sources, as `make wheelhouse` writes it."""
+    command = [sys.executable, project / "ansible/wheelhouse.py", folder]
+    subprocess.run([*command, "--part", "edge", "--architecture", architecture], check=True)
+    return folder
+
+
+def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
+    """A copy of the sources with one place changed: another release."""
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        folder.mkdir(exist_ok=True)
+        shutil.copy(PROJECT / name, folder)
+    for name in ("edge", "host", "requirements", "ansible", "systemd"):
+        shutil.copytree(PROJECT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    text = (folder / file).read_text()
+    assert old in text, f"{file} has no {old!r}"
+    (folder / file).write_text(text.replace(old, new, 1))
+    return folder

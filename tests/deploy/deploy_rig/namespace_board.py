@@ -1,0 +1,121 @@
+"""A board without a kernel of its own: systemd as process 1 in namespaces, its files over bare Debian's."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+BOOT = Path(__file__).with_name("boot-namespace.sh")
+PATIENCE_S = 60.0
+INTO_CGROUP = ("sh", "-c", 'echo $$ >"$0/cgroup.procs"; exec "$@"')
+NAMESPACES = ("--mount", "--pid", "--fork", "--kill-child", "--uts", "--ipc", "--net", "--cgroup")
+
+
+class NamespaceBoard:
+    """folder: where it keeps what it writes; written/ is all that differs from the bare card. Its folder
+    /run/outside is outside/ here: a Unix socket in there is a cable to the outside."""
+
+    def __init__(self, tree: Path, folder: Path) -> None:
+        self._tree, self.folder = tree, folder
+        self.written, self.outside = folder / "written", folder / "outside"
+        for name in ("written", "work", "root", "outside"):
+            (folder / name).mkdir()
+        self._cgroup = _cgroup2() / f"palpate-board-{os.getpid()}-{folder.name}"
+        self._first: subprocess.Popen[bytes] | None = None
+        self._pid = 0
+
+    def boot(self) -> None:
+        """Returns when systemd has started all that it wants to start."""
+        self._cgroup.mkdir(exist_ok=True)
+        with (self.folder / "console").open("ab") as console:
+            self._first = subprocess.Popen(
+                [*INTO_CGROUP, self._cgroup, "unshare", *NAMESPACES, BOOT, self._tree, self.folder],
+                stdin=subprocess.DEVNULL,
+                stdout=console,
+                stderr=console,
+            )
+        end_s = time.monotonic() + PATIENCE_S
+        while True:
+            assert self._first.poll() is None, (self.folder / "console").read_text()
+            assert time.monotonic() < end_s, f"no systemd: {(self.folder / 'console').read_text()}"
+            children = Path(f"/proc/{self._first.pid}/task/{self._first.pid}/children").read_text().split()
+            if children and Path(f"/proc/{children[0]}/comm").read_text().strip() == "systemd":
+                self._pid = int(children[0])
+                state = self.run("systemctl", "is-system-running", "--wait", check=False)
+                if state in ("running", "degraded"):
+                    return
+            time.sleep(0.05)
+
+    def run(self, *words: str | Path, check: bool = True) -> str:
+        """A command on the board, as root."""
+        command = ["nsenter", f"--target={self._pid}", "--all", "--wd=/", *words]
+        answer = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert answer.returncode == 0 or not check, f"{words}: {answer.stdout}{answer.stderr}"
+        return answer.stdout.strip()
+
+    def begin(self, *words: str | Path) -> subprocess.Popen[bytes]:
+        """A command on the board that is not waited for."""
+        return subprocess.Popen(["nsenter", f"--target={self._pid}", "--all", *words])
+
+    @property
+    def in_its_network(self) -> list[str]:
+        """Before a command of the outside: it reaches the board's ssh as 127.0.0.1, and nothing else."""
+        return ["nsenter", f"--net=/proc/{self._pid}/ns/net"]
+
+    def power_cut(self) -> None:
+        """Every process is gone at once; what it wrote stays."""
+        if self._first is None:
+            return
+        if self._pid:
+            with suppress(ProcessLookupError):
+                os.kill(self._pid, signal.SIGKILL)
+        self._first.kill()
+        self._first.wait()
+        self._first, self._pid = None, 0
+        self._remove_cgroup()
+
+    def files_written(self) -> dict[str, int]:
+        """Path on the card -> time of its last change, ns: all that differs from bare Debian."""
+        found = {}
+        for folder, _, files in os.walk(self.written):
+            for name in files:
+                path = Path(folder, name)
+                found[f"/{path.relative_to(self.written)}"] = path.lstat().st_mtime_ns
+        return found
+
+    def _remove_cgroup(self) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        groups = [Path(folder) for folder, _, _ in os.walk(self._cgroup, topdown=False)]
+        for group in groups:
+            while group.exists() and time.monotonic() < end_s:
+                try:
+                    group.rmdir()
+                except OSError:  # its last process is not reaped yet
+                    time.sleep(0.01)
+
+
+@contextmanager
+def namespace_board(tree: Path, folder: Path) -> Iterator[NamespaceBoard]:
+    """A booted board; gone, with its files, at the end."""
+    folder.mkdir()
+    board = NamespaceBoard(tree, folder)
+    try:
+        board.boot()
+        yield board
+    finally:
+        board.power_cut()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _cgroup2() -> Path:
+    for line in Path("/proc/mounts").read_text().splitlines():
+        _, place, kind, *_ = line.split()
+        if kind == "cgroup2":
+            return Path(place)
+    raise AssertionError("no cgroup2 file system is mounted: mount -t cgroup2 none /sys/fs/cgroup")

@@ -1,0 +1,246 @@
+"""A fingertip's board from bare Debian to contacts on a bus, by the playbooks over ssh, in namespaces.
+
+The kernel is this machine's, so the bus is the local hub (its socket reaches into the board) and the camera a
+recording; test_booted_board.py has both from a kernel. The tests go on from each other, in this order.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from deploy_rig.image import changed_sources, wheelhouse
+from deploy_rig.master import master_on
+from deploy_rig.namespace_board import namespace_board
+from deploy_rig.playbooks import Playbooks
+from palpate_edge.bus import BusConfig
+
+pytestmark = pytest.mark.deploy_namespace
+
+HUB = "from palpate_host.bus.cli import bus; bus()"
+SERVICE = "palpate-fingertip.service"
+CHECK = "/opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml"
+WATCHED_S = float(os.environ.get("PALPATE_WATCHED_S", "10"))  # for what is written to the card
+MAY_BE_WRITTEN = (  # while a provisioned board serves
+    r"/var/lib/palpate/parameters.*",  # when a master stores them
+    r"/var/lib/chrony/.*",  # once an hour: how fast the board's clock runs
+    r"/var/lib/systemd/timers/.*",  # a stamp when a timer has run
+)
+
+
+@pytest.fixture(scope="module")
+def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_factory):
+    """A booted board, the hub that stands for its bus, a master on it, and its playbooks."""
+    folder = tmp_path_factory.mktemp("board")
+    with namespace_board(bare_board / "tree", folder / "board") as machine:
+        shutil.copytree(drawn_dataset, machine.outside / "presses")
+        socket = machine.outside / "hub.sock"
+        with subprocess.Popen(
+            [sys.executable, "-c", HUB, "hub", "--socket", socket], stderr=subprocess.PIPE, text=True
+        ) as hub:
+            assert "listening" in hub.stderr.readline()
+            socket.chmod(0o666)  # the board's user is another
+            playbooks = Playbooks(
+                folder,
+                bare_board / "key",
+                "fingertips",
+                "finger-1",
+                ansible_host="127.0.0.1",
+                release_wheelhouse=str(wheels),
+                fingertip_calibration=str(drawn_calibration_file),
+                fingertip_capture={"source": "recorded", "path": "/run/outside/presses", "loop": True},
+                fingertip_bus={"interface": "palpate", "channel": "/run/outside/hub.sock"},
+            )
+            with master_on(BusConfig(interface="palpate", channel=str(socket))) as master:
+                yield SimpleNamespace(machine=machine, master=master, playbooks=playbooks, folder=folder)
+            hub.terminate()
+
+
+def play(board, book, *words, **variables):
+    begin_s = time.monotonic()
+    played = board.playbooks.play(book, *words, prefix=board.machine.in_its_network, **variables)
+    print(f"{book} {' '.join(words)}: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
+    return played
+
+
+def shown(board, name):
+    return board.machine.run("systemctl", "show", "--value", f"--property={name}", SERVICE)
+
+
+def serving(board):
+    return board.machine.run("readlink", "/opt/palpate/current").removeprefix("releases/")
+
+
+def release_of(wheels):
+    return (wheels / "RELEASE").read_text().strip()
+
+
+@pytest.fixture(scope="module")
+def another_release(tmp_path_factory, board):
+    """Wheelhouses of sources with one place changed."""
+
+    def make(name, file, old, new):
+        folder = tmp_path_factory.mktemp(name)
+        return wheelhouse(folder / "wheelhouse", changed_sources(folder / "sources", file, old, new))
+
+    return make
+
+
+def test_check_mode_on_a_bare_board_changes_nothing(board):
+    assert play(board, "site", "--check").well().changed > 0
+    assert not [path for path in board.machine.files_written() if "palpate" in path]
+
+
+def test_a_bare_board_is_made_to_serve(board):
+    play(board, "site").well()
+    assert shown(board, "ActiveState") == "active"
+    board.master.contact_after(time.monotonic())
+    assert "fail" not in board.machine.run(*CHECK.split())
+
+
+def test_a_second_run_changes_nothing(board):
+    pid = shown(board, "MainPID")
+    assert play(board, "site", "--check").well().changed == 0
+    assert play(board, "site").well().changed == 0
+    assert shown(board, "MainPID") == pid
+
+
+def test_nothing_listens_but_ssh(board):
+    rows = board.machine.run("ss", "--no-header", "--listening", "--tcp", "--udp", "--processes", "--numeric")
+    assert rows
+    assert all('"sshd"' in row and re.search(r":22\s", row) for row in rows.splitlines()), rows
+
+
+def test_nothing_failed(board):
+    assert board.machine.run("systemctl", "--failed", "--no-legend") == ""
+
+
+def test_files_that_decide_are_roots_and_no_secret(board):
+    files = board.machine.run("find", "/etc/palpate", "/opt/palpate", "-perm", "/022", "-not", "-type", "l")
+    assert files == ""
+    owners = board.machine.run("stat", "--format=%U:%G %a", "/etc/palpate", "/etc/palpate/fingertip.toml")
+    assert owners.splitlines() == ["root:palpate 750", "root:palpate 640"]
+
+
+def test_a_configuration_that_everybody_may_write_is_refused(board):
+    board.machine.run("chmod", "666", "/etc/palpate/fingertip.toml")
+    board.machine.run("systemctl", "restart", SERVICE, check=False)
+    assert (shown(board, "ActiveState"), shown(board, "ExecMainStatus")) == ("failed", "2")
+    log = board.machine.run("journalctl", "--unit", SERVICE, "--lines=5", "--output=cat")
+    assert "/etc/palpate/fingertip.toml may be written by everybody (mode 666): chmod o-w" in log
+    assert play(board, "site").well().changed == 2  # its permissions, the service
+    board.master.contact_after(time.monotonic())
+
+
+def test_a_killed_service_comes_back(board):
+    before = int(shown(board, "NRestarts"))
+    begin_s = time.monotonic()
+    board.machine.run("kill", "-KILL", shown(board, "MainPID"))
+    print(f"kill -9 to the next valid contact: {board.master.contact_after(begin_s + 0.2) + 0.2:.1f} s")
+    assert int(shown(board, "NRestarts")) == before + 1
+
+
+def test_a_hung_service_is_ended_by_its_watchdog(board):
+    before, pid = int(shown(board, "NRestarts")), shown(board, "MainPID")
+    begin_s = time.monotonic()
+    board.machine.run("kill", f"-{signal.SIGSTOP.value}", pid)
+    took_s = board.master.contact_after(begin_s + 0.5) + 0.5
+    print(f"hang to the next valid contact: {took_s:.1f} s, 2 s of them the watchdog's")
+    assert (int(shown(board, "NRestarts")), shown(board, "MainPID") != pid) == (before + 1, True)
+    assert "Watchdog timeout" in board.machine.run("journalctl", "--unit", SERVICE, "--output=cat")
+
+
+def test_a_release_that_dies_is_rolled_back(board, another_release):
+    before, begin_s = serving(board), time.monotonic()
+    broken = another_release(
+        "dies", "edge/palpate_edge/daemon.py", "    cv2.setNumThreads(1)\n", "    raise RuntimeError('bad')\n"
+    )
+    played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
+    assert played.status != 0
+    assert f"release {release_of(broken)} was not healthy" in played.said
+    assert f"{before} serves again" in played.said
+    assert serving(board) == before
+    board.master.contact_after(time.monotonic())
+    print(f"without contacts: {board.master.longest_gap_s(begin_s):.1f} s, 8 s of them the patience")
+
+
+def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
+    """It runs and is watched; its own check tells that every frame is refused."""
+    before = serving(board)
+    blind = another_release(
+        "blind", "edge/palpate_edge/estimator.py", "MIN_BEADS_SHARE = 0.", "MIN_BEADS_SHARE = 1 + 0."
+    )
+    played = play(board, "update", release_wheelhouse=str(blind), release_patience_s=8)
+    assert played.status != 0
+    assert "palpate-edge check fails in beads" in played.said
+    assert serving(board) == before
+    board.master.contact_after(time.monotonic())
+
+
+def test_a_release_is_switched_to_and_back(board, another_release, wheels):
+    begin_s = time.monotonic()
+    newer = another_release("newer", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge :')
+    play(board, "update", release_wheelhouse=str(newer)).well()
+    assert serving(board) == release_of(newer)
+    board.master.contact_after(time.monotonic())
+    play(board, "rollback").well()
+    assert serving(board) == release_of(wheels)
+    board.master.contact_after(time.monotonic())
+    print(f"an update and a rollback, longest without contacts: {board.master.longest_gap_s(begin_s):.1f} s")
+    # What neither serves nor did before is gone.
+    releases = board.machine.run("ls", "/opt/palpate/releases").split()
+    assert set(releases) == {release_of(wheels), release_of(newer)}
+
+
+def test_a_power_cut_while_a_release_is_on_trial_goes_back(board, wheels):
+    old = serving(board)
+    new = next(name for name in board.machine.run("ls", "/opt/palpate/releases").split() if name != old)
+    with board.machine.begin("/opt/palpate/bin/palpate-release", "switch", new):
+        while serving(board) != new:
+            time.sleep(0.02)
+        board.machine.power_cut()
+    board.machine.boot()
+    assert serving(board) == old
+    assert "power was cut while" in board.machine.run("journalctl", "--unit=palpate-settle", "--output=cat")
+    assert board.machine.run("ls", "/opt/palpate/trial", check=False) == ""
+    board.master.contact_after(time.monotonic())
+
+
+def test_a_power_cut_during_an_installation_is_made_good_by_the_next(board, another_release):
+    new = another_release("cut", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge;')
+    half = f"/opt/palpate/releases/{release_of(new)}"
+    board.machine.run("mkdir", "-p", f"{half}/bin")
+    switch = f"/opt/palpate/bin/palpate-release switch {release_of(new)} 2>&1"
+    assert "is not installed whole" in board.machine.run("sh", "-c", switch, check=False)
+    play(board, "update", release_wheelhouse=str(new)).well()
+    assert serving(board) == release_of(new)
+
+
+def test_little_is_written_to_the_card(board):
+    before = board.machine.files_written()
+    time.sleep(WATCHED_S)
+    after = board.machine.files_written()
+    written = [path for path, at_ns in after.items() if before.get(path) != at_ns]
+    print(f"written in {WATCHED_S:.0f} s: {', '.join(written) or 'nothing'}")
+    assert [path for path in written if not any(re.fullmatch(one, path) for one in MAY_BE_WRITTEN)] == []
+
+
+def test_logs_are_collected(board):
+    play(board, "collect-logs", "-e", f"collect_into={board.folder / 'collected'}").well()
+    text = (board.folder / "collected" / "finger-1.txt").read_text()
+    for part in (
+        "palpate-release status",
+        "current ",
+        "=== journalctl",
+        "node 0x10 on palpate",
+        "ok     camera",
+    ):
+        assert part in text
