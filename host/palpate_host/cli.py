@@ -11,6 +11,7 @@ from palpate_host.lazy_group import LazyGroup
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "demo": ("palpate_host.demo.cli:demo", "A whole hand on this machine, shown live, with a report."),
     "run": ("palpate_host.run_cli:run", "Control the hand on its bus."),
+    "check": ("palpate_host.check_cli:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.command_cli:command", "Tell a running hand: grasp, rotate, release, stop."),
     "replay": ("palpate_host.replay_cli:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.run_cli:contract", "Print the header that binds a bus log to a hand."),

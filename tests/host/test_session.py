@@ -169,3 +169,33 @@ def test_the_command_line(config, tmp_path):
 def test_a_host_that_cannot_start_says_why(tmp_path):
     with pytest.raises(PalpateError, match=r"the host did not start: .*none.toml"):
         Hand.open(tmp_path / "none.toml", tmp_path / "s")
+
+
+def test_check_tells_whether_the_bus_is_the_hand_of_the_file(config, tmp_path):
+    """As it is: exit status 0. A drive and a fingertip exchanged, and a node that is not there: 1, named."""
+
+    def check(path):
+        command = [*CLI, "check", "--config", str(path), "--timeout", "2"]
+        command += ["--picture", str(tmp_path / "hand.png")]
+        return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+    right = check(config)
+    assert (right.returncode, right.stderr) == (0, "")
+    assert "12 nodes, 0 with problems" in right.stdout
+    assert "0x01  drive of abduction_1" in right.stdout and "cst, 1.9 N m" in right.stdout
+    assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
+    text = config.read_text().replace("drive_node = 9,", "drive_node = 0x33,")
+    text = text.replace("fingertip_node = 0x10", "fingertip_node = 0x01").replace(
+        "drive_node = 1,", "drive_node = 0x10,"
+    )
+    (tmp_path / "wrong.toml").write_text(text)
+    wrong = check(tmp_path / "wrong.toml")
+    assert wrong.returncode == 1
+    for said in (
+        "is no CiA 404 device (1000h says CiA 402)",
+        "is no CiA 402 device (1000h says CiA 404)",
+        "does not answer",
+        "0x09 is on the bus and not in the file (CiA 402 drive)",
+        "12 nodes, 3 with problems",
+    ):
+        assert said in wrong.stdout

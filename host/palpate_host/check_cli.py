@@ -1,0 +1,70 @@
+"""`palpate-host check`: hand.toml against the bus."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from palpate_edge.errors import BusError
+from palpate_host.bus.device import Device, Key
+from palpate_host.bus.master_session import master, sdo_client
+from palpate_host.bus.scan import FoundNode
+from palpate_host.bus.scan import scan as scan_bus
+from palpate_host.bus.sdo_access import read_number
+from palpate_host.hand_check import NodeReport, check_nodes, joint_angles, table
+from palpate_host.host import load_hand
+from palpate_host.master import HostCore
+from palpate_host.run_cli import CONFIG
+
+DIFFERS = 1
+
+
+@click.command()
+@CONFIG
+@click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw the hand into it.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=0.3, show_default=True)
+@click.option("--offline", is_flag=True, help="Check the file and draw; ask nothing of the bus.")
+def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bool) -> None:
+    """Compare hand.toml with the nodes on its bus, while no host runs. Exit status 1 when they differ.
+
+    \b
+    palpate-host check --config hand.toml
+    palpate-host check --config hand.toml --picture hand.png
+    palpate-host check --config hand.toml --offline --picture hand.png
+    """
+    config, hand = load_hand(config_path)
+    HostCore(config, hand)  # refuses fingers numbered clockwise
+    reports: list[NodeReport] = []
+    if not offline:
+        with master(config.bus, "check") as network:
+            found = {node.node_id: node for node in scan_bus(network, 0.0, timeout_s)}
+            clients = {node_id: sdo_client(network, node_id, timeout_s) for node_id in config.node_names}
+
+            def read(node_id: int, device: Device, key: Key) -> int | None:
+                return read_number(clients[node_id], node_id, device, key)
+
+            silent = {node for node in config.node_names if node not in found or not found[node].answers}
+            reports = list(check_nodes(config, read, silent))
+        _print(reports, found, set(config.node_names))
+    if picture is not None:
+        from palpate_host.hand_picture import draw_hand  # noqa: PLC0415 - matplotlib takes half a second
+
+        q_rad, is_measured = joint_angles(config, reports)
+        title = "as it stands" if is_measured else "joints in the middle of their ranges"
+        draw_hand(config, q_rad, picture, title)
+        click.echo(f"drawn: {picture}")
+    if any(report.problems for report in reports):
+        sys.exit(DIFFERS)
+
+
+def _print(reports: list[NodeReport], found: dict[int, FoundNode], expected: set[int]) -> None:
+    click.echo(table(reports))
+    for node_id, node in found.items():
+        if node_id not in expected:
+            click.echo(f"0x{node_id:02X} is on the bus and not in the file ({node.profile or 'no profile'})")
+        elif node.answers > 1:
+            raise BusError(f"{node.answers} nodes have the id 0x{node_id:02X}: give one another (bus lss)")
+    wrong = sum(bool(report.problems) for report in reports)
+    click.echo(f"{len(reports)} nodes, {wrong} with problems")

@@ -1,0 +1,136 @@
+"""Is what hand.toml says what is on the bus? Asked by SDO of every node, before anything moves. Pure.
+
+Each node is asked who it is (1000h, 1018h), drives also for their modes, scale, torque cap, watchdog and
+joint angle; PDOs are compared with the EDS that both sides load (bus/node_check.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate_host.bus.device import Device, Key, devices_of_hand
+from palpate_host.bus.node_check import differences
+from palpate_host.drives.cia402 import CST_SUPPORTED_BIT
+from palpate_host.hand_config import HandConfig, JointConfig
+from palpate_host.rotation import Array
+
+DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
+DRIVE_PROFILE, FINGERTIP_PROFILE = 402, 404
+MODES, RATED_TORQUE, TORQUE_CAP = (0x6502, 0), (0x6076, 0), (0x6072, 0)
+FEED, ANGLE, WATCHDOG = (0x6092, 1), (0x6064, 0), (0x1400, 5)
+MODE_NAMES = {1: "pp", 3: "pv", 4: "tq", 6: "hm", 7: "ip", 8: "csp", 9: "csv", 10: "cst"}
+"""CiA 402-2: the modes of 6502h, bit number + 1 as in 6060h."""
+
+Read = Callable[[int, Device, Key], int | None]
+"""An object's number; None when the node has none. BusError when the node does not answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeReport:
+    """One node. found: what it says of itself. problems: one line each, with the way out; none: it is right.
+    angle_rad: of a drive's joint, None when it is not known."""
+
+    node_id: int
+    who: str
+    found: str
+    problems: tuple[str, ...]
+    angle_rad: float | None = None
+
+
+def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iterator[NodeReport]:
+    """Every node in the order of hand.toml, drives after their finger's fingertip. silent: do not answer."""
+    devices = devices_of_hand(config)
+    for finger in config.fingers:
+        tip = devices[finger.fingertip_node]
+        who = f"fingertip of {finger.name}"
+        yield _missing(tip, who) if tip.node_id in silent else _fingertip(tip, who, read)
+        for joint in finger.joints:
+            drive = devices[joint.drive_node]
+            who = f"drive of {joint.name}"
+            yield _missing(drive, who) if drive.node_id in silent else _drive(drive, who, joint, read)
+
+
+def _missing(device: Device, who: str) -> NodeReport:
+    problem = "does not answer: check power, cable and its node id (palpate-host bus scan)"
+    return NodeReport(device.node_id, who, "-", (problem,))
+
+
+def _fingertip(device: Device, who: str, read: Read) -> NodeReport:
+    problems = list(_identity(device, FINGERTIP_PROFILE, read))
+    if not problems:
+        problems += differences(device, lambda key: read(device.node_id, device, key))
+    return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
+
+
+def _drive(device: Device, who: str, joint: JointConfig, read: Read) -> NodeReport:
+    def number(key: Key) -> int | None:
+        return read(device.node_id, device, key)
+
+    problems = list(_identity(device, DRIVE_PROFILE, read))
+    if problems:
+        return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
+    modes, rated_mNm, feed = number(MODES) or 0, number(RATED_TORQUE) or 0, number(FEED) or 0
+    if not modes & CST_SUPPORTED_BIT:
+        problems.append(f"lacks cyclic synchronous torque (6502h {modes:08X}h): use a drive that has it")
+    if not rated_mNm or not feed:
+        problems.append(f"6076h is {rated_mNm}, 6092h:01 is {feed}: configure the drive, neither can be 0")
+    cap_Nm = rated_mNm * (number(TORQUE_CAP) or 0) * 1e-6
+    if rated_mNm and cap_Nm < joint.torque_limit_Nm:
+        problems.append(
+            f"gives {cap_Nm:.3g} N m at most (6072h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
+            " raise the one or lower the other"
+        )
+    if not number(WATCHDOG):
+        problems.append("has no deadline for RPDO 1 (1400h:05 is 0): a dead host would leave its torque on")
+    problems += differences(device, number)
+    increments = number(ANGLE)
+    angle = None
+    if feed and increments is not None:
+        signed = increments - (1 << 32) if increments >= 1 << 31 else increments
+        angle = joint.direction * signed * math.tau / feed + joint.zero_offset_rad
+        if not joint.min_rad <= angle <= joint.max_rad:
+            problems.append(
+                f"stands at {angle:.3f} rad, outside min_rad {joint.min_rad:g} to max_rad {joint.max_rad:g}:"
+                " correct zero_offset_rad or direction, or move it"
+            )
+    names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
+    found = f"{_who(device, read)}, {names or 'no mode'}, {cap_Nm:.3g} N m"
+    return NodeReport(device.node_id, who, found, tuple(problems), angle)
+
+
+def _identity(device: Device, profile: int, read: Read) -> Iterator[str]:
+    kind = read(device.node_id, device, DEVICE_TYPE)
+    if kind is None or kind & 0xFFFF != profile:
+        said = "nothing" if kind is None else f"CiA {kind & 0xFFFF}"
+        yield f"is no CiA {profile} device (1000h says {said}): exchange the node ids in hand.toml"
+
+
+def _who(device: Device, read: Read) -> str:
+    numbers = [read(device.node_id, device, key) for key in (VENDOR, PRODUCT, SERIAL)]
+    return "/".join("-" if number is None else f"{number:X}" for number in numbers)
+
+
+def joint_angles(config: HandConfig, reports: list[NodeReport]) -> tuple[Array, bool]:
+    """(nq,) where the joints are, the middle of the range of one that does not tell; whether all told."""
+    told = {report.node_id: report.angle_rad for report in reports}
+    angles = [told.get(joint.drive_node) for joint in config.joints]
+    middle = [(joint.min_rad + joint.max_rad) / 2 for joint in config.joints]
+    pairs = zip(angles, middle, strict=True)
+    q_rad = np.array([a if a is not None else m for a, m in pairs])
+    return q_rad, all(angle is not None for angle in angles)
+
+
+def table(reports: list[NodeReport]) -> str:
+    """A line a node, a line a problem."""
+    width = max(len(report.who) for report in reports)
+    found_width = max(len(report.found) for report in reports)
+    lines = [f"node  {'who':{width}}  {'vendor/product/serial, modes, torque':{found_width}}"]
+    for report in reports:
+        verdict = "ok" if not report.problems else f"{len(report.problems)} wrong"
+        lines.append(f"0x{report.node_id:02X}  {report.who:{width}}  {report.found:{found_width}}  {verdict}")
+        lines += [f"      {problem}" for problem in report.problems]
+    return "\n".join(lines)

@@ -1,0 +1,59 @@
+"""A hand as lines in a picture: links, tips, their frames F and the nodes' ids, by matplotlib alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+
+from palpate_edge.errors import ConfigError
+from palpate_host.hand_config import HandConfig
+from palpate_host.hand_model import model_of
+from palpate_host.rotation import Array
+
+AXIS_M = 0.02
+AXIS_COLOURS = ("tab:red", "tab:green", "tab:blue")
+
+
+def draw_hand(config: HandConfig, q_rad: Array, path: Path, title: str) -> None:
+    """The hand at the joint angles (nq,). ConfigError when `path` cannot be written."""
+    model = model_of(config)
+    data = mujoco.MjData(model)
+    for joint, angle in zip(config.joints, q_rad, strict=True):
+        data.qpos[model.joint(joint.name).qposadr[0]] = angle
+    mujoco.mj_forward(model, data)
+    figure = Figure(figsize=(8, 7), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    axes.set_title(title)
+    for finger, site in zip(config.fingers, config.model.tip_sites, strict=True):
+        tip = data.site(site)
+        points = [*_chain(model, data, int(model.site(site).bodyid[0])), tip.xpos.copy()]
+        axes.plot(*np.array(points).T, color="0.4", linewidth=4, solid_capstyle="round")
+        for axis, colour in zip(tip.xmat.reshape(3, 3).T, AXIS_COLOURS, strict=True):
+            axes.plot(*np.array([tip.xpos, tip.xpos + AXIS_M * axis]).T, color=colour, linewidth=2)
+        axes.text(*tip.xpos, f"  {finger.name} 0x{finger.fingertip_node:02X}")
+        for joint in finger.joints:
+            anchor = data.joint(joint.name).xanchor
+            axes.plot(*anchor[:, None], marker="o", color="tab:orange")
+            axes.text(*anchor, f" {joint.drive_node}", color="tab:orange", fontsize="small")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.set_zlabel("z (m)")
+    axes.set_aspect("equal")
+    try:
+        figure.savefig(path, dpi=110)
+    except (OSError, ValueError) as exc:
+        raise ConfigError(
+            f"{path}: cannot be written ({exc}): give a writable NAME.png, .svg or .pdf"
+        ) from exc
+
+
+def _chain(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> list[Array]:
+    """The places of the bodies from the world to `body`."""
+    places = []
+    while body > 0:
+        places.append(data.xpos[body].copy())
+        body = int(model.body_parentid[body])
+    return places[::-1]

@@ -1,0 +1,88 @@
+"""hand.toml against the nodes: what each object must be, node by node, on the devices' own cores."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate_host.hand_check import check_nodes, joint_angles, table
+from palpate_host.hand_picture import draw_hand
+
+
+@pytest.fixture
+def nodes(bench, table_4):
+    """Read of the slaves themselves; `changed` objects answer otherwise."""
+    config, hand = table_4
+    rig = bench.VirtualBench(config, hand)
+    slaves = {node.slave.node_id: node.slave for node in (*rig.drives, *rig.tips)}
+    rig.run(0.02)
+    changed = {}
+
+    def read(node_id, _device, key):
+        if (node_id, key) in changed:
+            return changed[node_id, key]
+        value = slaves[node_id].read(*key)
+        return value if value >= 0 else value + (1 << 32)
+
+    return config, read, changed
+
+
+def problems(nodes, config=None, silent=()):
+    reports = list(check_nodes(config or nodes[0], nodes[1], silent))
+    return {report.node_id: report.problems for report in reports if report.problems}
+
+
+def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
+    reports = list(check_nodes(nodes[0], nodes[1], ()))
+    assert [report.node_id for report in reports] == [0x10, 1, 2, 3, 0x11, 4, 5, 6, 0x12, 7, 8, 9]
+    assert not any(report.problems for report in reports)
+    q_rad, is_measured = joint_angles(nodes[0], reports)
+    assert is_measured
+    np.testing.assert_allclose(q_rad, np.tile([0.0, 0.348, 1.221], 3), atol=2e-3)
+    assert table(reports).count(" ok") == 12
+
+
+@pytest.mark.parametrize(
+    ("node", "key", "value", "said"),
+    [
+        (1, (0x1000, 0), 0x20194, "is no CiA 402 device (1000h says CiA 404)"),
+        (1, (0x1000, 0), None, "1000h says nothing"),
+        (0x10, (0x1000, 0), 0x192, "is no CiA 404 device"),
+        (2, (0x6502, 0), 1 << 8, "lacks cyclic synchronous torque (6502h 00000100h)"),
+        (2, (0x6076, 0), 0, "6076h is 0"),
+        (2, (0x6092, 1), 0, "6092h:01 is 0"),
+        (3, (0x6072, 0), 200, "gives 0.38 N m at most (6072h), torque_limit_Nm is 0.5"),
+        (4, (0x1400, 5), 0, "has no deadline for RPDO 1"),
+        (5, (0x6064, 0), 900_000, "outside min_rad"),
+        (6, (0x1A00, 1), 0x60640010, "the EDS says 0x60640020"),
+        (0x11, (0x1801, 1), 0x299, "the EDS says"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_node(nodes, node, key, value, said):
+    nodes[2][node, key] = value
+    (found,) = problems(nodes).items()
+    assert found[0] == node and any(said in problem for problem in found[1])
+
+
+def test_a_negative_angle_is_read_as_one(nodes):
+    """6064h is INTEGER32; SDO gives its bytes."""
+    assert problems(nodes) == {}
+    nodes[2][1, (0x6064, 0)] = (1 << 32) - 1000
+    assert problems(nodes) == {}
+
+
+def test_a_silent_node_is_missing(nodes):
+    assert "does not answer" in problems(nodes, silent=(7,))[7][0]
+
+
+def test_the_offset_of_a_joint_counts(nodes):
+    fingers = list(nodes[0].fingers)
+    joints = list(fingers[0].joints)
+    joints[2] = msgspec.structs.replace(joints[2], zero_offset_rad=1.0)
+    fingers[0] = msgspec.structs.replace(fingers[0], joints=tuple(joints))
+    config = msgspec.structs.replace(nodes[0], fingers=tuple(fingers))
+    assert "stands at 2.2" in problems(nodes, config)[3][0]
+
+
+def test_the_hand_is_drawn_with_its_nodes(nodes, tmp_path):
+    draw_hand(nodes[0], np.tile([0.0, 0.348, 1.221], 3), tmp_path / "hand.svg", "as it stands")
+    assert (tmp_path / "hand.svg").read_text().count("<path") > 30
