@@ -186,9 +186,7 @@ bool smbus_write(core_t *core, uint8_t byte) {
     default:
         break;
     }
-    if (core->received < 3) {
-        core->crc = crc8(core->crc, byte);
-    }
+    core->crc = crc8(core->crc, byte);
     if (core->received <= WRITE_BYTES) {
         core->received++;
     }

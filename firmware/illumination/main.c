@@ -24,7 +24,6 @@ FUSES = {
 };
 
 #define TICK_TOP (F_CPU / 64 / 1000 - 1)
-#define ADC_EVERY_MS 4
 #define TIMER_START 62 /* cycles from the edge to the timer and from its overflow to the light */
 #define INLINE static inline __attribute__((always_inline)) /* an interrupt that calls saves every register */
 #define PWM (_BV(WGM11)) /* mode 14 with WGM13 and WGM12: fast PWM, top in ICR1 */
@@ -100,12 +99,8 @@ static bool read_temperature(void) {
 }
 
 static void tick(void) {
-    static uint8_t since_adc;
-    if (++since_adc == ADC_EVERY_MS) {
-        since_adc = 0;
-        if (read_temperature()) {
-            wdt_reset();
-        }
+    if (read_temperature()) {
+        wdt_reset();
     }
     core_tick_ms(&core);
     core_triggers(&core, strobe.triggers);
@@ -166,8 +161,7 @@ int main(void) {
     PORTD = (uint8_t)~_BV(PORTD2); /* no floating inputs */
     DIDR0 = _BV(ADC0D) | _BV(ADC1D);
 
-    ICR1 = DUTY_MAX;
-    TCCR1A = PWM;
+    ICR1 = DUTY_MAX; /* the first tick writes TCCR1A */
     TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS10);
 
     TCCR0A = _BV(WGM01);

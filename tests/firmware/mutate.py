@@ -34,11 +34,17 @@ class Target:
     name: str
     first_line: str
     tests: str
+    compile: tuple[str, ...]  # in the folder of the sources; {build} is another one
 
 
 TARGETS = (
-    Target("core.c", "static const int16_t thermistor", "test_logic.py"),
-    Target("main.c", "INLINE void switch_led", "test_wire.py"),
+    Target(
+        "core.c",
+        "static const int16_t thermistor",
+        "test_logic.py",
+        ("cc", "-fsyntax-only", "-Wall", "-Werror", "core.c"),
+    ),
+    Target("main.c", "INLINE void switch_led", "test_wire.py", ("make", "BUILD={build}")),
 )
 SWAPS = {
     " < ": " <= ",
@@ -64,7 +70,7 @@ SWAPS = {
     "return ": "return !",
     " = 0;": " = 1;",
 }
-STATEMENT = re.compile(r"^\s+(?!return|break|static|bool |u?int\d+_t )[^/#].*;(\s*/\*.*)?$")
+STATEMENT = re.compile(r"^\s+[^/#].*;(\s*/\*.*)?$")
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,7 @@ class Mutant:
     target: Target
     number: int
     line: str
+    after: str
     text: str
 
     def __str__(self) -> str:
@@ -96,13 +103,14 @@ def mutants(target: Target) -> Iterator[Mutant]:
             changed.append("")
         for text in changed:
             shown = text.strip() or f"without {code.strip()}"
-            yield Mutant(target, index + 1, shown, "\n".join([*lines[:index], text, *lines[index + 1 :]]))
+            source = "\n".join([*lines[:index], text, *lines[index + 1 :]])
+            yield Mutant(target, index + 1, shown, lines[index - 1].strip(), source)
 
 
-def run(command: list[str | Path], environment: dict[str, str]) -> bool:
+def run(command: list[str], environment: dict[str, str], folder: Path) -> bool:
     try:
         done = subprocess.run(
-            command, capture_output=True, check=False, env=environment, timeout=TIME_LIMIT_S
+            command, capture_output=True, check=False, cwd=folder, env=environment, timeout=TIME_LIMIT_S
         )
     except subprocess.TimeoutExpired:
         return False
@@ -116,25 +124,29 @@ def survives(mutant: Mutant) -> bool | None:
         shutil.copytree(SOURCES, folder, ignore=shutil.ignore_patterns("build"))
         (folder / mutant.target.name).write_text(mutant.text + "\n")
         environment = os.environ | {"PALPATE_FIRMWARE": str(folder)}
-        if not run(["make", "-s", "-C", folder, f"BUILD={name}/build"], environment):
+        if not run(
+            [part.format(build=f"{name}/build") for part in mutant.target.compile], environment, folder
+        ):
             return None
         tests = HERE / mutant.target.tests
-        return run([sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", tests], environment)
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", str(tests)]
+        return run(command, environment, HERE)
 
 
-def equivalent() -> set[tuple[str, str]]:
-    table = tomllib.loads((HERE / "equivalent_mutants.toml").read_text())
-    return {(each["file"], each["line"]) for each in table["mutant"]}
+def is_equivalent(mutant: Mutant) -> bool:
+    """Whether equivalent_mutants.toml has this line (after the line it names, where several are alike)."""
+    table = tomllib.loads((HERE / "equivalent_mutants.toml").read_text())["mutant"]
+    of_line = [each for each in table if (each["file"], each["line"]) == (mutant.target.name, mutant.line)]
+    return any(each.get("after", mutant.after) == mutant.after for each in of_line)
 
 
 def score(target: Target, processes: int) -> bool:
     """Prints survivors and the share of mutants killed; whether none survived."""
-    original = Mutant(target, 0, "no mutation", (SOURCES / target.name).read_text())
+    original = Mutant(target, 0, "no mutation", "", (SOURCES / target.name).read_text())
     if not survives(original):
         print(f"error: {target.tests} fails without a mutation: mend that first")
         return False
-    known = equivalent()
-    every = [mutant for mutant in mutants(target) if (target.name, mutant.line) not in known]
+    every = [mutant for mutant in mutants(target) if not is_equivalent(mutant)]
     killed = total = 0
     with ThreadPoolExecutor(processes) as pool:
         for count, (mutant, alive) in enumerate(zip(every, pool.map(survives, every), strict=True), 1):

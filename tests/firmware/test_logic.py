@@ -12,7 +12,15 @@ from firmware_rig.smbus_adapter import crc8
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.illumination_registers import I2C_ADDRESS, RANGES, Fault, Register
+from palpate_edge.illumination_registers import (
+    I2C_ADDRESS,
+    IDENTITY,
+    MAP_CRC,
+    RANGES,
+    VERSION,
+    Fault,
+    Register,
+)
 
 REGISTERS = 0x18
 WRITE, READ = I2C_ADDRESS << 1, I2C_ADDRESS << 1 | 1
@@ -70,6 +78,21 @@ class Logic:
         low, high, pec = (self.c.smbus_read(self._p) for _ in range(3))
         self.c.smbus_stop(self._p)
         return low | high << 8, pec == crc8(bytes([WRITE, register, READ, low, high]))
+
+    def bare_read(self) -> bytes:
+        """Three bytes asked for without a command first."""
+        self.c.smbus_start(self._p, READ)
+        return bytes(self.c.smbus_read(self._p) for _ in range(3))
+
+    def tick(self) -> None:
+        """One ms without a reading of the thermistors."""
+        self.c.core_tick_ms(self._p)
+
+    def stop(self) -> None:
+        self.c.smbus_stop(self._p)
+
+    def triggers(self, count: int) -> None:
+        self.c.core_triggers(self._p, count)
 
     def duty(self) -> int:
         return int(self.core.reg[Register.DUTY])
@@ -276,6 +299,8 @@ def test_uptime_counts_seconds(new: Callable[[], Logic]) -> None:
     assert core.read(Register.UPTIME) == (1, True)
     core.ms(2000)
     assert core.read(Register.UPTIME) == (3, True)
+    core.ms(999)
+    assert core.read(Register.UPTIME) == (3, True)
 
 
 def test_cut_off_stays_above_the_start_of_derating(new: Callable[[], Logic]) -> None:
@@ -312,3 +337,86 @@ def test_a_step_of_the_soft_start_is_no_larger_than_needed(new: Callable[[], Log
     for ms in range(1, 256):
         core.ms(1)
         assert core.core.level_now == ms << 8
+
+
+def test_it_tells_what_it_is(new: Callable[[], Logic]) -> None:
+    core = new()
+    assert core.read(Register.IDENTITY) == (IDENTITY, True)
+    assert core.read(Register.VERSION) == (VERSION, True)
+    assert core.read(Register.MAP_CRC) == (MAP_CRC, True)
+
+
+def test_both_temperatures_are_told(new: Callable[[], Logic]) -> None:
+    """10 kOhm at 25 degC; a third of it at 52.0 degC by the B equation."""
+    core = new()
+    core.ms(1, led=ROOM, silicone=256)
+    assert core.core.reg[Register.LED_TEMPERATURE] == pytest.approx(250, abs=3)
+    assert core.core.reg[Register.SILICONE_TEMPERATURE] == pytest.approx(520, abs=5)
+
+
+def test_a_cut_off_lowered_below_the_temperature_darkens_before_the_next_reading(
+    new: Callable[[], Logic],
+) -> None:
+    core = new()
+    core.write(Register.LEVEL, 255)
+    core.ms(300, led=256)  # 52 degC
+    assert core.duty() == 1023
+    core.write(Register.DERATE_START, 300)
+    core.write(Register.CUT_OFF, 400)
+    core.tick()
+    assert core.core.level_now == 0
+
+
+def test_triggers_are_counted_from_a_counter_of_one_byte(new: Callable[[], Logic]) -> None:
+    core = new()
+    for count in (1, 1, 3, 250, 4):  # 3, 247 and 10 more, once past 255
+        core.triggers(count)
+    assert core.core.reg[Register.TRIGGERS] == 260
+
+
+@pytest.mark.parametrize("way", ["read", "write"])
+def test_each_transaction_starts_the_watchdogs_time_anew(new: Callable[[], Logic], way: str) -> None:
+    core = new()
+    core.write(Register.WATCHDOG, 100)
+    core.write(Register.SOFT_START, 0)
+    core.write(Register.LEVEL, 200)
+    core.ms(60)
+    if way == "read":
+        core.read(Register.FAULTS)
+    else:
+        core.write(Register.SOFT_START, 0)
+    core.ms(100)
+    assert core.duty() > 0
+    core.ms(1)
+    assert core.duty() == 0
+
+
+@pytest.mark.parametrize(("level", "acknowledged"), [(255, True), (256, False)])
+def test_the_pec_is_acknowledged_when_the_write_is_allowed_and_no_byte_after_it(
+    new: Callable[[], Logic], level: int, acknowledged: bool
+) -> None:
+    data = bytes([Register.LEVEL, level & 0xFF, level >> 8])
+    asked = new().bytes_in(data + bytes([crc8(bytes([WRITE]) + data)]))
+    assert asked == [True, True, acknowledged, False]
+
+
+def test_a_read_without_a_command_never_looks_right(new: Callable[[], Logic]) -> None:
+    core = new()
+    core.read(Register.IDENTITY)
+    low, high, pec = core.bare_read()
+    assert pec != crc8(bytes([READ, low, high]))
+    data = bytes([WRITE, Register.LEVEL, 100, 0])
+    data += bytes([crc8(data)])
+    core.bytes_in(data[1:])
+    low, high, pec = core.bare_read()
+    assert pec != crc8(data + bytes([READ, low, high]))
+
+
+def test_a_second_stop_does_not_write_again(new: Callable[[], Logic]) -> None:
+    core = new()
+    core.write(Register.WATCHDOG, 100)
+    core.write(Register.LEVEL, 100)
+    core.ms(101)
+    assert core.core.reg[Register.LEVEL] == 0
+    core.stop()
+    assert core.core.reg[Register.LEVEL] == 0

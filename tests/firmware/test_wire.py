@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
-from firmware_rig.smbus_adapter import WireSmBus
+from firmware_rig.smbus_adapter import WireSmBus, crc8
 
 from palpate_edge.errors import IlluminationError
 from palpate_edge.illumination import Illumination
@@ -12,6 +12,7 @@ from palpate_edge.illumination_registers import I2C_ADDRESS, Fault, Register
 
 TICK = CLOCK_HZ // 1000  # cycles
 PHASES = 30
+PWM_PERIOD = 1024  # cycles
 ROOM_ADC, HOT_ADC = 512, 128  # 25 and 76 degC by the B equation
 
 
@@ -138,6 +139,86 @@ def test_no_phase_of_the_tick_delays_the_flash(
     assert client.read(Register.TRIGGERS) == PHASES
 
 
+def test_one_edge_gives_one_flash(client: Illumination, controller: SimulatedController) -> None:
+    strobe(client, controller, 10, 50)
+    flash_after(controller, client, controller.cycle)
+    assert controller.led_share(50) == 0.0
+
+
+@pytest.mark.parametrize("delay", [10, 0])
+def test_an_edge_during_a_flash_ends_it_and_begins_anew(
+    client: Illumination, controller: SimulatedController, delay: int
+) -> None:
+    """Width 50 ticks of 32 us; the second edge comes 1000 us after the first."""
+    strobe(client, controller, delay, 50)
+    first = controller.cycle
+    second = first + TICK
+    controller.trigger_at(first)
+    controller.trigger_at(second)
+    controller.run_ms(50)
+
+    def share(after_us: float, before_us: float) -> float:
+        return controller.led_share_between(second + round(8 * after_us), second + round(8 * before_us))
+
+    if delay:
+        assert share(-100, 0) > 0.9
+        assert share(15, 315) == 0.0
+    assert share(32 * delay + 10, 32 * delay + 1590) > 0.9
+    assert share(32 * delay + 1610, 40_000) == 0.0
+    assert client.read(Register.TRIGGERS) == 2
+
+
+@pytest.mark.parametrize("delay", [10, 0])
+def test_steady_light_takes_no_notice_of_edges(
+    client: Illumination, controller: SimulatedController, delay: int
+) -> None:
+    client.write(Register.STROBE_DELAY, delay)
+    client.set_level(128)
+    controller.run_ms(250)
+    periods = controller.led_rises(10)
+    for i in range(20):
+        controller.trigger_at(controller.cycle + i * 7 * PWM_PERIOD // 2)  # half a period off
+    assert controller.led_rises(12) == pytest.approx(periods * 1.2, abs=2)
+    assert client.read(Register.TRIGGERS) == 20
+
+
+def test_the_flash_follows_new_settings_and_steady_light_comes_back(
+    client: Illumination, controller: SimulatedController
+) -> None:
+    strobe(client, controller, 10, 50)
+    strobe(client, controller, 20, 10)
+    on, off = flash_after(controller, client, controller.cycle)
+    assert (on, off) == (pytest.approx(640, abs=4), pytest.approx(960, abs=4))
+    client.write(Register.STROBE_WIDTH, 0)
+    controller.run_ms(2)
+    assert controller.led_share(10) == pytest.approx((250 / 255) ** 2, abs=0.005)
+
+
+def test_no_flash_while_it_is_too_hot(client: Illumination, controller: SimulatedController) -> None:
+    strobe(client, controller, 0, 255)
+    controller.set_adc(0, HOT_ADC)
+    controller.run_ms(20)
+    controller.trigger_at(controller.cycle)
+    assert controller.led_share(10) == 0.0
+
+
+def test_no_phase_of_the_pwm_delays_the_flash(client: Illumination, controller: SimulatedController) -> None:
+    """At a quarter of the light: three of four phases of its period are dark."""
+    strobe(client, controller, 1, 50)
+    client.set_level(128)
+    controller.run_ms(10)
+    for phase in range(8):
+        period = controller.cycle // PWM_PERIOD + 2
+        on, _ = flash_after(controller, client, period * PWM_PERIOD + phase * PWM_PERIOD // 8)
+        assert on == pytest.approx(32, abs=4)
+
+
+def test_pins_at_rest(controller: SimulatedController) -> None:
+    """The LED driver is held low; unused inputs are pulled up."""
+    assert controller.pin_state("PB1") == "Low"
+    assert controller.pin_state("PD3") == "Pull up"
+
+
 def test_a_hung_controller_resets_itself_in_the_dark(
     client: Illumination, controller: SimulatedController
 ) -> None:
@@ -161,6 +242,24 @@ def test_a_client_of_another_map_is_refused(bus: WireSmBus, monkeypatch: pytest.
     monkeypatch.setattr("palpate_edge.illumination.MAP_CRC", 0x1234)
     with pytest.raises(IlluminationError, match=r"MAP_CRC is .*not 1234h: flash the firmware"):
         Illumination(bus, "simulated wires")
+
+
+def test_a_write_that_goes_on_after_its_pec_is_forgotten(bus: WireSmBus) -> None:
+    message = [I2C_ADDRESS << 1, Register.LEVEL, 100, 0]
+    with pytest.raises(OSError, match="Remote I/O"):
+        bus.send([*message, crc8(bytes(message)), 0])
+    assert bus.read_word_data(I2C_ADDRESS, Register.LEVEL) == 0
+
+
+def test_a_stop_within_a_byte_leaves_the_controller_alive(
+    client: Illumination, controller: SimulatedController
+) -> None:
+    controller.start()
+    controller.send(I2C_ADDRESS << 1)
+    controller.send_bits(Register.LEVEL, 3)
+    controller.stop()
+    assert client.read(Register.IDENTITY) == 0x5041
+    client.set_level(3)
 
 
 def test_noise_on_the_wires_leaves_the_controller_alive(client: Illumination, bus: WireSmBus) -> None:

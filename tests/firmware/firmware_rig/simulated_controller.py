@@ -31,7 +31,7 @@ class SimulatedController:
         self._loop.set_fast_mode(True)
         firmware = core.Firmware.read_elf(str(binary))
         firmware.frequency = CLOCK_HZ
-        firmware.vcc = firmware.aref = 3.3
+        firmware.vcc, firmware.aref = 3.3, 1.0  # of which the firmware must take the first
         self.device.load_firmware(firmware)
         self._probe = core.DeviceDebugProbe(self.device)
         self._sda, self._scl = core.Wire(), core.Wire()
@@ -90,16 +90,33 @@ class SimulatedController:
 
     def led_share(self, duration_ms: float) -> float:
         """How much of the next time the LED driver is on."""
-        start, count = self.cycle, len(self._led)
+        start = self.cycle
         self.run_ms(duration_ms)
-        edges = [(start, self._led[count - 1][1]), *self._led[count:], (self.cycle, False)]
-        on = sum(level * (after - since) for (since, level), (after, _) in itertools.pairwise(edges))
-        return on / (self.cycle - start)
+        return self.led_share_between(start, self.cycle)
+
+    def led_share_between(self, start: int, end: int) -> float:
+        """The same for the time between two cycles in the past."""
+        edges = [*self._led, (end, False)]
+        on = sum(
+            level * max(0, min(after, end) - max(since, start))
+            for (since, level), (after, _) in itertools.pairwise(edges)
+        )
+        return on / (end - start)
+
+    def led_rises(self, duration_ms: float) -> int:
+        """How often the LED driver is switched on in the next time: PWM periods, in steady light."""
+        count = len(self._led)
+        self.run_ms(duration_ms)
+        return sum(level for _, level in self._led[count:])
 
     def led_edges(self, since: int) -> tuple[int, int]:
         """Cycles of the first rise and of the last fall from a cycle until now."""
         edges = [edge for edge in self._led if edge[0] >= since]
         return next(cycle for cycle, level in edges if level), edges[-1][0]
+
+    def pin_state(self, name: str) -> str:
+        """What the chip makes of its pin, in the simulator's words."""
+        return str(self.device.find_pin(name).state())
 
     def stop_tick(self) -> None:
         """Stop timer 0, as a firmware that went astray might."""
@@ -154,14 +171,18 @@ class SimulatedController:
 
     def send(self, byte: int) -> bool:
         """Eight bits out; whether they were acknowledged."""
-        for i in range(7, -1, -1):
+        self.send_bits(byte, 8)
+        self._release(self._sda)
+        return not self._clock()
+
+    def send_bits(self, byte: int, count: int) -> None:
+        """The first bits of a byte."""
+        for i in range(7, 7 - count, -1):
             if byte >> i & 1:
                 self._release(self._sda)
             else:
                 self._sda.set_state("L")
             self._clock()
-        self._release(self._sda)
-        return not self._clock()
 
     def receive(self, acknowledge: bool) -> int:
         self._release(self._sda)
