@@ -8,6 +8,7 @@ from palpate_host.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "dome": ("palpate_host.twin.dome.cli:dome", "The dome by finite elements and its library."),
+    "sensor": ("palpate_host.twin.sensor_cli:sensor", "A sensor.toml in figures and as a drawing."),
     "dataset": ("palpate_host.twin.camera.cli:dataset", "Press datasets of simulated sensors."),
     "paper": ("palpate_host.twin.hand.cli:paper", "The paper's Figs. 17 and 20: an object turned in a hand."),
     "loop": ("palpate_host.twin.hand.cli:loop", "Hand, fingertips, bus, drives and host in lock step."),
