@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from firmware_rig.need import need
 
 if TYPE_CHECKING:
     from firmware_rig.simulated_controller import SimulatedController
 
 PROJECT = Path(__file__).resolve().parents[2]
 SOURCES = Path(os.environ.get("PALPATE_FIRMWARE", PROJECT / "firmware" / "illumination"))  # set by mutate.py
-
-
-def need(program: str, package: str) -> None:
-    if shutil.which(program) is None:
-        pytest.skip(f"{program} is missing: make system-deps installs it ({package})")
 
 
 @pytest.fixture(scope="session")

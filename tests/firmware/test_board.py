@@ -7,10 +7,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from firmware_rig.need import need
 
-from conftest import need
-
-BOARD = Path(__file__).resolve().parents[2] / "firmware" / "board"
+PROJECT = Path(__file__).resolve().parents[2]
+BOARD = PROJECT / "firmware" / "board"
 MAKEFILE = BOARD.parent / "illumination" / "Makefile"
 
 # __overrides__ of arch/arm/boot/dts/overlays/NAME-overlay.dts in Raspberry Pi's kernel, and of its boards.
@@ -127,6 +127,14 @@ def test_pins_of_the_overlays_are_those_of_the_wiring() -> None:
 
 def test_the_chips_own_i2c_stays_off_the_pins_that_software_clocks() -> None:
     assert ("dtparam", "i2c_arm=on", {}) not in boot_lines()
+
+
+def test_the_playbook_writes_the_same_lines() -> None:
+    role = (PROJECT / "ansible" / "roles" / "can" / "defaults" / "main.yml").read_text()
+    written = re.findall(r"^  (dt.+)$", role, re.MULTILINE)
+    assert written == [line for line in (BOARD / "config.txt").read_text().splitlines() if line[:2] == "dt"]
+    example = (PROJECT / "ansible" / "inventory" / "example" / "group_vars" / "fingertips.yml").read_text()
+    assert f"fingertip_i2c_bus: {overlay('i2c-gpio')['bus']}\n" in example
 
 
 def fuses_in(text: str) -> list[int]:

@@ -75,7 +75,7 @@ def plan_text(sensor: Sensor) -> str:
 
 def draw_sensor(sensor: Sensor, path: Path) -> None:
     """Write the picture, in the format of the path's suffix."""
-    with mpl.rc_context({"font.size": 9, "svg.hashsalt": "palpate"}):
+    with mpl.rc_context({"font.size": 9, "svg.hashsalt": "palpate", "svg.fonttype": "none"}):
         figure = Figure(figsize=(11, 6), layout="constrained")
         section, layout = figure.subplots(1, 2)
         _draw_section(section, sensor)
