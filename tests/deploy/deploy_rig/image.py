@@ -34,11 +34,21 @@ def ansible(program: str) -> Path:
 
 def board_image() -> Path:
     """The folder that build-board.sh fills."""
-    recipe = [RIG / "build-board.sh", *sorted(path for path in (RIG / "board").rglob("*") if path.is_file())]
-    target = CACHE / f"board-{_digest(b''.join(path.read_bytes() for path in recipe))}"
+    own = sorted(path for path in (RIG / "board").rglob("*") if path.is_file())
+    return _built("board", RIG / "build-board.sh", *own)
+
+
+def foreign_python() -> Path:
+    """The folder that build-foreign.sh fills."""
+    return _built("aarch64", RIG / "build-foreign.sh")
+
+
+def _built(name: str, script: Path, *parts: Path) -> Path:
+    recipe = b"".join(path.read_bytes() for path in (script, *parts))
+    target = CACHE / f"{name}-{_digest(recipe)}"
     if not target.exists():
         with _made(target) as folder:
-            subprocess.run([RIG / "build-board.sh", folder], check=True)
+            subprocess.run([script, folder], check=True)
     return target
 
 
