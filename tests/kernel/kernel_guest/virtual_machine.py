@@ -23,7 +23,7 @@ RECIPE = Path(__file__).with_name("vm")
 PROJECT = Path(__file__).resolve().parents[3]
 CACHE = PROJECT / ".cache" / "vm"
 PYTHON = "3.11"  # bookworm's
-PACKAGES_MB = 1600
+PACKAGES_MB = 1200
 
 TOOLS = (
     ("qemu-system-x86_64", "qemu-system-x86"),
@@ -85,8 +85,8 @@ def system_disk() -> Path:
 
 
 def packages_disk() -> Path:
-    """A disk with the Python packages of requirements/dev.lock for the machine's Python."""
-    lock = PROJECT / "requirements" / "dev.lock"
+    """A disk with the Python packages of requirements/guest.lock for the machine's Python."""
+    lock = PROJECT / "requirements" / "guest.lock"
     target = CACHE / f"packages-{_digest(lock.read_bytes())}"
     if not target.exists():
         with _made(target) as folder, tempfile.TemporaryDirectory(dir=folder) as tree:
