@@ -18,7 +18,7 @@ from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
 
 N_SLCAN = 17  # linux/tty.h
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0  # only a hang waits so long; an emulated machine beside other work is slow
 
 
 def receive(bus: Bus, count: int) -> list[CanFrame]:
