@@ -19,6 +19,10 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "view": ("palpate_host.view.cli:view", "The hand in 3-D, live or from a recording (Rerun)."),
     "export": ("palpate_host.recording.cli:export", "A recording as MCAP, CSV or Parquet."),
     "groundtruth": ("palpate_host.groundtruth.cli:groundtruth", "The object's pose by an external camera."),
+    "experiment": (
+        "palpate_host.experiment.cli:experiment",
+        "Both laws compared, as in the paper's Fig. 20.",
+    ),
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
     "simulate": ("palpate_host.twin.simulate_cli:simulate", "The twin: the dome, its camera, datasets."),

@@ -1,0 +1,133 @@
+"""What an experiment is: an experiment.toml, and the trials it asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from palpate_edge.errors import ConfigError
+from palpate_host.hand_config import ControlMode
+from palpate_host.toml_file import read_toml
+
+Text = Annotated[str, msgspec.Meta(min_length=1)]
+Word = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+$")]  # a folder's name
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+Seconds = Annotated[float, msgspec.Meta(ge=0.5, le=600)]
+Marker = tuple[Annotated[int, msgspec.Meta(ge=0, le=49)], Positive]
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class PoseConfig(_Strict, frozen=True):
+    """How the object lies in the hand before the grasp.
+
+    offset_mm: from where hand.toml's [twin.object] has it, for the twin. say: what the person is told who
+    puts it there, for a real hand. turns: which turns are tried from here; all when left out.
+    """
+
+    name: Word
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    say: str = ""
+    turns: tuple[Word, ...] = ()
+
+
+class TurnConfig(_Strict, frozen=True):
+    """A turn about the hand's fixed axes."""
+
+    name: Word
+    rpy_deg: tuple[float, float, float]
+
+
+class CameraConfig(_Strict, frozen=True):
+    """The external camera of a real hand: see `palpate-host groundtruth`.
+
+    device: /dev/v4l/by-path/...; intrinsics: file of `groundtruth calibrate`, beside this one; marker, base:
+    number and side in mm.
+    """
+
+    device: Text
+    intrinsics: Text
+    marker: Marker
+    base: Marker | None = None
+    width_px: Annotated[int, msgspec.Meta(ge=160, le=8192)] = 1280
+    height_px: Annotated[int, msgspec.Meta(ge=120, le=8192)] = 720
+    fps: Positive = 30.0
+    exposure_us: Annotated[int, msgspec.Meta(ge=1)] | None = None
+
+
+class ExperimentConfig(_Strict, frozen=True):
+    """hand: `table3`, `table4` or a hand.toml beside this file. on: the simulated hand or the one on its bus.
+
+    seconds: of turning, after `settle_s` of grasping. integral_per_s: of the proposed law; 0 is the paper's.
+    noise_mm, seed: of the twin's contacts. engine: of the twin.
+    """
+
+    hand: Text
+    on: Literal["twin", "hand"]
+    poses: Annotated[tuple[PoseConfig, ...], msgspec.Meta(min_length=1)]
+    turns: Annotated[tuple[TurnConfig, ...], msgspec.Meta(min_length=1)]
+    laws: Annotated[tuple[ControlMode, ...], msgspec.Meta(min_length=1)] = (
+        ControlMode.PROPOSED,
+        ControlMode.BLIND,
+    )
+    seconds: Seconds = 6.0
+    settle_s: Seconds = 1.0
+    integral_per_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+    noise_mm: Annotated[float, msgspec.Meta(ge=0)] = 0.09
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 1
+    engine: Literal["eqs", "mujoco"] = "mujoco"
+    camera: CameraConfig | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One trial. name: of its folder."""
+
+    pose: PoseConfig
+    turn: TurnConfig
+    law: ControlMode
+
+    @property
+    def name(self) -> str:
+        return f"{self.turn.name}-{self.pose.name}-{self.law.value}"
+
+
+def load(path: Path) -> ExperimentConfig:
+    """ConfigError when the file is missing, garbled, or its parts do not fit each other."""
+    config = read_toml(
+        path,
+        ExperimentConfig,
+        option="the experiment's file",
+        example="models/experiment.toml shows every one",
+    )
+    names = [turn.name for turn in config.turns]
+    for kind, found in (("turns", names), ("poses", [pose.name for pose in config.poses])):
+        for name in found:
+            if found.count(name) > 1:
+                raise ConfigError(f"{path}: {kind}.name {name!r} is used twice: every one needs its own")
+    for pose in config.poses:
+        for name in pose.turns:
+            if name not in names:
+                raise ConfigError(f"{path}: poses.turns of {pose.name} names {name!r}: name one of [[turns]]")
+    if config.on == "hand" and config.camera is None:
+        raise ConfigError(f'{path}: on = "hand" needs [camera], or nobody knows how the object turned')
+    if config.camera is None:
+        return config
+    camera = msgspec.structs.replace(config.camera, intrinsics=str(path.parent / config.camera.intrinsics))
+    return msgspec.structs.replace(config, camera=camera)
+
+
+def cases(config: ExperimentConfig) -> list[Case]:
+    """Turn by turn, pose by pose, law by law: what is compared stands together."""
+    return [
+        Case(pose, turn, law)
+        for turn in config.turns
+        for pose in config.poses
+        if not pose.turns or turn.name in pose.turns
+        for law in config.laws
+    ]

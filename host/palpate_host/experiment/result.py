@@ -1,0 +1,58 @@
+"""What one trial gave, from whatever measured it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate_host import rotation
+from palpate_host.experiment.protocol import Case
+from palpate_host.rotation import Array
+
+SETTLED_DEG = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """time_s (n,), 0 where turning begins; turn (n) rotations (3, 3) since then, by the external camera.
+
+    true_turn: the same by the simulation, empty on a real hand. slip_mm: path of each tip's skin on the
+    object, None on a real hand. failure: why the host stopped the hand, or empty.
+    """
+
+    case: Case
+    folder: Path
+    time_s: Array
+    turn: Sequence[Array]
+    true_turn: Sequence[Array]
+    slip_mm: Array | None
+    pictures: int
+    failure: str
+
+    @property
+    def rpy_deg(self) -> Array:
+        """(n, 3)."""
+        return np.array([rotation.to_rpy_deg(turn) for turn in self.turn]).reshape(-1, 3)
+
+    @property
+    def error_deg(self) -> float:
+        """Angle missing at the end, by the camera."""
+        return self.missing_deg(self.turn)
+
+    @property
+    def true_error_deg(self) -> float | None:
+        return self.missing_deg(self.true_turn) if self.true_turn else None
+
+    @property
+    def settling_s(self) -> float | None:
+        """From when on the turn stays within SETTLED_DEG of its last value."""
+        last = self.turn[-1]
+        far = [i for i, turn in enumerate(self.turn) if rotation.angle_deg(last @ turn.T) > SETTLED_DEG]
+        return float(self.time_s[far[-1] + 1]) if far else float(self.time_s[0])
+
+    def missing_deg(self, turns: Sequence[Array]) -> float:
+        goal = rotation.from_rpy_deg(*self.case.turn.rpy_deg)
+        return rotation.angle_deg(goal @ turns[-1].T)

@@ -1,0 +1,126 @@
+"""One trial on the simulated hand, in lock step: the host, the nodes and the drives of the real one.
+
+The object's turn is measured as in the paper: by an external camera, here rendered. What the simulation knows
+is kept beside it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import ConfigError
+from palpate_host.bus.candump import LogRecord, write_log
+from palpate_host.experiment.protocol import Case, ExperimentConfig
+from palpate_host.experiment.result import TrialResult
+from palpate_host.hand import Hand
+from palpate_host.hand_config import HandConfig
+from palpate_host.host import load_hand
+from palpate_host.recording.mcap import McapRecording
+from palpate_host.replay import contract_header, steps
+from palpate_host.rotation import Array
+from palpate_host.twin.hand.experiment import make_engine
+from palpate_host.twin.hand.external_camera import MarkerTruth, camera_above
+from palpate_host.twin.hand.fingertip_feel import DirectFeel
+from palpate_host.twin.hand.lockstep import LockstepLoop, Sample, turning_samples
+
+PICTURES_HZ = 5.0
+
+
+class RecordedLoop(LockstepLoop):
+    """The loop with its bus log."""
+
+    def __init__(self, config: HandConfig, hand: Hand, *arguments: object) -> None:
+        super().__init__(config, hand, *arguments)  # type: ignore[arg-type]
+        self.bus_log: list[LogRecord] = []
+
+    def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
+        before = len(self._wire)
+        super()._send(now_us, frames, from_host)
+        on_wire = itertools.islice(self._wire, before, None)
+        self.bus_log += [LogRecord(stamp_us, frame) for stamp_us, frame, _ in on_wire]
+
+
+def trial_config(config: HandConfig, case: Case, experiment: ExperimentConfig) -> HandConfig:
+    """hand.toml for this trial. ConfigError when it has no [twin]."""
+    if config.twin is None:
+        raise ConfigError(f"{experiment.hand}: has no [twin]: give start_pose_rad and the object")
+    place_m = np.array(config.twin.object.position_m) + 1e-3 * np.array(case.pose.offset_mm)
+    held = msgspec.structs.replace(config.twin.object, position_m=tuple(place_m.tolist()))
+    return msgspec.structs.replace(
+        config,
+        twin=msgspec.structs.replace(config.twin, object=held),
+        target=msgspec.structs.replace(config.target, rpy_deg=case.turn.rpy_deg),
+        control=msgspec.structs.replace(
+            config.control,
+            mode=case.law,
+            integral_per_s=experiment.integral_per_s,
+            settle_ms=round(1000 * experiment.settle_s),
+        ),
+    )
+
+
+def run_twin_trial(hand_toml: Path, experiment: ExperimentConfig, case: Case, folder: Path) -> TrialResult:
+    """Runs it and writes bus.log and hand.mcap into `folder`. The same arguments give the same bits.
+
+    LostGraspError when the object is lost or never turned.
+    """
+    loaded, hand = load_hand(hand_toml)
+    config = trial_config(loaded, case, experiment)
+    engine = make_engine(config, experiment.engine, has_B=False)
+    feel = DirectFeel(1e3 * config.control.tip_radius_m, experiment.noise_mm, experiment.seed)
+    loop = RecordedLoop(config, hand, engine, feel)
+    record = loop.run(experiment.settle_s + experiment.seconds + 1.0)
+    turning = turning_samples(record)
+    folder.mkdir(parents=True, exist_ok=True)
+    records = sorted(loop.bus_log, key=lambda one: one.stamp_us)
+    write_log(folder / "bus.log", contract_header(config), records)
+    _write_mcap(folder / "hand.mcap", records, config, hand)
+    times, turns = _by_camera(config, turning, experiment.seed)
+    start = turning[0].object_rotation
+    return TrialResult(
+        case=case,
+        folder=folder,
+        time_s=times,
+        turn=turns,
+        true_turn=[sample.object_rotation @ start.T for sample in turning],
+        slip_mm=1e3 * engine.slip_m,
+        pictures=len(times),
+        failure=record.failure,
+    )
+
+
+def _by_camera(config: HandConfig, turning: Sequence[Sample], seed: int) -> tuple[Array, list[Array]]:
+    """The turn since the first picture, five pictures a second and the last."""
+    assert config.twin is not None
+    held = config.twin.object
+    camera = camera_above(np.array(held.position_m), held.length_m)
+    truth, rng = MarkerTruth(camera), np.random.default_rng(seed)
+    every = max(1, round(len(turning) / (turning[-1].time_s - turning[0].time_s) / PICTURES_HZ))
+    times: list[float] = []
+    turns: list[Array] = []
+    start: Array | None = None
+    for sample in [*turning[:-1:every], turning[-1]]:
+        R = truth.object_rotation(camera.picture(sample.object_rotation, sample.object_position_m, rng))
+        if R is None:
+            continue
+        start = R if start is None else start
+        times.append(sample.time_s - turning[0].time_s)
+        turns.append(np.asarray(R @ start.T))
+    if not turns:
+        raise ConfigError(
+            "the external camera saw the marker in no picture: move the object's start into view"
+        )
+    return np.array(times), turns
+
+
+def _write_mcap(path: Path, records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> None:
+    with McapRecording(path, hand, [finger.name for finger in config.fingers]) as recording:
+        for step in steps(records, config, hand):
+            if step.output.status is not None and step.output.frames_out:
+                recording.write(step.output.status)
