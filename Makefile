@@ -43,7 +43,7 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
-firmware-mutation: $(VENV)/dev.stamp  ## break the firmware's logic line by line, count what its tests notice (10 minutes)
+firmware-mutation: $(VENV)/dev.stamp  ## break the firmware line by line, count what its tests notice (half an hour)
 	$(BIN)/python tests/firmware/mutate.py
 
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
