@@ -54,3 +54,22 @@ def test_a_path_too_long_for_a_socket_is_refused_before_anything_is_made(tmp_pat
     with pytest.raises(ConfigError, match=r"too long .* --output"):
         make_run_folder(path, RECORDING, 1_000_000)
     assert not path.exists()
+
+
+def test_with_the_twin_every_finger_sees_its_ring_in_memory(tmp_path):
+    folder = make_run_folder(tmp_path / "run", None, 1_000_000)
+    rings = [Path(config.capture.path) for config in folder.fingertips()]
+    assert [config.capture.source for config in folder.fingertips()] == ["shared_memory"] * 3
+    assert len({*rings, folder.ring("finger-1")}) == 3
+    other = make_run_folder(tmp_path / "other", None, 1_000_000)
+    assert not {other.ring(finger.name) for finger in other.hand().fingers} & {*rings}
+
+
+def test_with_the_twin_the_hand_differs_where_the_docs_say(tmp_path):
+    folder = make_run_folder(tmp_path / "run", None, 1_000_000)
+    packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
+    control = {"integral_per_s": 1.0, "position_stiffness_N_m": 300.0}
+    assert written["control"] == packaged["control"] | control
+    assert written["target"]["rpy_deg"] == [30.0, 0.0, 0.0]
+    assert written["twin"]["start_pose_rad"] == [0.0, 0.06, 1.509]
+    assert written["twin"]["object"] == packaged["twin"]["object"]

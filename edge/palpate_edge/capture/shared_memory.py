@@ -12,6 +12,7 @@ from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureErro
 from palpate_edge.sensor import Sensor
 
 POLL_S = 0.001
+QUIET_SHARE = 0.7  # of the time between two exposures, in which no next frame is looked for
 STALLED_AFTER_S = 0.5
 
 
@@ -37,6 +38,9 @@ class SharedMemorySource:
             raise
         self._path, self._at_monotonic_us = path, at_monotonic_us
         self._next_sequence: int | None = None
+        self._last_exposed_us = 0
+        self._shortest_us = 0
+        self._quiet_until_s = 0.0
         self.dropped = 0
         self.exposure_us = 0
 
@@ -48,12 +52,20 @@ class SharedMemorySource:
                 raise CameraStalledError(
                     f"{self._path}: no frame for {STALLED_AFTER_S:g} s: look whether its writer still runs"
                 )
-            time.sleep(POLL_S)
+            time.sleep(max(POLL_S, self._quiet_until_s - time.monotonic()))
         if self._next_sequence is not None:
             self.dropped += max(0, frame.sequence - self._next_sequence)
+            self._be_quiet(frame.exposed_at_us - self._last_exposed_us)
         self._next_sequence = frame.sequence + 1
+        self._last_exposed_us = frame.exposed_at_us
         exposed_at_us = self._at_monotonic_us(frame.exposed_at_us)
         return Frame(frame.image, exposed_at_us, frame.sequence, f"{self._path.name}#{frame.sequence}")
+
+    def _be_quiet(self, period_us: int) -> None:
+        """A thousand looks a second cost more than the estimate: none for most of the shortest gap."""
+        period_us = min(max(0, period_us), round(1e6 * STALLED_AFTER_S))
+        self._shortest_us = min(self._shortest_us or period_us, period_us)
+        self._quiet_until_s = time.monotonic() + QUIET_SHARE * 1e-6 * self._shortest_us
 
     def close(self) -> None:
         self._reader.close()

@@ -1,4 +1,4 @@
-"""All figures of a run, from its bus log, its configuration files and the truth of the recordings alone."""
+"""All figures of a run, from its bus log, its configuration files and the truth alone."""
 
 from __future__ import annotations
 
@@ -21,18 +21,29 @@ from palpate_host.demo.hand_motion import (
     replay_modes,
 )
 from palpate_host.demo.live_view import mode_name
+from palpate_host.demo.programme import read_given
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.demo.traffic import Traffic, traffic
-from palpate_host.demo.truth import FingerFigures, Pair, finger_figures, read_pairs
+from palpate_host.demo.truth import (
+    FingerFigures,
+    Pair,
+    finger_figures,
+    of_recording,
+    of_twin,
+    read_pairs,
+)
+from palpate_host.demo.turn import Turn, TurnFigures, turn_of
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract
 from palpate_host.supervisor import Mode
+from palpate_host.twin.hand.motion import Motion, read_motion
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What summary.json holds. origin: the lines of the log's header."""
+    """What summary.json holds. origin: the lines of the log's header. turn: None without the twin, or when
+    the object was never turned."""
 
     started_at: str
     duration_s: float
@@ -41,19 +52,23 @@ class Summary:
     fingers: tuple[FingerFigures, ...]
     bus: Traffic
     hand: HandFigures
+    turn: TurnFigures | None
 
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """The summary and the series behind it. begin_us: stamp of the log's first frame."""
+    """The summary and the series behind it. begin_us: stamp of the log's first frame. recording: its folder;
+    None with the twin, whose motion and turn are then known."""
 
     summary: Summary
     begin_us: int
     config: HandConfig
-    recording: Path
+    recording: Path | None
     pairs: tuple[list[Pair], ...]
     moments: list[Moment]
     torques: list[JointTorque]
+    motion: Motion | None
+    turn: Turn | None
 
 
 def analyse(folder: RunFolder) -> Analysis:
@@ -67,18 +82,26 @@ def analyse(folder: RunFolder) -> Analysis:
     if len(log.records) < 2:
         raise DatasetError(f"{folder.log}: holds no traffic: run the demo again")
     fingers, all_pairs = [], []
-    recording = Path()
+    recording = None
     for fingertip in folder.fingertips():
-        recording = Path(fingertip.capture.path)
-        truth = read_dataset(recording).presses
-        if not truth:
-            raise DatasetError(f"{recording}: has no truth.csv: use a recording with its truth")
+        if fingertip.capture.source == "shared_memory":
+            truth = of_twin(folder.truth / f"{fingertip.name}.csv")
+        else:
+            path = Path(fingertip.capture.path)
+            recording = path.parent
+            presses = read_dataset(path).presses
+            if not presses:
+                raise DatasetError(f"{path}: has no truth.csv: use a recording with its truth")
+            truth = of_recording(presses)
         pairs, incomplete = read_pairs(log.records, fingertip.node.id, truth)
         all_pairs.append(pairs)
         fingers.append(finger_figures(fingertip.name, pairs, incomplete))
     begin_us = log.records[0].stamp_us
-    moments = replay_modes(log.records, config, hand)
+    moments = replay_modes(log.records, config, hand, read_given(folder.commands))
     torques = joint_torques(log.records, config)
+    motion = None if recording is not None else read_motion(folder.motion)
+    turned = None if motion is None else turn_of(moments, motion, begin_us)
+    turn, turn_figures = turned or (None, None)
     bus = traffic(log.records, config.bus.bitrate, config)
     summary = Summary(
         started_at=datetime.fromtimestamp(begin_us // 1_000_000, UTC).isoformat(),
@@ -88,8 +111,9 @@ def analyse(folder: RunFolder) -> Analysis:
         fingers=tuple(fingers),
         bus=bus,
         hand=hand_figures(moments, torques, begin_us),
+        turn=turn_figures,
     )
-    return Analysis(summary, begin_us, config, recording.parent, tuple(all_pairs), moments, torques)
+    return Analysis(summary, begin_us, config, recording, tuple(all_pairs), moments, torques, motion, turn)
 
 
 def write_summary(path: Path, summary: Summary) -> None:
@@ -112,6 +136,12 @@ def summary_lines(summary: Summary) -> list[str]:
         if latency is not None:
             parts.append(f"to bus {latency.median / 1000:.1f} ms median, {latency.p99 / 1000:.1f} p99")
         lines.append(f"{finger.name}: " + "; ".join(parts))
+    for step in summary.turn.steps if summary.turn is not None else ():
+        asked = ", ".join(f"{angle:g}" for angle in step.rpy_deg)
+        slip = ", ".join(f"{path:.2f}" for path in step.slip_mm)
+        lines.append(
+            f"turned by roll, pitch, yaw {asked} deg: {step.error_deg:.2f} deg off; tips slid by {slip} mm"
+        )
     modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
     lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")

@@ -14,12 +14,14 @@ from rich.live import Live
 from palpate_edge.dataset import read_dataset
 from palpate_host.demo import orchestrator
 from palpate_host.demo.analysis import analyse, summary_lines, write_summary
+from palpate_host.demo.film import make_film
 from palpate_host.demo.live_view import Scale, plain_line, render
 from palpate_host.demo.monitor import Sight
 from palpate_host.demo.orchestrator import DemoInterruptedError
 from palpate_host.demo.run_folder import RunFolder, make_run_folder
 from palpate_host.supervisor import Mode
 
+FORCE_SCALE_N = 5.0  # of the bars in the live view
 CHECKOUT = Path(__file__).resolve().parents[3]
 FOLDER = click.Path(path_type=Path, file_okay=False)
 INTERRUPTED_EXIT_STATUS = 130  # as a shell says for SIGINT
@@ -32,16 +34,14 @@ WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to nee
     "--duration",
     "duration_s",
     type=click.FloatRange(min=1),
-    default=20.0,
+    default=21.0,
     show_default=True,
     help="Seconds to run, once the hand operates.",
 )
 @click.option(
     "--recording",
     type=FOLDER,
-    default=CHECKOUT / "demo" / "recording",
-    show_default="demo/recording",
-    help="Folder with press/ (to calibrate with) and one recording a finger.",
+    help="Play this in place of the twin: a folder with press/ (to calibrate with) and a recording a finger.",
 )
 @click.option(
     "--output",
@@ -56,13 +56,17 @@ WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to nee
 )
 @click.option("--report-only", is_flag=True, help="Make the report of the last run again, from its bus log.")
 def demo(
-    duration_s: float, recording: Path, output: Path, no_view: bool, bitrate: int, report_only: bool
+    duration_s: float, recording: Path | None, output: Path, no_view: bool, bitrate: int, report_only: bool
 ) -> None:
-    """A whole hand on this machine: three fingertips, nine simulated drives and the host, each a process.
+    """A whole hand on this machine, in real time: it grasps an object and turns it by what it feels.
+
+    The twin moves hand, object and nine drives and renders what three fingertips see; the fingertips, the
+    bus and the host are the real programs, each a process.
 
     \b
     palpate-host demo
     palpate-host demo --duration 60 --no-view
+    palpate-host demo --recording demo/recording
     palpate-host demo --report-only
     """
     if report_only:
@@ -70,18 +74,27 @@ def demo(
     else:
         folder = make_run_folder(output / "run", recording, bitrate)
         try:
-            _run(folder, recording.resolve(), duration_s, plain=no_view or not sys.stdout.isatty())
+            _run(
+                folder,
+                recording and recording.resolve(),
+                duration_s,
+                plain=no_view or not sys.stdout.isatty(),
+            )
         except DemoInterruptedError:
             click.echo("stopped; palpate-host demo --report-only makes the report of what was recorded")
             sys.exit(INTERRUPTED_EXIT_STATUS)
     _report(folder, output / "report.html")
 
 
-def _run(folder: RunFolder, recording: Path, duration_s: float, *, plain: bool) -> None:
+def _run(folder: RunFolder, recording: Path | None, duration_s: float, *, plain: bool) -> None:
     hand = folder.hand()
-    presses = [press for finger in hand.fingers for press in read_dataset(recording / finger.name).presses]
-    largest_N = max((press.normal_force_N for press in presses), default=0.0)
-    scale = orchestrator.view_scale(hand, recording, duration_s, largest_N or 1.0)
+    largest_N = FORCE_SCALE_N
+    if recording is not None:
+        presses = [
+            press for finger in hand.fingers for press in read_dataset(recording / finger.name).presses
+        ]
+        largest_N = max((press.normal_force_N for press in presses), default=largest_N)
+    scale = orchestrator.view_scale(hand, duration_s, largest_N)
     picture = _Picture(scale)
     if plain:
         lines = _PlainView()
@@ -141,7 +154,8 @@ def _report(folder: RunFolder, path: Path) -> None:
 
     analysis = analyse(folder)
     write_summary(folder.summary, analysis.summary)
-    write_report(path, analysis, folder)
+    drawn = make_film(folder) if analysis.recording is None else ""
+    write_report(path, analysis, folder, drawn)
     for line in (*summary_lines(analysis.summary), f"report:  {path}", f"figures: {folder.summary}"):
         click.echo(line)
     click.echo(f"bus log: {folder.log}")

@@ -9,6 +9,7 @@ by what the drive said of itself.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,6 +21,7 @@ from palpate_edge.node.object_dictionary import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution
+from palpate_host.demo.programme import Given
 from palpate_host.drives.cia402 import CIA402_EDS, CONTROLWORD, TARGET_TORQUE, Controlword
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.hand import Hand
@@ -27,19 +29,23 @@ from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore
 from palpate_host.network import HEARTBEAT_ID
 from palpate_host.rotation import Array
+from palpate_host.status import Matrix
 from palpate_host.supervisor import Mode
 
 STEP_TOLERANCE_NM = 1e-9
+HALF_TICK_US = 500  # of the fastest host: a replayed tick may lie a little before or after the real one
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One tick of the replayed host."""
+    """One tick of the replayed host. R_c, R_d: where it believes the object and where it wants it."""
 
     time_us: int
     mode: Mode
     reason: str
     orientation_error_deg: float | None
+    R_c: Matrix | None = None
+    R_d: Matrix | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +118,11 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
     return result
 
 
-def replay_modes(records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> list[Moment]:
-    """The host's ticks over the log, from its first heartbeat to the end of the stop.
+def replay_modes(
+    records: Sequence[LogRecord], config: HandConfig, hand: Hand, given: Sequence[Given] = ()
+) -> list[Moment]:
+    """The host's ticks over the log, from its first heartbeat to the end of the stop. given: the commands
+    that it obeyed meanwhile.
 
     Raises ConfigError when the log has no heartbeat of the host.
     """
@@ -124,17 +133,21 @@ def replay_modes(records: Sequence[LogRecord], config: HandConfig, hand: Hand) -
     stop_us = _operator_stop_us(records, config)
     moments: list[Moment] = []
     taken = 0
+    commands = deque(given)
     while True:
         upto = taken
         while upto < len(inputs) and inputs[upto].stamp_us <= now_us:
             upto += 1
         if now_us >= stop_us:
             core.request_stop()
+        while commands and commands[0].after_us < now_us - HALF_TICK_US:
+            core.command(commands.popleft().rotate)
         output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
         taken = upto
         status = output.status
         if status is not None:
-            moments.append(Moment(now_us, status.mode, status.reason, status.orientation_error_deg))
+            error_deg = status.orientation_error_deg
+            moments.append(Moment(now_us, status.mode, status.reason, error_deg, status.R_c, status.R_d))
         if output.finished or output.next_due_us > records[-1].stamp_us:
             return moments
         now_us = output.next_due_us

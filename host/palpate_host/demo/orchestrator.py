@@ -13,13 +13,13 @@ from pathlib import Path
 
 from palpate_edge import __version__
 from palpate_edge.errors import BusError
-from palpate_edge.sensor import read_sensor
 from palpate_edge.stop_signals import stop_event
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale
 from palpate_host.demo.monitor import Monitor, Sight
 from palpate_host.demo.processes import Children, DemoError, Program
+from palpate_host.demo.programme import Programme
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
 from palpate_host.replay import contract_header
@@ -48,18 +48,27 @@ class Command:
         return shlex.join((self.program.command, *self.arguments))
 
 
-def commands(folder: RunFolder, hand: HandConfig, recording: Path) -> list[Command]:
-    """Everything the demo starts, in order; the first one ends by itself."""
+def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
+    """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin."""
     header = {**contract_header(hand).entries, "origin": "palpate demo", "palpate": __version__, **_machine()}
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
     config = ("--config", str(folder.hand_toml))
-    calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
     sockets = ("--status", str(folder.status_socket), "--socket", str(folder.control_socket))
+    if recording is None:
+        made = ("simulate", "fingertips", "--hand", str(folder.hand_toml), "-o", str(folder.sensors))
+        rings = [text for finger in hand.fingers for text in ("--ring", str(folder.ring(finger.name)))]
+        paths = ("--sensors", str(folder.sensors), "--truth", str(folder.truth))
+        first = Command("fingertips", Program.HOST, made)
+        moves = Command("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
+    else:
+        calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
+        first = Command("calibrate", Program.EDGE, calibrate)
+        moves = Command("drives", Program.HOST, ("drives", *config))
     return [
-        Command("calibrate", Program.EDGE, calibrate),
+        first,
         Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries)),
-        Command("drives", Program.HOST, ("drives", *config)),
+        moves,
         *(
             Command(finger.name, Program.EDGE, ("run", "--config", str(folder.finger_toml(finger.name))))
             for finger in hand.fingers
@@ -68,20 +77,19 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path) -> list[Comma
     ]
 
 
-def view_scale(hand: HandConfig, recording: Path, duration_s: float, force_N: float) -> Scale:
-    """What the live view is drawn against. Raises ConfigError for a sensor.toml that cannot be read."""
-    sensor = read_sensor(recording / hand.fingers[0].name / "sensor.toml")
+def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> Scale:
+    """What the live view is drawn against."""
     return Scale(
         duration_s=duration_s,
         bitrate=hand.bus.bitrate,
-        dome_radius_mm=sensor.dome.outer_radius_mm,
+        dome_radius_mm=1e3 * hand.control.tip_radius_m,
         force_N=force_N,
         torque_limit_Nm=tuple(joint.torque_limit_Nm for joint in hand.joints),
     )
 
 
 def run(
-    folder: RunFolder, recording: Path, duration_s: float, say: Callable[[str], None], show: Show
+    folder: RunFolder, recording: Path | None, duration_s: float, say: Callable[[str], None], show: Show
 ) -> None:
     """Run the whole demo; bus.log in `folder` tells the rest.
 
@@ -91,30 +99,42 @@ def run(
     either way.
     """
     hand = folder.hand()
-    calibrate, hub, *others, host = commands(folder, hand, recording)
+    prepare, hub, moves, *tips, host = commands(folder, hand, recording)
     with stop_event() as stopped, Children(folder.path) as children:
         watch = _Watch(children, stopped)
-        say("calibrating the sensor")
-        watch.finish(calibrate)
+        say("making and calibrating the sensors" if recording is None else "calibrating the sensor")
+        watch.finish(prepare, say)
         say("starting the hub, nine drives, three fingertips and the host")
         watch.start(hub)
         watch.until(lambda: _answers(folder.hub_socket), "the hub to answer")
         with Monitor(hand, folder.status_socket) as monitor:
-            for command in others:
+            watch.start(moves)
+            if recording is None:
+                rings = [folder.ring(finger.name) for finger in hand.fingers]
+                watch.until(lambda: all(ring.exists() for ring in rings), "the twin's cameras")
+            for command in tips:
                 watch.start(command)
             watch.look_until(monitor, lambda _sight: not monitor.not_booted, "the boot-up of every node")
             watch.start(host)
             watch.look_until(monitor, _is_operating, "the hand to operate")
-            _watch_for(duration_s, watch, monitor, show)
+            programme = None
+            if recording is None:
+                programme = Programme(folder.control_socket, folder.commands, duration_s)
+            _watch_for(duration_s, watch, monitor, show, programme)
             children.stop(host.name)
-        children.stop(*(command.name for command in others))
+        children.stop(moves.name, *(command.name for command in tips))
         children.stop(hub.name)
 
 
-def _watch_for(duration_s: float, watch: _Watch, monitor: Monitor, show: Show) -> None:
+def _watch_for(
+    duration_s: float, watch: _Watch, monitor: Monitor, show: Show, programme: Programme | None
+) -> None:
     begin_s = time.monotonic()
     while (elapsed_s := time.monotonic() - begin_s) < duration_s:
-        show(watch.look(monitor), elapsed_s)
+        sight = watch.look(monitor)
+        if programme is not None:
+            programme.look(sight.status)
+        show(sight, elapsed_s)
         watch.pause(min(LOOK_PERIOD_S, max(0.0, duration_s - elapsed_s)))
 
 
@@ -128,10 +148,19 @@ class _Watch:
     def start(self, command: Command) -> None:
         self._children.start(command.name, command.program, command.arguments)
 
-    def finish(self, command: Command) -> None:
-        """Run a process to its end."""
+    def finish(self, command: Command, say: Callable[[str], None]) -> None:
+        """Run a process to its end and pass on what it says."""
         child = self._children.start(command.name, command.program, command.arguments)
-        self.until(lambda: child.process.poll() is not None, command.name, watch_children=False)
+        said = ""
+
+        def has_ended() -> bool:
+            nonlocal said
+            if (words := child.last_words()) != said:
+                said = words
+                say(words)
+            return child.process.poll() is not None
+
+        self.until(has_ended, command.name, watch_children=False)
         self._children.stop(command.name)
 
     def pause(self, seconds: float) -> None:

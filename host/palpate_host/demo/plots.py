@@ -18,6 +18,7 @@ from palpate_host.demo.hand_motion import Moment
 from palpate_host.demo.live_view import mode_name
 from palpate_host.demo.traffic import BIN_US
 from palpate_host.demo.truth import Pair
+from palpate_host.demo.turn import Turn
 from palpate_host.supervisor import Mode
 
 WIDTH_IN = 10.0
@@ -96,6 +97,23 @@ def load_plot(analysis: Analysis) -> bytes:
     axes.set_xlabel("time (s)")
     axes.set_ylim(bottom=0)
     axes.legend(loc="lower right", fontsize="small")
+    return _png(figure)
+
+
+def turn_plot(turn: Turn) -> bytes:
+    """Roll, pitch and yaw of the object against the target, and the angle between both."""
+    figure = Figure(figsize=(WIDTH_IN, 6.2), layout="constrained")
+    rows = figure.subplots(4, 1, sharex=True)
+    for axis, row in enumerate(rows[:3]):
+        row.plot(turn.times_s, turn.true_deg[:, axis], **TRUTH)
+        row.plot(turn.times_s, turn.believed_deg[:, axis], color="tab:red", linewidth=0.9, label="felt")
+        row.plot(turn.times_s, turn.target_deg[:, axis], "--", color="black", linewidth=0.9, label="target")
+        row.set_ylabel(f"{('roll', 'pitch', 'yaw')[axis]} (deg)")
+    rows[3].plot(turn.times_s, turn.error_deg, linewidth=1)
+    rows[3].set_ylabel("target to\ntruth (deg)")
+    rows[3].set_ylim(bottom=0)
+    rows[3].set_xlabel("time (s)")
+    rows[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize="small")
     return _png(figure)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -11,6 +12,7 @@ from palpate_edge.errors import ConfigError
 from palpate_host.demo import plots
 from palpate_host.demo.analysis import Analysis, Summary
 from palpate_host.demo.distribution import Distribution
+from palpate_host.demo.film import film_arguments
 from palpate_host.demo.live_view import mode_name
 from palpate_host.demo.orchestrator import commands
 from palpate_host.demo.run_folder import RunFolder
@@ -30,14 +32,16 @@ img { width: 100%; } p.note { color: #555; } pre { background: #f5f5f5; padding:
 """
 
 
-def write_report(path: Path, analysis: Analysis, folder: RunFolder) -> None:
-    """Write the report. Raises ConfigError when `path` cannot be written."""
+def write_report(path: Path, analysis: Analysis, folder: RunFolder, drawn: str) -> None:
+    """Write the report. drawn: how the film was, empty without one. Raises ConfigError when `path` cannot be
+    written."""
     summary = analysis.summary
     parts = [
         "<h1>palpate demo</h1>",
         _header_table(summary, analysis),
+        *_turn_parts(analysis, folder, drawn),
         "<h2>Contact and force</h2>",
-        _finger_table(summary),
+        _finger_table(summary, analysis),
         *(
             f"<h3>{escape(finger.name)}</h3>"
             + _picture(plots.contact_plot(pairs, analysis.begin_us), finger.name)
@@ -48,7 +52,7 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder) -> None:
         _picture(plots.latency_plot(analysis), "latency"),
         "<h2>The hand</h2>",
         _picture(plots.hand_plot(analysis), "modes, orientation error and torques"),
-        _hand_tables(summary),
+        _hand_tables(summary, analysis),
         "<h2>Bus load</h2>",
         _picture(plots.load_plot(analysis), "bus load"),
         _traffic_table(summary),
@@ -70,13 +74,54 @@ def _header_table(summary: Summary, analysis: Analysis) -> str:
         ("started", summary.started_at),
         ("duration", f"{summary.duration_s:.1f} s of bus log, {summary.bus.frames} frames"),
         ("bit rate", f"{summary.bitrate} bit/s"),
-        ("recording", str(analysis.recording)),
+        ("contacts", str(analysis.recording or "of the twin: rendered fingertips on a simulated hand")),
         *((key, value) for key, value in summary.origin.items() if not key.startswith("node.")),
     ]
     return _table(("", ""), rows, text=True)
 
 
-def _finger_table(summary: Summary) -> str:
+def _turn_parts(analysis: Analysis, folder: RunFolder, drawn: str) -> list[str]:
+    """Film, stills, target against truth; nothing without the twin."""
+    if not drawn:
+        return []
+    parts = [
+        "<h2>The object</h2>",
+        _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
+        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six moments"),
+        _note(f"Hand and object as they really moved, {drawn}."),
+    ]
+    turn, figures = analysis.turn, analysis.summary.turn
+    if turn is None or figures is None:
+        return [*parts, _note("The host never turned the object.")]
+    rows = [
+        (
+            ", ".join(f"{angle:g}" for angle in step.rpy_deg),
+            f"{step.begin_s:.1f} to {step.end_s:.1f}",
+            f"{step.error_deg:.2f}",
+            f"{step.believed_error_deg:.2f}",
+            ", ".join(f"{path:.2f}" for path in step.slip_mm),
+            f"{step.friction_ratio:.2f}",
+        )
+        for step in figures.steps
+    ]
+    head = (
+        "turn (deg)",
+        "s",
+        "target to truth (deg)",
+        "felt to truth (deg)",
+        "slip (mm)",
+        "friction/normal",
+    )
+    note = (
+        "Turns about the hand's roll, pitch and yaw axes; errors at the end of each. Normal forces of the "
+        f"tips: {figures.smallest_N:.2f} to {figures.largest_N:.2f} N. The object ends "
+        f"{figures.sunk_mm:.1f} mm lower. "
+        "Target and contacts: the log replayed through the host's core; truth: the twin's motion.csv."
+    )
+    return [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
+
+
+def _finger_table(summary: Summary, analysis: Analysis) -> str:
     rows = []
     for finger in summary.fingers:
         error = finger.position_error_mm
@@ -109,8 +154,11 @@ def _finger_table(summary: Summary) -> str:
     note = (
         "Position error: distance on the bus to the truth, where both say contact. Force: published normal "
         "force, 0 without contact, over all valid frames. Dropped: gaps in the sequence numbers. "
-        "Frame n on the bus is row n modulo the recording's length of its truth.csv."
     )
+    if analysis.recording is not None:
+        note += "Frame n on the bus is row n modulo the recording's length of its truth.csv."
+    else:
+        note += "The truth is what the twin rendered in that frame."
     return _table(head, rows) + _note(note)
 
 
@@ -123,12 +171,12 @@ def _latency_table(summary: Summary) -> str:
             rows.append((finger.name, *(f"{number / 1000:.2f}" for number in numbers)))
     note = (
         "Exposure time on the bus clock, from TPDO 3, to the hub's stamp of that TPDO 3 winning the wire. "
-        "It holds the video's decoding, which a camera does not need."
+        "It holds the rendering of the frame, or a video's decoding, which a camera does not need."
     )
     return _table(("finger", "median (ms)", "mean", "p95", "p99", "largest"), rows) + _note(note)
 
 
-def _hand_tables(summary: Summary) -> str:
+def _hand_tables(summary: Summary, analysis: Analysis) -> str:
     hand = summary.hand
     modes = _table(
         ("mode", "s"), [(mode_name(Mode(mode)), f"{seconds:.2f}") for mode, seconds in hand.mode_s.items()]
@@ -144,11 +192,12 @@ def _hand_tables(summary: Summary) -> str:
             f"Orientation error while contacts turn the object: median {error.median:.2f} deg, "
             f"p95 {error.p95:.2f}, largest {error.largest:.2f}."
         )
-    note = (
-        turn + " The contacts are of a recording and do not follow the hand, so this shows the controller at "
-        "work, not how well it manipulates. Modes and orientation error: the log replayed through the host's "
-        "core. Torques: RPDO 1 of each drive."
-    )
+    if analysis.recording is not None:
+        turn += (
+            " The contacts are of a recording and do not follow the hand, so this shows the controller at "
+            "work, not how well it manipulates."
+        )
+    note = turn + " Modes and orientation error: the log replayed through the host's core. Torques: RPDO 1."
     changes = [(f"{c.time_s:.2f}", mode_name(c.mode), c.reason) for c in hand.changes[:MOST_MODE_CHANGES]]
     more = len(hand.changes) - len(changes)
     return (
@@ -172,6 +221,8 @@ def _traffic_table(summary: Summary) -> str:
 
 def _commands(analysis: Analysis, folder: RunFolder) -> str:
     started = [command.text for command in commands(folder, analysis.config, analysis.recording)]
+    if analysis.recording is None:
+        started.append(shlex.join(["palpate-host", *film_arguments(folder)]))
     again = [f"palpate-host demo --report-only --output {folder.path.parent}"]
     checks = [
         f"palpate-host replay {folder.log} --config {folder.hand_toml}",
@@ -215,6 +266,6 @@ def _code(lines: Iterable[str]) -> str:
     return "<pre>" + escape("\n".join(lines)) + "</pre>\n"
 
 
-def _picture(png: bytes, alternative: str) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">\n'
+def _picture(data: bytes, alternative: str, kind: str = "png") -> str:
+    text = base64.b64encode(data).decode("ascii")
+    return f'<img alt="{escape(alternative)}" src="data:image/{kind};base64,{text}">\n'

@@ -1,21 +1,68 @@
-"""Contacts of a bus log against the truth of the recording that the fingertips saw.
+"""Contacts of a bus log against what really touched.
 
-A fingertip plays its recording in a loop, so frame `sequence` is row `sequence` modulo the recording's length
-of its truth.csv.
+A fingertip that plays a recording plays it in a loop, so frame `sequence` is row `sequence` modulo the
+recording's length of its truth.csv. The twin writes the truth of each frame that it renders.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
+
+from palpate_edge.contact_type import Vector3
 from palpate_edge.dataset import Press
+from palpate_edge.errors import DatasetError
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution
 from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip, TipContact
 from palpate_host.network import HEARTBEAT_ID, NmtState
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """What was true of one frame. position_mm: on the dome, in F; None when nothing touched."""
+
+    position_mm: Vector3 | None
+    normal_force_N: float
+
+
+TruthOf = Callable[[int], Touch | None]
+"""By the frame's sequence number; None for a frame that the truth does not know."""
+
+
+def of_recording(presses: Sequence[Press]) -> TruthOf:
+    """The truth of a recording that is played in a loop."""
+    touches = [Touch(press.position_mm, press.normal_force_N) for press in presses]
+    return lambda sequence: touches[sequence % len(touches)]
+
+
+def of_twin(path: Path) -> TruthOf:
+    """The truth that the twin's cameras wrote. Raises DatasetError when it is missing or damaged."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()[1:]
+        rows = [line.split(",") for line in lines]
+        touches = {int(row[0]): _touch(row[2:]) for row in rows if len(row) == TWIN_COLUMNS}
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None
+    return touches.get
+
+
+TWIN_COLUMNS = 8  # palpate_host.twin.camera.live.COLUMNS
+
+
+def _touch(cells: Sequence[str]) -> Touch:
+    """From x, y, z in mm, empty without contact, and the force on the dome in N."""
+    force_N = np.array([float(cell) for cell in cells[3:]])
+    if not cells[0]:
+        return Touch(None, 0.0)
+    x, y, z = (float(cell) for cell in cells[:3])
+    outward = np.array([x, y, z]) / math.hypot(x, y, z)
+    return Touch((x, y, z), max(0.0, float(-force_N @ outward)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +71,7 @@ class Pair:
 
     sequence: int
     contact: TipContact
-    truth: Press
+    truth: Touch
 
     @property
     def latency_us(self) -> int:
@@ -67,8 +114,8 @@ class FingerFigures:
     latency_us: Distribution | None
 
 
-def read_pairs(records: Iterable[LogRecord], node_id: int, truth: Sequence[Press]) -> tuple[list[Pair], int]:
-    """Every coherent contact of a node with its truth, and how many frames were not coherent.
+def read_pairs(records: Iterable[LogRecord], node_id: int, truth: TruthOf) -> tuple[list[Pair], int]:
+    """Every coherent contact of a node whose truth is known, and how many frames were not coherent.
 
     Raises BusError for a TPDO that is not the EDS's.
     """
@@ -85,8 +132,9 @@ def read_pairs(records: Iterable[LogRecord], node_id: int, truth: Sequence[Press
     sequences = unwrapped([contact.sequence for contact in contacts])
     counters = tip.counters
     pairs = [
-        Pair(sequence, contact, truth[sequence % len(truth)])
+        Pair(sequence, contact, touch)
         for sequence, contact in zip(sequences, contacts, strict=True)
+        if (touch := truth(sequence)) is not None
     ]
     return pairs, counters.incomplete + counters.out_of_order + counters.duplicates + counters.late
 

@@ -13,6 +13,15 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "paper": ("palpate_host.twin.hand.cli:paper", "The paper's Figs. 17 and 20: an object turned in a hand."),
     "loop": ("palpate_host.twin.hand.cli:loop", "Hand, fingertips, bus, drives and host in lock step."),
     "hand": ("palpate_host.twin.hand.cli:hand", "Check a hand.toml: print and draw its hand."),
+    "fingertips": (
+        "palpate_host.twin.hand.live_cli:fingertips",
+        "Made-up, calibrated sensors for a hand.",
+    ),
+    "live": (
+        "palpate_host.twin.hand.live_cli:live",
+        "Hand, drives and cameras in real time.",
+    ),
+    "film": ("palpate_host.twin.hand.film_cli:film", "A film of what a simulated hand did."),
     "camera": ("palpate_host.twin.camera.cli:camera", "A simulated sensor's camera, live, in shared memory."),
 }
 

@@ -193,7 +193,7 @@ def loop(
 
     from palpate_host import hand_config  # noqa: PLC0415
     from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
-    from palpate_host.twin.hand.describe import film  # noqa: PLC0415
+    from palpate_host.twin.hand.film import draw_states, write_row  # noqa: PLC0415
     from palpate_host.twin.hand.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_host.twin.hand.loop import loop_table, run_loop  # noqa: PLC0415
@@ -239,7 +239,7 @@ def loop(
     click.echo(text)
     for turn, result in zip(turns, results, strict=True) if with_film else ():
         picture = output / f"film-{turn}.png"
-        film(result.twin, result.film[::FILM_STRIDE], picture)
+        write_row(picture, draw_states(result.twin, result.film[::FILM_STRIDE]))
         click.echo(f"{picture}")
     for result in results:
         if result.failure:

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
-import mujoco
-import numpy as np
-
-from palpate_edge.errors import ConfigError
 from palpate_host import hand_config
 from palpate_host.hand_model import compiled, spec_of
 from palpate_host.host import load_hand
-from palpate_host.rotation import Array
 from palpate_host.twin.hand.experiment import make_engine
+from palpate_host.twin.hand.film import draw_states, write_row
 from palpate_host.twin.hand.rolling import RollingHand
-from palpate_host.twin.hand.twin_model import TwinModel, twin_model
+from palpate_host.twin.hand.twin_model import twin_model
 from palpate_host.virtual_frame import check_numbering
-
-PICTURE_PX = (480, 640)
 
 
 def describe(hand_toml: Path) -> str:
@@ -52,35 +44,6 @@ def mjcf(hand_toml: Path) -> str:
 
 
 def draw(hand_toml: Path, path: Path) -> None:
-    """Hand and object in the start pose. ConfigError as `film`."""
+    """Hand and object in the start pose. ConfigError as `draw_states` and `write_row`."""
     twin = twin_model(hand_config.load(hand_toml), with_contacts=False)
-    film(twin, [twin.start().qpos], path)
-
-
-def film(twin: TwinModel, states: Sequence[Array], path: Path) -> None:
-    """States of the model (qpos) as pictures side by side. ConfigError when this machine can draw nothing or
-    `path` cannot be written."""
-    model, data = twin.model, mujoco.MjData(twin.model)
-    model.vis.headlight.ambient[:] = 0.5
-    camera = mujoco.MjvCamera()
-    pictures = []
-    try:
-        with mujoco.Renderer(model, *PICTURE_PX) as renderer:
-            for qpos in states:
-                data.qpos[:] = qpos
-                mujoco.mj_forward(model, data)
-                _aim(camera, data)
-                renderer.update_scene(data, camera)
-                pictures.append(renderer.render())
-    except Exception as exc:  # MuJoCo raises whatever the OpenGL binding does
-        raise ConfigError(f"no OpenGL to draw with ({exc}): set MUJOCO_GL=egl or MUJOCO_GL=osmesa") from exc
-    row = cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGB2BGR)
-    if not cv2.imwrite(str(path), row):
-        raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .png")
-
-
-def _aim(camera: mujoco.MjvCamera, data: mujoco.MjData) -> None:
-    """From above and the side, hand and object filling the picture."""
-    places = data.xpos[1:]
-    camera.lookat = places.mean(axis=0)
-    camera.distance, camera.azimuth, camera.elevation = 2.2 * float(np.ptp(places, axis=0).max()), 60.0, -35.0
+    write_row(path, draw_states(twin, [twin.start().qpos]))

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
+import numpy as np
+import numpy.typing as npt
 
 from palpate_edge.errors import PalpateError
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4
+BRAKE_KGM2 = 1e6
+"""Inertia of a joint that stands: contacts then meet a wall, as damping would not let the solver know."""
 
 
 class LostGraspError(PalpateError):
@@ -63,6 +67,10 @@ class Engine(Protocol):
 
     def step(self, torque_Nm: Array) -> None:
         """Move on by step_s under the torques u (nq,)."""
+        ...
+
+    def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
+        """Which joints (nq,) stand from now on, whatever their torque; the others are free."""
         ...
 
     def take_support_away(self) -> None:

@@ -11,11 +11,14 @@ from palpate_edge.calibration import Calibration
 from palpate_edge.capture.frame import Frame
 from palpate_edge.contact_type import Contact
 from palpate_edge.estimator import Estimator
+from palpate_host.hand import Hand
 from palpate_host.rotation import Array
 from palpate_host.twin.camera.deformation import ProbePress
 from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.library import FieldLibrary
+from palpate_host.twin.dome.probe import Probe
+from palpate_host.twin.hand.engine import Engine
 
 LARGEST_THETA_DEG = 74.0
 """The library's fields end at 75 degrees from the pole."""
@@ -81,7 +84,6 @@ class RenderedFeel:
         """sensors: each finger's sensor as it is, and the calibration that it runs with."""
         self._views = [CameraView(twin, library) for twin, _ in sensors]
         self._estimators = [Estimator(calibration) for _, calibration in sensors]
-        self._radius_mm = [twin.sensor.dome.outer_radius_mm for twin, _ in sensors]
         self._rng = np.random.default_rng(seed)
 
     def contact(
@@ -93,14 +95,30 @@ class RenderedFeel:
         sequence: int,
     ) -> Contact:
         """See :class:`Feel`."""
-        press = None if into_F_mm is None else self._press(finger, into_F_mm)
-        image, _ = self._views[finger].frame(press, self._rng)
+        view = self._views[finger]
+        press = None if into_F_mm is None else press_of(view, into_F_mm)
+        image, _ = view.frame(press, self._rng)
         return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
 
-    def _press(self, finger: int, into_F_mm: Array) -> ProbePress:
-        x, y, z = into_F_mm
-        distance_mm = float(np.linalg.norm(into_F_mm))
-        theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
-        depth_mm = self._radius_mm[finger] - distance_mm
-        deepest_mm = self._views[finger].dome.largest_depth_mm(theta_rad, ProbePress(0.0, 0.0, 0.0).probe)
-        return ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
+
+def press_of(view: CameraView, into_F_mm: Array) -> ProbePress:
+    """A flat face that meets a dome into_F_mm (3,), F, from its centre; at most as deep as the fields go."""
+    x, y, z = into_F_mm
+    theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
+    depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(into_F_mm))
+    deepest_mm = view.dome.largest_depth_mm(theta_rad, Probe.PLATE)
+    return ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
+
+
+def touches_in_F(engine: Engine, hand: Hand) -> list[tuple[Array | None, float]]:
+    """Of each tip: from its dome's centre to the contact on the object (3,) in mm in F, None without one, and
+    the normal force in N."""
+    pose = hand.pose(engine.q_rad)
+    found: list[tuple[Array | None, float]] = []
+    for finger, touch in enumerate(engine.touches()):
+        if touch is None:
+            found.append((None, 0.0))
+            continue
+        arm_m = touch.point_m - pose.tip_centre_m[finger]
+        found.append((np.asarray(1e3 * pose.tip_rotation[finger].T @ arm_m), touch.normal_force_N))
+    return found

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import Calibration, load_calibration, save_calibration
 from palpate_edge.dataset import read_dataset
-from palpate_edge.errors import ConfigError
+from palpate_edge.errors import CalibrationError, ConfigError
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.camera import layouts
-from palpate_host.twin.camera.look import TwinSensor, load_twin
+from palpate_host.twin.camera.look import TWIN_FILE, TwinSensor, load_twin
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
@@ -39,13 +40,17 @@ def fingertip_sensors(
     candidates = iter(range(1000 * seed, 1000 * seed + SEEDS_TO_TRY))
     for name in names:
         dataset, calibration = folder / name, folder / f"{name}.cal"
-        if not calibration.exists():
+        if not (dataset / TWIN_FILE).exists():
             view = CameraView(_sensor_of_size(candidates, radius_mm), library)
             done(f"{name}: {PRESSES} presses")
-            write_dataset(dataset, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
+            part = folder / f"{name}.part"  # what an interrupted run left is made anew
+            shutil.rmtree(part, ignore_errors=True)
+            write_dataset(part, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
+            part.rename(dataset)
+        if not _can_load(calibration):
             done(f"{name}: calibration")
             save_calibration(calibrate(read_dataset(dataset), dome=load_dome_model()), calibration)
-        twin = load_twin(dataset / "twin.json")
+        twin = load_twin(dataset / TWIN_FILE)
         if abs(twin.sensor.dome.outer_radius_mm - radius_mm) > RADIUS_TOLERANCE_MM:
             raise ConfigError(
                 f"{dataset}: a dome of {twin.sensor.dome.outer_radius_mm:g} mm, the hand's tips have"
@@ -53,6 +58,15 @@ def fingertip_sensors(
             )
         sensors.append((twin, load_calibration(calibration)))
     return sensors
+
+
+def _can_load(calibration: Path) -> bool:
+    """Not one that another version of palpate made."""
+    try:
+        load_calibration(calibration)
+    except CalibrationError:
+        return False
+    return True
 
 
 def _sensor_of_size(seeds: Iterator[int], radius_mm: float) -> TwinSensor:

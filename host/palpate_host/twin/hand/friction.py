@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.engine import STEP_S, TipTouch
+from palpate_host.twin.hand.engine import BRAKE_KGM2, STEP_S, TipTouch
 from palpate_host.twin.hand.twin_model import TwinModel
 
 IMPEDANCE = 0.5
@@ -42,6 +42,7 @@ class FrictionHand:
         model.pair_solimp[:, :2] = IMPEDANCE
         self.data = twin.start()
         self.slip_m = np.zeros(3)
+        self._braked = twin.v_address[:0]
         self._tip_of_geom = np.full(model.ngeom, -1)
         self._tip_of_geom[list(twin.tip_geoms)] = np.arange(3)
         self._tip_bodies = [int(model.geom_bodyid[geom]) for geom in twin.tip_geoms]
@@ -75,6 +76,11 @@ class FrictionHand:
         start = self.twin.object_q
         return np.array(self.data.qpos[start : start + 3])
 
+    def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
+        twin = self.twin
+        self._braked = twin.v_address[is_braked]
+        twin.model.dof_armature[twin.v_address] = twin.twin.armature_kgm2 + BRAKE_KGM2 * is_braked
+
     def take_support_away(self) -> None:
         self.twin.model.body_gravcomp[self.twin.object_body] = 0.0
 
@@ -91,6 +97,7 @@ class FrictionHand:
     def step(self, torque_Nm: Array) -> None:
         """MuJoCo's own step, taken apart so that contacts can be made soft before they bear."""
         model, data = self.twin.model, self.data
+        data.qvel[self._braked] = 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)

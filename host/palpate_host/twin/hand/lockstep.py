@@ -18,17 +18,16 @@ from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host import rotation
-from palpate_host.drives.cia402_device import Cia402Device, MotorState
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.hand import Hand
-from palpate_host.hand_config import HandConfig, JointConfig
+from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore
 from palpate_host.network import SYNC
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
-from palpate_host.twin.drive_plant import JointParameters
+from palpate_host.twin.hand.driven_hand import DrivenHand
 from palpate_host.twin.hand.engine import Engine, LostGraspError
-from palpate_host.twin.hand.fingertip_feel import Feel
+from palpate_host.twin.hand.fingertip_feel import Feel, touches_in_F
 
 START_US = 1_700_000_000_000_000
 FRAME_PERIOD_US = 33_333
@@ -37,35 +36,6 @@ DELAY_US = 40_000
 FILM_PERIOD_US = 500_000
 WIRE_US = 130
 """A frame of 8 bytes with its stuff bits at 1 Mbit/s."""
-
-
-class HandMotor:
-    """Table 4's motor on a joint that the engine moves; the angles are the drive's own."""
-
-    def __init__(self, joint: JointConfig) -> None:
-        self._joint = joint
-        self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
-        self._torque_Nm = 0.0
-        self._state = MotorState(0.0, 0.0)
-
-    @property
-    def joint_torque_Nm(self) -> float:
-        """On the joint, in the direction of q."""
-        return self._joint.direction * self._torque_Nm
-
-    def moved(self, q_rad: float, qdot_rad_s: float) -> None:
-        """Where the engine brought the joint."""
-        direction = self._joint.direction
-        self._state = MotorState(direction * (q_rad - self._joint.zero_offset_rad), direction * qdot_rad_s)
-
-    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the loop keeps it up to date
-        return self._state
-
-    def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
-        self._torque_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
-
-    def reset_fault(self) -> None:
-        """Has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +72,9 @@ class LockstepLoop:
         self._hand, self._feel = hand, feel
         self._radius_mm = 1e3 * config.control.tip_radius_m
         self._host = HostCore(config, hand)
-        self._motors = [HandMotor(joint) for joint in config.joints]
-        drives = [
-            Cia402Device(joint.drive_node, motor)
-            for joint, motor in zip(config.joints, self._motors, strict=True)
-        ]
+        self._driven = DrivenHand(config, engine)
         self._tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
-        self._nodes: list[Cia402Device | FingertipNode] = [*drives, *self._tips]
+        self._nodes: list[Cia402Device | FingertipNode] = [*self._driven.devices, *self._tips]
         self._due_us = [START_US] * len(self._nodes)
         self._now_us = START_US
         self._wire: deque[tuple[int, CanFrame, bool]] = deque()
@@ -129,8 +95,6 @@ class LockstepLoop:
         engine, now_us = self.engine, self._now_us
         if now_us >= START_US + len(self.record.film) * FILM_PERIOD_US:
             self.record.film.append(np.array(engine.data.qpos))
-        for motor, q_rad, qdot_rad_s in zip(self._motors, engine.q_rad, engine.qdot_rad_s, strict=True):
-            motor.moved(float(q_rad), float(qdot_rad_s))
         to_nodes, to_host = self._arrived(now_us)
         self._expose(now_us)
         self._publish(now_us)
@@ -151,7 +115,7 @@ class LockstepLoop:
                 engine.take_support_away()
                 self._is_supported = False
         self.record.failure = output.failure
-        engine.step(np.array([motor.joint_torque_Nm for motor in self._motors]))
+        self._driven.step()
         self._now_us += round(engine.step_s * 1e6)
         return output.finished
 
@@ -179,15 +143,9 @@ class LockstepLoop:
         due = [finger for finger in range(3) if now_us >= self._exposure[finger]]
         if not due:
             return
-        pose = self._hand.pose(self.engine.q_rad)
-        touches = self.engine.touches()
+        touches = touches_in_F(self.engine, self._hand)
         for finger in due:
-            touch = touches[finger]
-            into_F_mm = None
-            if touch is not None:
-                arm_m = touch.point_m - pose.tip_centre_m[finger]
-                into_F_mm = 1e3 * pose.tip_rotation[finger].T @ arm_m
-            force_N = 0.0 if touch is None else touch.normal_force_N
+            into_F_mm, force_N = touches[finger]
             contact = self._feel.contact(finger, into_F_mm, force_N, now_us, self._sequence[finger])
             truth = None if into_F_mm is None else self._radius_mm / np.linalg.norm(into_F_mm) * into_F_mm
             self.record.contacts.append((finger, contact, truth))

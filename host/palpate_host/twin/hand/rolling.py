@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.engine import STEP_S, LostGraspError, TipTouch
+from palpate_host.twin.hand.engine import BRAKE_KGM2, STEP_S, LostGraspError, TipTouch
 from palpate_host.twin.hand.prism import is_on_face, nearest_face
 from palpate_host.twin.hand.twin_model import TwinModel
 
@@ -46,6 +47,7 @@ class RollingHand:
         self.friction_force_N = np.zeros((3, 2))
         self.account = Account()
         self.slip_m = np.zeros(3)
+        self._braked = twin.v_address[:0]
         self.time_s = 0.0
         nv = twin.model.nv
         self._lin = slice(twin.object_v, twin.object_v + 3)
@@ -81,6 +83,11 @@ class RollingHand:
     def object_position_m(self) -> Array:
         return np.array(self.data.xpos[self.twin.object_body])
 
+    def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
+        twin = self.twin
+        self._braked = twin.v_address[is_braked]
+        twin.model.dof_armature[twin.v_address] = twin.twin.armature_kgm2 + BRAKE_KGM2 * is_braked
+
     def take_support_away(self) -> None:
         self._weight_N = np.zeros(3)
 
@@ -108,6 +115,7 @@ class RollingHand:
     def step(self, torque_Nm: Array) -> None:
         """Move on by one step under the joint torques u (nq,)."""
         twin, data, h = self.twin, self.data, self.step_s
+        data.qvel[self._braked] = 0.0
         model, v = twin.model, data.qvel.copy()
         Jn, Jt, Jw, indentation = self._contacts()
         force = self._applied(torque_Nm)

@@ -1,0 +1,75 @@
+"""What the demo asks of the hand: turns by 30 deg and back, about one axis after the other.
+
+The first one is hand.toml's [target]; the others go over the host's control socket. They are kept as JSON
+lines, for modes and targets come from a replay of the bus log, where they are not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from palpate_edge.errors import DatasetError
+from palpate_host.command import Rotate
+from palpate_host.operator_client import OperatorClient
+from palpate_host.status import HostStatus
+from palpate_host.supervisor import Mode
+
+TURNS_DEG = (
+    (30.0, 0.0, 0.0),
+    (-30.0, 0.0, 0.0),
+    (0.0, 30.0, 0.0),
+    (0.0, -30.0, 0.0),
+    (0.0, 0.0, 30.0),
+    (0.0, 0.0, -30.0),
+)
+PERIOD_US = 4_000_000
+"""From turn to turn: 2 s of ramp, and as long to settle."""
+
+
+class Given(msgspec.Struct, frozen=True):
+    """A command and the host's last tick before it."""
+
+    after_us: int
+    rotate: Rotate
+
+
+class Programme:
+    """Gives the turns, each when its time has come; `look` is to be called often."""
+
+    def __init__(self, control_socket: Path, given: Path, duration_s: float) -> None:
+        """given: the file that takes what was asked for. A turn that would not be over is left out."""
+        self._last_us = 1e6 * duration_s - PERIOD_US
+        self._socket, self._given = control_socket, given
+        self._begin_us: int | None = None
+        self._turn = 0
+        given.write_bytes(b"")
+
+    def look(self, status: HostStatus | None) -> None:
+        """Raises CommandError when the host refuses or is gone."""
+        if status is None:
+            return
+        if self._begin_us is None:
+            if status.mode is Mode.MANIPULATE:
+                self._begin_us = status.time_us
+            return
+        elapsed_us = status.time_us - self._begin_us
+        if not (self._turn + 1) * PERIOD_US <= elapsed_us < self._last_us:
+            return
+        self._turn += 1
+        rotate = Rotate(TURNS_DEG[self._turn % len(TURNS_DEG)])
+        with OperatorClient(self._socket) as client:
+            answer = client.ask(rotate)
+        if answer is not None:
+            with self._given.open("ab") as file:
+                file.write(msgspec.json.encode(Given(answer.time_us, rotate)) + b"\n")
+
+
+def read_given(path: Path) -> list[Given]:
+    """What was asked for, in order; nothing where there is no file. Raises DatasetError for a damaged one."""
+    try:
+        lines = path.read_bytes().splitlines() if path.exists() else []
+        return [msgspec.json.decode(line, type=Given) for line in lines]
+    except (OSError, msgspec.DecodeError) as error:
+        raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None

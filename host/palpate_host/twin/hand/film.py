@@ -1,0 +1,77 @@
+"""Hand and object as pictures and films: by MuJoCo where there is OpenGL for it, plainly elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from palpate_edge.errors import ConfigError
+from palpate_host.rotation import Array
+from palpate_host.twin.hand.plain_drawing import draw_plainly
+from palpate_host.twin.hand.twin_model import TwinModel
+
+Image = npt.NDArray[np.uint8]
+
+PICTURE_PX = (480, 640)
+FILM_QUALITY = 70
+
+
+def draw_states(
+    twin: TwinModel, states: Sequence[Array], size_px: tuple[int, int] = PICTURE_PX, *, plainly: bool = False
+) -> list[Image]:
+    """States of the model (qpos) as pictures (height, width, 3), BGR, all seen from the same place.
+
+    ConfigError when this machine's OpenGL draws nothing, which `plainly` does not need.
+    """
+    model, data = twin.model, mujoco.MjData(twin.model)
+    model.vis.headlight.ambient[:] = 0.5
+    camera = mujoco.MjvCamera()
+    data.qpos[:] = states[0]
+    mujoco.mj_forward(model, data)
+    _aim(camera, data)
+    pictures = []
+    if plainly:
+        for qpos in states:
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            pictures.append(draw_plainly(twin, data, camera, size_px))
+    else:
+        try:
+            with mujoco.Renderer(model, *size_px) as renderer:
+                for qpos in states:
+                    data.qpos[:] = qpos
+                    mujoco.mj_forward(model, data)
+                    renderer.update_scene(data, camera)
+                    pictures.append(renderer.render())
+        except Exception as exc:  # MuJoCo raises whatever the OpenGL binding does
+            raise ConfigError(
+                f"no OpenGL to draw with ({exc}): set MUJOCO_GL=egl or MUJOCO_GL=osmesa"
+            ) from exc
+    return [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), dtype=np.uint8) for picture in pictures]
+
+
+def write_row(path: Path, pictures: Sequence[Image]) -> None:
+    """Pictures side by side. ConfigError when `path` cannot be written."""
+    if not cv2.imwrite(str(path), np.hstack(pictures)):
+        raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .png")
+
+
+def write_film(path: Path, pictures: Sequence[Image], period_ms: int) -> None:
+    """An animated WebP, which any browser plays again and again. ConfigError as `write_row`."""
+    animation = cv2.Animation()
+    animation.frames = list(pictures)
+    animation.durations = [period_ms] * len(pictures)
+    if not cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, FILM_QUALITY]):
+        raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .webp")
+
+
+def _aim(camera: mujoco.MjvCamera, data: mujoco.MjData) -> None:
+    """From above and the side, hand and object filling the picture."""
+    places = data.xpos[1:]
+    camera.lookat = places.mean(axis=0)
+    camera.distance, camera.azimuth, camera.elevation = 1.6 * float(np.ptp(places, axis=0).max()), 60.0, -35.0

@@ -1,0 +1,144 @@
+"""The fingertips' cameras of a simulated hand: a process that renders what it is told into rings of frames.
+
+A process of its own, because a picture takes longer than the drives may wait for the hand.
+"""
+
+from __future__ import annotations
+
+import csv
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from palpate_edge.capture.frame_ring import RingFormat, RingWriter
+from palpate_edge.errors import ConfigError
+from palpate_host.rotation import Array
+from palpate_host.twin.camera.live import COLUMNS
+from palpate_host.twin.camera.look import load_twin
+from palpate_host.twin.camera.renderer import CameraView
+from palpate_host.twin.dome.library import load_library
+from palpate_host.twin.hand.fingertip_feel import press_of
+
+READY_S = 60.0
+STOP_S = 5.0
+LATEST_S = 0.03
+"""A frame that could not be begun by then after its exposure is left out: its sequence number shows it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFiles:
+    """One fingertip's files: the sensor as it is (twin.json), the ring to make, the truth to write."""
+
+    sensor: Path
+    ring: Path
+    truth: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """What one camera shall see. exposed_at_us: of CLOCK_MONOTONIC. into_F_mm (3,): see `press_of`."""
+
+    finger: int
+    sequence: int
+    exposed_at_us: int
+    into_F_mm: Array | None
+
+
+class LiveCameras:
+    """The process; `fps` is known once it is ready."""
+
+    def __init__(self, files: Sequence[CameraFiles], seed: int) -> None:
+        """Raises ConfigError when the cameras cannot be made."""
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(list(files), seed, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            if not self._pipe.poll(READY_S):
+                raise ConfigError(f"the cameras were not ready within {READY_S:g} s: is the machine busy?")
+            answer = self._pipe.recv()
+        except EOFError:
+            raise ConfigError("the cameras' process ended at its start: see what it said above") from None
+        finally:
+            if not self._process.is_alive():
+                self._process.join()
+        if isinstance(answer, str):
+            raise ConfigError(answer)
+        self.fps: list[float] = answer
+
+    def expose(self, exposure: Exposure) -> None:
+        """Raises ConfigError when the process has died."""
+        try:
+            self._pipe.send(exposure)
+        except OSError:
+            raise ConfigError("the cameras' process has ended: see what it said above") from None
+
+    def close(self) -> int:
+        """End the process and remove the rings; how many exposures were left out."""
+        try:
+            self._pipe.send(None)
+            skipped = int(self._pipe.recv()) if self._pipe.poll(STOP_S) else 0
+        except (OSError, EOFError):
+            skipped = 0
+        self._process.join(STOP_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._pipe.close()
+        return skipped
+
+
+def _serve(files: Sequence[CameraFiles], seed: int, pipe: Connection) -> None:
+    """Answers with the frame rates, or with what is wrong as text; then renders until None or the end of the
+    pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the hand, which then closes the pipe
+    cv2.setNumThreads(1)
+    with ExitStack() as stack:
+        try:
+            library = load_library()
+            cameras = [_Camera(paths, CameraView(load_twin(paths.sensor), library), stack) for paths in files]
+        except Exception as error:  # noqa: BLE001 - not swallowed: the hand's process raises it
+            pipe.send(str(error))
+            return
+        rng = np.random.default_rng([seed, 9])
+        pipe.send([camera.view.twin.sensor.camera.fps for camera in cameras])
+        skipped = 0
+        try:
+            while (exposure := pipe.recv()) is not None:
+                if time.monotonic() - exposure.exposed_at_us * 1e-6 > LATEST_S:
+                    skipped += 1
+                else:
+                    cameras[exposure.finger].render(exposure, rng)
+            pipe.send(skipped)
+        except (EOFError, OSError):
+            return  # the hand's process is gone
+
+
+class _Camera:
+    def __init__(self, paths: CameraFiles, view: CameraView, stack: ExitStack) -> None:
+        camera = view.twin.sensor.camera
+        form = RingFormat(camera.width, camera.height, 3, fingerprint=view.twin.sensor.fingerprint())
+        self.view = view
+        self._radius_mm = view.twin.sensor.dome.outer_radius_mm
+        self._ring = stack.enter_context(closing(RingWriter(paths.ring, form)))
+        file = stack.enter_context(paths.truth.open("w", newline="", encoding="utf-8", buffering=1))
+        self._note: Callable[[list[str]], object] = csv.writer(file, lineterminator="\n").writerow
+        self._note(list(COLUMNS))
+
+    def render(self, exposure: Exposure, rng: np.random.Generator) -> None:
+        """A frame into the ring, and what pressed into the truth."""
+        press = None if exposure.into_F_mm is None else press_of(self.view, exposure.into_F_mm)
+        image, force_N = self.view.frame(press, rng)
+        self._ring.write(image, exposure.sequence, exposure.exposed_at_us)
+        place = ["", "", ""] if press is None else [f"{v:.4f}" for v in self._radius_mm * press.outward]
+        forces = [f"{value:.5f}" for value in force_N]
+        self._note([str(exposure.sequence), str(exposure.exposed_at_us), *place, *forces])

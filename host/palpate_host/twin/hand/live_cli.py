@@ -1,0 +1,116 @@
+"""``palpate-host simulate fingertips`` and ``live``: a hand in real time on a bus, and the tips it needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate_host.twin.hand.cli import hand_file, hand_option
+
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the made-up sensors."
+)
+
+
+@click.command()
+@hand_option
+@seed_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Takes a dataset and a calibration for each finger; what is there already is kept.",
+)
+def fingertips(hand_name: str, seed: int, output: Path) -> None:
+    """Makes up a sensor for each finger of a hand, presses it 60 times, and calibrates it.
+
+    \b
+    palpate-host simulate fingertips -o sensors
+    """
+    from palpate_host import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+
+    config = hand_config.load(hand_file(hand_name))
+    output.mkdir(parents=True, exist_ok=True)
+    names = [finger.name for finger in config.fingers]
+    radius_mm = 1e3 * config.control.tip_radius_m
+    fingertip_sensors(output, names, radius_mm, seed, load_library(), lambda line: click.echo(line, err=True))
+
+
+@click.command()
+@click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="hand.toml with [twin]: its bus, drives, fingertips.",
+)
+@click.option(
+    "--sensors",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    required=True,
+    help="What `simulate fingertips` made.",
+)
+@click.option(
+    "--ring",
+    "rings",
+    type=click.Path(path_type=Path, dir_okay=False),
+    multiple=True,
+    required=True,
+    help="Where a fingertip's daemon finds its frames; once a finger, in the hand's order.",
+)
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder that takes motion.csv and one FINGER.csv each: what really was.",
+)
+@seed_option
+def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path, seed: int) -> None:
+    """Hand, object and drives in real time on a bus, the fingertips' pictures in shared memory.
+
+    Runs until SIGTERM or SIGINT. `palpate-edge run` reads the pictures, `palpate-host run` moves the drives.
+
+    \b
+    palpate-host simulate live --config hand.toml --sensors sensors --truth truth \\
+      --ring /dev/shm/finger-1 --ring /dev/shm/finger-2 --ring /dev/shm/finger-3
+    """
+    from palpate_edge.bus import open_bus  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_edge.errors import ConfigError  # noqa: PLC0415
+    from palpate_edge.stop_signals import stop_event  # noqa: PLC0415
+    from palpate_host.host import load_hand  # noqa: PLC0415
+    from palpate_host.twin.camera.look import TWIN_FILE  # noqa: PLC0415
+    from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
+    from palpate_host.twin.hand.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
+    from palpate_host.twin.hand.live_hand import LiveHand  # noqa: PLC0415
+    from palpate_host.twin.hand.motion import MotionFile  # noqa: PLC0415
+
+    config, kinematics = load_hand(config_path)
+    names = [finger.name for finger in config.fingers]
+    if len(rings) != len(names):
+        raise ConfigError(f"--ring is given {len(rings)} times, the hand has {len(names)} fingers")
+    truth.mkdir(parents=True, exist_ok=True)
+    files = [
+        CameraFiles(sensors / name / TWIN_FILE, ring, truth / f"{name}.csv")
+        for name, ring in zip(names, rings, strict=True)
+    ]
+    engine = make_engine(config, "mujoco", has_B=False)
+    with stop_event() as stop, MotionFile(truth / "motion.csv", [j.name for j in config.joints]) as motion:
+        cameras = LiveCameras(files, seed)
+        skipped = 0
+        try:
+            hand = LiveHand(config, kinematics, engine, cameras, motion)
+            with open_bus(config.bus, "twin", hand.accept_ids) as bus:
+                click.echo(f"simulated hand: {len(config.joints)} drives, {len(names)} cameras", err=True)
+                hand.serve(bus, stop)
+        finally:
+            skipped = cameras.close()
+    counters = hand.counters
+    click.echo(
+        f"simulated hand stopped: {counters.exposures} exposures, {skipped} left out; at most "
+        f"{counters.largest_lag_us / 1000:.1f} ms late, {counters.lost_us / 1000:.1f} ms lost",
+        err=True,
+    )
