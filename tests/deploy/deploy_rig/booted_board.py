@@ -6,7 +6,6 @@ slcan, to a socket on the loopback of the outside.
 
 from __future__ import annotations
 
-import shutil
 import signal
 import socket
 import subprocess
@@ -21,16 +20,12 @@ PATIENCE_S = 600.0  # an emulated machine among many programs
 
 
 class BootedBoard:
-    """Of the folder `image`; what it writes is its disk in `folder`. in_its_network: none is needed."""
-
-    in_its_network: tuple[str, ...] = ()
+    """With the kernel and the key of the folder `image`, from the card `folder`/disk."""
 
     def __init__(self, image: Path, folder: Path) -> None:
         self._image, self.folder = image, folder
         self.ssh_port, self.bus_port = _free_port(), _free_port()
         self._machine: subprocess.Popen[bytes] | None = None
-        copy = ["cp", "--sparse=always", "--reflink=auto"]
-        subprocess.run([*copy, image / "root.ext4", folder / "disk"], check=True)
 
     def boot(self) -> None:
         """Returns when ssh answers."""
@@ -47,7 +42,6 @@ class BootedBoard:
             *("-serial", "stdio", "-device", "virtio-rng-pci"),
             *("-object", "can-bus,id=cable", *cards),
             *("-device", "virtio-serial", "-chardev", bus, "-device", "virtconsole,chardev=bus"),
-            *("-device", "i6300esb", "-action", "watchdog=reset"),
         ]
         with (self.folder / "console").open("ab") as console:
             self._machine = subprocess.Popen(
@@ -102,13 +96,6 @@ class BootedBoard:
             "root@127.0.0.1",
         ]
 
-    def put(self, folder: Path, place: str) -> None:
-        """A folder of the outside at a place of the board."""
-        pack = ["tar", "-C", folder, "-c", "."]
-        unpack = ["ssh", *self._ssh(), f"mkdir -p {place} && tar -C {place} -x"]
-        with subprocess.Popen(pack, stdout=subprocess.PIPE) as packed:
-            subprocess.run(unpack, stdin=packed.stdout, check=True, timeout=PATIENCE_S)
-
     def join_bus(self) -> None:
         """Bring the other end of the board's bus out to bus_port, once a boot."""
         self.run(
@@ -135,12 +122,10 @@ def _free_port() -> int:
 
 @contextmanager
 def booted_board(image: Path, folder: Path) -> Iterator[BootedBoard]:
-    """A booted board; gone, with its disk, at the end."""
-    folder.mkdir()
+    """A booted board; off at the end."""
     board = BootedBoard(image, folder)
     try:
         board.boot()
         yield board
     finally:
         board.power_cut()
-        shutil.rmtree(folder, ignore_errors=True)

@@ -80,6 +80,13 @@ class NamespaceBoard:
         self._first, self._pid = None, 0
         self._remove_cgroup()
 
+    def as_disk(self, disk: Path) -> None:
+        """What is on the card of this board, which is off, as an ext4 file system."""
+        layers = f"lowerdir={self._tree},upperdir={self.written},workdir={self.folder}/work"
+        make = f"/sbin/mke2fs -q -t ext4 -d {self.folder}/root {disk} 4G"
+        mount = f"mount -t overlay -o {layers} board {self.folder}/root"
+        subprocess.run(["unshare", "--mount", "sh", "-ec", f"{mount}; {make}"], check=True)
+
     def files_written(self) -> dict[str, int]:
         """Path on the card -> time of its last change, ns: all that differs from bare Debian."""
         found = {}
