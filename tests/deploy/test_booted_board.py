@@ -1,7 +1,7 @@
 """A fingertip's board with a kernel: a card that the playbooks provisioned, a host outside on its CAN bus.
 
-A virtual machine under emulation with Debian's kernel, a CAN card, and a disk whose power can be cut; its frames
-are recorded ones. The tests go on from each other, in this order.
+A virtual machine under emulation with Debian's kernel, a CAN card, and a disk whose power can be cut; its
+frames are recorded ones. The tests go on from each other, in this order.
 """
 
 from __future__ import annotations

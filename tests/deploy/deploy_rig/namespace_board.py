@@ -13,7 +13,8 @@ from pathlib import Path
 
 BOOT = Path(__file__).with_name("boot-namespace.sh")
 PATIENCE_S = 60.0
-INTO_CGROUP = ("sh", "-c", 'echo $$ >"$0/cgroup.procs"; exec "$@"')
+# It ends with pytest, however that ends.
+INTO_CGROUP = ("sh", "-c", 'echo $$ >"$0/cgroup.procs"; exec setpriv --pdeathsig KILL "$@"')
 NAMESPACES = ("--mount", "--pid", "--fork", "--kill-child", "--uts", "--ipc", "--net", "--cgroup")
 
 
