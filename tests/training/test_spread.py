@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.motion import faintness
+from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.kernel_ridge import fit
-from palpate_edge.training.spread import fit_spread, left_out_residuals
+from palpate_edge.training.spread import STRANGER_DEG, fit_spread, left_out_residuals, strangeness
 
 RADIUS_MM = 30.0
 
@@ -93,3 +94,39 @@ def test_faint_presses_do_not_widen_the_radius_of_firm_ones(problem):
     assert mixed.level == pytest.approx(firm.level)
     blind = fit_spread(gram, error_mm * faint, samples, groups, RADIUS_MM)
     assert blind.level > firm.level + 0.5
+
+
+def at_polar_angles(theta_deg, azimuth_rad=0.0):
+    theta = np.radians(theta_deg)
+    around = np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]) * np.ones((len(theta), 2))
+    return np.column_stack([np.sin(theta)[:, None] * around, np.cos(theta)])
+
+
+def test_a_contact_is_as_strange_as_its_polar_angle_is_far_from_the_known_ones():
+    """Whatever the azimuth: a dome is the same all around."""
+    known = at_polar_angles(np.array([20.0, 50.0]))
+    asked = at_polar_angles(np.array([50.0, 56.0, 35.0, 0.0]), azimuth_rad=2.0)
+    gap_deg = np.array([0.0, 6.0, 15.0, 20.0])
+    assert strangeness(asked, known) == pytest.approx(1 + gap_deg / STRANGER_DEG, abs=1e-6)
+
+
+def between(samples, low_deg, high_deg):
+    """The presses of these polar angles, numbered anew."""
+    theta_deg = np.degrees(np.arccos(samples.directions[:, 2]))
+    some = np.flatnonzero((theta_deg >= low_deg) & (theta_deg < high_deg))
+    names = ("fields", "directions", "forces_N", "hidden", "faintness", "plain")
+    taken = {name: getattr(samples, name)[some] for name in names}
+    return replace(samples, **taken, press=np.arange(len(some)))
+
+
+def test_the_radius_grows_where_no_press_was(problem):
+    """A sensor pressed nearer to the rim than 45 deg, whose dome model knows the apex too."""
+    known = problem.samples(600, seed=4)
+    dome = DomeModel(known.fields, known.directions, known.forces_N, known.hidden, 26.5)
+    regression = fit(between(problem.samples(120, seed=1), 45, 90), dome, RADIUS_MM)
+    asked = problem.samples(1000, seed=2)
+    radii = [
+        np.median(regression.predict(part.fields, part.hidden)[2])
+        for part in (between(asked, 45, 90), between(asked, 0, 30))
+    ]
+    assert radii[1] > 1.5 * radii[0]

@@ -19,7 +19,13 @@ from palpate_edge.training.answer_field import AnswerField, fit_answer_field
 from palpate_edge.training.compress import compressed
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples
-from palpate_edge.training.spread import Spread, constant_spread, fit_spread, left_out_residuals
+from palpate_edge.training.spread import (
+    Spread,
+    constant_spread,
+    fit_spread,
+    left_out_residuals,
+    strangeness,
+)
 
 Array = NDArray[np.float64]
 
@@ -119,7 +125,10 @@ def fit(
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
         own, spread = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
-    joined = _joined(base, own, spread)
+    strange = None
+    if own is not None and samples is not None and dome is not None:
+        strange = strangeness(dome.directions, samples.directions)
+    joined = _joined(base, own, spread, strange)
     return Regression(
         projection=projection,
         centres=joined.centres,
@@ -208,8 +217,13 @@ def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array
     return error_mm, float(error_mm[samples.plain].mean()) + FORCE_IN_MM * 100 * relative
 
 
-def _joined(base: _Expansion | None, own: _Expansion | None, spread: Spread) -> _Expansion:
-    """The sum of both expansions, with the log radius beside it, as one of at most `MOST_CENTRES`."""
+def _joined(
+    base: _Expansion | None, own: _Expansion | None, spread: Spread, strange: Array | None
+) -> _Expansion:
+    """The sum of both expansions, with the log radius beside it, as one of at most `MOST_CENTRES`.
+
+    strange (d,): spread.strangeness at the dome model's centres, which come first.
+    """
     parts = []
     for part in (base, own):
         if part is not None:
@@ -220,6 +234,8 @@ def _joined(base: _Expansion | None, own: _Expansion | None, spread: Spread) -> 
         return replace(parts[0], offset=offset)
     centres = np.concatenate([part.centres for part in parts])
     values = np.sum([gauss(centres, part.centres, part.length) @ part.weights for part in parts], axis=0)
+    if strange is not None:
+        values[: len(strange), 6] += np.log(strange)
     taught = 0 if own is None else len(own.centres)
     importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
     fewer, weights = compressed(

@@ -1,12 +1,14 @@
 """How far a prediction may be off: errors of presses left out in turn, smoothed and raised to cover 95 %.
 
-Errors are taken in parts of what a faint touch must err by (motion.faintness). What is left of them has much
-the same spread on every sensor, so that few presses need not tell all of it: beside them stand as many of a
-typical sensor as `PRIOR_PRESSES`, drawn from a log-normal distribution.
+Errors are taken in parts of what a faint touch must err by (motion.faintness) and of what one must that is
+far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
+angle. What is left of them has much the same spread on every sensor, so that few presses need not tell all of
+it: beside them stand as many of a typical sensor as `PRIOR_PRESSES`, drawn from a log-normal distribution.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -22,9 +24,12 @@ RIDGE = 0.3  # times the root of the number of samples
 FLOOR = 1 / 1500  # of the dome's radius; a luckily small error says nothing
 UNTAUGHT = 1 / 40  # 95 % radius over the dome's without presses of the sensor itself, nothing hidden
 UNTAUGHT_HIDDEN_SLOPE = 2.0
-# Five sensors of the twin (seeds 20, 21, 22, 25, 26) calibrated with 5 to 20 presses: median and deviation.
-PRIOR_MEDIAN = 1 / 150  # of the dome's radius
-PRIOR_DEVIATION = 0.62  # of the logarithm
+STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice as large
+# Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses:
+# median and deviation, and how many presses' worth the choice of settings by the same presses flatters.
+PRIOR_MEDIAN = 1 / 110  # of the dome's radius
+PRIOR_DEVIATION = 0.70  # of the logarithm
+FLATTERY_PRESSES = 3.0
 PRIOR_LEVEL_PRESSES = 5.0  # how many presses the median weighs
 PRIOR_PRESSES = 10  # how many the deviation weighs
 
@@ -43,12 +48,20 @@ def constant_spread(radius_mm: float) -> Spread:
     return Spread(float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE)
 
 
+def strangeness(directions: Array, known: Array) -> Array:
+    """(n,): how many times farther off a contact at each of the unit vectors (n, 3) may be for having none of
+    the known ones (m, 3) at its polar angle, 1 or more."""
+    theta_deg, known_deg = (np.degrees(np.arccos(np.clip(d[:, 2], -1.0, 1.0))) for d in (directions, known))
+    return np.asarray(1.0 + np.abs(theta_deg[:, None] - known_deg).min(axis=1) / STRANGER_DEG)
+
+
 def fit_spread(
     gram: Array, error_mm: Array, samples: Samples, groups: list[NDArray[np.intp]], radius_mm: float
 ) -> Spread:
     """From the left-out errors (s,) of the samples and the kernel (s, s) between them."""
     presses = len(groups)
-    log_error = np.log(error_mm / samples.faintness + FLOOR * radius_mm)
+    farther = samples.faintness * _left_out_strangeness(samples, groups)
+    log_error = np.log(error_mm / farther + FLOOR * radius_mm)
     design = np.stack([np.ones_like(log_error), samples.hidden], axis=1)
     (level, slope), *_ = np.linalg.lstsq(design, log_error, rcond=None)
     slope = max(0.0, float(slope))
@@ -61,16 +74,28 @@ def fit_spread(
     return Spread(float(level) + _upper_limit(above[samples.plain], presses), weights, slope)
 
 
+def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> Array:
+    """(s,): of each sample when nothing but the other presses is known."""
+    found = np.ones(len(samples.press))
+    places = samples.directions[[group[0] for group in groups]]
+    for number, group in enumerate(groups):
+        others = np.delete(places, number, axis=0)
+        if len(others):
+            found[group] = strangeness(samples.directions[group], others)
+    return found
+
+
 def _upper_limit(above: Array, presses: int) -> float:
     """What 95 % of new values stay below: the quantile of the sensor's own presses and the typical ones
-    together."""
+    together, and what choosing by the same presses has made too small."""
     typical = NormalDist(0.0, PRIOR_DEVIATION)
     prior = [typical.inv_cdf((number + 0.5) / 1000) for number in range(1000)]
     values = np.concatenate([above, prior])
     weight = np.repeat([presses / len(above), PRIOR_PRESSES / len(prior)], [len(above), len(prior)])
     order = np.argsort(values)
     below = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(below, COVERAGE * below[-1])])
+    limit = float(values[order][np.searchsorted(below, COVERAGE * below[-1])])
+    return limit + math.log1p(FLATTERY_PRESSES / presses)
 
 
 def left_out_residuals(inverse: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:
