@@ -11,7 +11,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-demo: $(VENV)/host.stamp  ## set up, then hub, three fingertips, nine drives and the host for 20 s
+demo: $(VENV)/host.stamp  ## set up, then a simulated hand turns an object for 20 s, all processes real
 	$(BIN)/palpate-host demo
 
 test: lint unit  ## set up, then every check and test (tests whose tool is missing say so and skip)
@@ -68,7 +68,7 @@ system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu,
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) $(DEPLOY) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/report.html
+	rm -rf $(VENV) $(DEPLOY) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/sensors demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -111,7 +111,7 @@ def step_bounds(target: Array) -> list[tuple[int, int]]:
     """First and last index of each turn of `target` (n, 3, 3): it begins to move, and the next one begins."""
     moves = [rotation.angle_deg(b @ a.T) > MOVING_DEG for a, b in pairwise(target)]
     begins = [i for i, is_moving in enumerate(moves) if is_moving and (i == 0 or not moves[i - 1])]
-    return list(zip(begins, [*begins[1:], len(target) - 1], strict=True))
+    return list(pairwise([*begins, len(target) - 1]))
 
 
 def _friction_ratio(motion: Motion, span: slice) -> float:

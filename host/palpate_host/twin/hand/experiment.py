@@ -32,6 +32,8 @@ from palpate_host.virtual_frame import virtual_frame
 TICK_S = 1e-3
 FRAME_RATE_HZ = 30.0
 RECORD_S = 0.02
+UNLIMITED = 1e3
+"""friction_ratio of the blind law: the limit is ours, and stops that law before it errs as published."""
 ENGINES: dict[str, Callable[[TwinModel], Engine]] = {"eqs": RollingHand, "mujoco": FrictionHand}
 
 
@@ -84,6 +86,8 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
     """One run; the same arguments give the same bits. LostGraspError when the object is lost."""
     config, hand = load_hand(hand_toml)
     control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
+    if trial.mode is ControlMode.BLIND:
+        control = msgspec.structs.replace(control, friction_ratio=UNLIMITED)
     target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
     config = msgspec.structs.replace(config, control=control, target=target)
     return _Run(config, hand, make_engine(config, engine_name), trial).run()
