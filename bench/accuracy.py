@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import cv2
 
+from bench import accuracy_beads as beads
 from bench import accuracy_detection as detection
 from bench import accuracy_presses as presses
 from bench import accuracy_regions as regions
@@ -71,6 +72,8 @@ def measure(
     motions = detection.measure([sample, *moving], whole)
     with tempfile.TemporaryDirectory() as work:
         stressed = stress.measure(sample, whole, Path(work), lambda name: say(f"stress: {name}"))
+        say("beads")
+        places = beads.measure(sample, Path(work))
     points = presses.measure(sample, dome, whole, say)
     covered = [(figures.dataset, figures) for figures in (corrected, *sequence_figures)]
     sections = [
@@ -81,6 +84,7 @@ def measure(
         presses.section(points, picture),
         sequences.section(sequence_figures),
         stress.section(stressed),
+        beads.section(places),
         detection.section(motions, whole),
         sequences.coverage(covered),
     ]

@@ -83,7 +83,8 @@ def main(data: Path, output: Path, sensors: int) -> None:
         for task in as_completed(tasks):
             lines[tasks[task]] = task.result()
             say(lines[tasks[task]].name)
-            _write(output, report([lines[seed] for seed in sorted(lines)]))
+            missing = [seed for seed in range(sensors) if seed not in lines]
+            _write(output, report([lines[seed] for seed in sorted(lines)], missing))
     say(f"{output} written")
 
 
@@ -94,7 +95,8 @@ def _write(output: Path, text: str) -> None:
         raise DatasetError(f"{output} cannot be written: {error.strerror}") from None
 
 
-def report(lines: Sequence[Line]) -> str:
+def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
+    """The page; missing: seeds whose sensors are not done yet."""
     head = paragraph(f"""
         Made by `python -m bench.accuracy_twin`: sensors that the twin makes up, each from
         the seed before its name (`palpate-host simulate dataset -o dome --random-seed SEED`), each calibrated
@@ -147,6 +149,11 @@ def report(lines: Sequence[Line]) -> str:
     parts = [
         "# Accuracy on the twin",
         head,
+        *(
+            [f"Not done when this was written: the sensors {', '.join(map(str, missing))}."]
+            if missing
+            else []
+        ),
         "## Position",
         position,
         *notes,
