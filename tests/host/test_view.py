@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -23,6 +22,7 @@ from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.record import FrameRing, RingLimits
 from palpate_host.host import load_hand
+from palpate_host.operator_socket import OperatorSocket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.status import HostStatus
 from palpate_host.view.geometry import shapes
@@ -173,24 +173,33 @@ def test_every_shape_of_mujoco_has_its_own() -> None:
 
 
 def test_live_from_the_hosts_socket_with_pictures(tmp_path: Path, statuses: list[HostStatus]) -> None:
-    socket_path, ring_path, saved = tmp_path / "view.sock", tmp_path / "ring", tmp_path / "live.rrd"
+    socket_path, ring_path, saved = tmp_path / "host.sock", tmp_path / "ring", tmp_path / "live.rrd"
     ring = RingWriter(ring_path, RingFormat(32, 24, 1, 4, ""))
-    command = [sys.executable, "-m", "palpate_host.cli", "view", "--config", HAND, "--status", socket_path]
+    server = OperatorSocket(socket_path)
+    command = [sys.executable, "-m", "palpate_host.cli", "view", "--config", HAND, "--socket", socket_path]
     command += ["--save", saved, "--camera", f"finger-1={ring_path}"]
     process = subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True)
-    wait_for(socket_path.is_socket, "the viewer's socket")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as host:
-        host.connect(str(socket_path))
-        for status in statuses:
-            host.sendall(msgspec.json.encode(status) + b"\n")
-        ring.write(np.full((24, 32), 77, dtype=np.uint8), 1, time.monotonic_ns() // 1000)
-        time.sleep(1.0)
+
+    def is_followed() -> bool:
+        server.serve(lambda _: None, None)
+        return any(client.streams for client in server._clients.values())
+
+    wait_for(is_followed, "the viewer")
+    for status in statuses:
+        server.serve(lambda _: None, status)
+        time.sleep(0.01)
+    ring.write(np.full((24, 32), 77, dtype=np.uint8), 1, time.monotonic_ns() // 1000)
+    time.sleep(1.0)
     process.terminate()
     said, _ = process.communicate(timeout=PATIENCE_S)
     ring.close()
-    assert process.returncode == 0 and f"view: {len(statuses)} ticks" in said
+    server.close()
     shown = read(saved)
-    assert len(values(shown, "/torque/curl_1")) == len(statuses)
+    torques = dict(values(shown, "/torque/curl_1"))
+    assert process.returncode == 0 and f"view: {len(torques)} ticks" in said
+    told = {1000 * status.time_us: [status.joints[2].torque_Nm] for status in statuses}
+    assert len(torques) > len(told) // 2
+    assert all(told[at] == value for at, value in torques.items())
     ((taken_ns, _),) = shown["/camera/finger-1"]["EncodedImage:blob"]
     assert abs(taken_ns - time.time_ns()) < 60e9
 
@@ -233,8 +242,7 @@ def test_a_viewer_that_runs_is_given_the_hand(tmp_path: Path, statuses: list[Hos
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "give one"),
-        ((LOG, "--status", "x.sock"), "give one"),
+        ((LOG, "--socket", "x.sock"), "leave one out"),
         ((LOG, "--save", "x.rrd", "--connect", "rerun+http://127.0.0.1:1/proxy"), "exclude each other"),
         ((LOG, "--save", "x.rrd", "--camera", "finger-1"), "write NAME=PATH"),
         ((LOG, "--save", "x.rrd", "--camera", "finger-1=nowhere"), "there is no nowhere"),

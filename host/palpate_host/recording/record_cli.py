@@ -12,7 +12,8 @@ from palpate_edge.errors import ConfigError
 from palpate_edge.stop_signals import stop_event
 from palpate_host.bus.candump import LogRecord
 from palpate_host.host import load_hand, now_us
-from palpate_host.recording.status_listener import StatusListener
+from palpate_host.operator_socket import default_control_socket
+from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.run_cli import CONFIG
 
 WAIT_S = 0.02
@@ -29,10 +30,10 @@ MB = 1_000_000
     help="Folder for the pieces: 000001.log (candump), 000001.mcap, and so on.",
 )
 @click.option(
-    "--status",
-    "status_path",
+    "--socket",
+    "socket_path",
     type=click.Path(path_type=Path),
-    help="Socket to make for `run --status`.  [default: status.sock in the folder]",
+    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
 )
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
 @click.option(
@@ -48,21 +49,21 @@ MB = 1_000_000
 def record(
     config_path: Path,
     output: Path,
-    status_path: Path | None,
+    socket_path: Path | None,
     duration_s: float | None,
     piece_mb: float,
     keep_mb: float,
 ) -> None:
     """Keep all that is said on the bus, and what the host tells of itself, as bus logs and MCAP.
 
-    A process of its own, which sends nothing on the bus: the hand does not notice it. What the host tells
-    comes by a socket, to which a host that is started later connects. Ends at SIGTERM or SIGINT. A power cut
-    costs the last second; the files it leaves can be exported and viewed.
+    A process of its own, which sends nothing on the bus and which the host never waits for; it may be started
+    before the host or later. Ends at SIGTERM or SIGINT. A power cut costs the last second; the files it
+    leaves can be exported and viewed.
 
     \b
     Examples:
-      palpate-host record --config hand.toml -o recording &
-      palpate-host run --config hand.toml --status recording/status.sock
+      palpate-host run --config hand.toml &
+      palpate-host record --config hand.toml -o recording
       palpate-host view recording --config hand.toml
     """
     # needs the extra `record`, which slow imports come with
@@ -73,17 +74,17 @@ def record(
 
     config, hand = load_hand(config_path)
     bounds = Bounds(piece_bytes=round(piece_mb * MB), folder_bytes=round(keep_mb * MB))
+    socket = socket_path or default_control_socket()
     end_s = None if duration_s is None else time.monotonic() + duration_s
     with (
         open_bus(config.bus, "record") as bus,
         SegmentedRecording(output, config, hand, bounds) as recording,
-        StatusListener(status_path or output / "status.sock") as listener,
+        StatusFollower(socket) as follower,
         stop_event() as stopped,
     ):
-        click.echo(f"record: listening, host at {status_path or output / 'status.sock'}", err=True)
+        click.echo(f"record: listening, host at {socket}", err=True)
         while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
             records = [LogRecord(stamp_us, frame) for stamp_us, frame in bus.receive(WAIT_S)]
-            recording.write(now_us(), records, listener.take())
-    garbled = f", {listener.garbled} garbled lines" if listener.garbled else ""
+            recording.write(now_us(), records, follower.take())
     said = f"{recording.frames} frames, {recording.ticks} ticks in {output}"
-    click.echo(f"record: {said}, piece {recording.pieces}{garbled}")
+    click.echo(f"record: {said}, piece {recording.pieces}")

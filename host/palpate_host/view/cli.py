@@ -8,6 +8,7 @@ import click
 
 from palpate_edge.errors import ConfigError
 from palpate_host.host import load_hand
+from palpate_host.operator_socket import default_control_socket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.run_cli import CONFIG
 
@@ -17,7 +18,12 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.command()
 @click.argument("source", type=click.Path(path_type=Path, exists=True), required=False)
 @CONFIG
-@click.option("--status", "status_path", type=FILE, help="Live: socket to make for `run --status`.")
+@click.option(
+    "--socket",
+    "socket_path",
+    type=click.Path(path_type=Path),
+    help="Live: the host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
+)
 @click.option(
     "--camera",
     "cameras",
@@ -38,7 +44,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 def view(
     source: Path | None,
     config_path: Path,
-    status_path: Path | None,
+    socket_path: Path | None,
     cameras: tuple[str, ...],
     save_path: Path | None,
     url: str | None,
@@ -48,13 +54,13 @@ def view(
     """Show a hand in 3-D with its contacts, forces, joints and what the host says.
 
     SOURCE is a recording: a bus log, status lines, an MCAP file or a folder of `record`. Without it the hand
-    is shown live: the host connects to the socket of --status. The viewer is Rerun's own, on this machine.
+    is shown live, as the host tells over its control socket. The viewer is Rerun's own, on this machine.
 
     \b
     Examples:
       palpate-host view recording --config hand.toml
       palpate-host view traffic.log --config hand.toml --save hand.rrd
-      palpate-host view --config hand.toml --status view.sock    # then: run --status view.sock
+      palpate-host view --config hand.toml
     """
     try:
         import rerun as rr  # noqa: PLC0415 (slow, and an extra)
@@ -65,8 +71,8 @@ def view(
         from palpate_host.view.sources import show_live, show_recording  # noqa: PLC0415
     except ModuleNotFoundError as exc:
         raise ConfigError(f"view needs {exc.name}: pip install 'palpate[view,record]'") from exc
-    if (source is None) == (status_path is None):
-        raise ConfigError("view needs either a recording or, to show a hand live, --status SOCKET: give one")
+    if source is not None and socket_path is not None:
+        raise ConfigError("--socket is for a hand that runs, not for a recording: leave one out")
     if save_path is not None and url is not None:
         raise ConfigError("--save and --connect exclude each other: give one")
     config, hand = load_hand(config_path)
@@ -83,9 +89,9 @@ def view(
     if source is not None:
         ticks = show_recording(shown, read_statuses(source, config, hand), pictures)
     else:
-        assert status_path is not None
-        click.echo(f"view: waiting for the host at {status_path}", err=True)
-        ticks = show_live(shown, status_path, pictures, duration_s)
+        socket = socket_path or default_control_socket()
+        click.echo(f"view: live, host at {socket}", err=True)
+        ticks = show_live(shown, socket, pictures, duration_s)
     stream.flush()
     stream.disconnect()
     click.echo(f"view: {ticks} ticks" + (f" in {save_path}" if save_path is not None else ""))

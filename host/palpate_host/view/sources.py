@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from palpate_edge.stop_signals import stop_event
-from palpate_host.recording.status_listener import StatusListener
+from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.status import HostStatus
 from palpate_host.view.cameras import CameraSource, LiveCamera, recorded_pictures
 from palpate_host.view.hand_view import HandView
@@ -29,17 +29,17 @@ def show_recording(view: HandView, statuses: Iterable[HostStatus], cameras: Sequ
 
 
 def show_live(
-    view: HandView, status_path: Path, cameras: Sequence[CameraSource], duration_s: float | None
+    view: HandView, socket_path: Path, cameras: Sequence[CameraSource], duration_s: float | None
 ) -> int:
     """Until SIGTERM, SIGINT or for `duration_s`; returns the number of ticks."""
     ticks = 0
     end_s = None if duration_s is None else time.monotonic() + duration_s
     with ExitStack() as stack:
         live = [stack.enter_context(closing(LiveCamera(camera))) for camera in cameras]
-        listener = stack.enter_context(StatusListener(status_path))
+        follower = stack.enter_context(StatusFollower(socket_path))
         stopped = stack.enter_context(stop_event())
         while not stopped.wait(WAIT_S) and (end_s is None or time.monotonic() < end_s):
-            for status in listener.take():
+            for status in follower.take():
                 view.add(status)
                 ticks += 1
             for camera in live:
