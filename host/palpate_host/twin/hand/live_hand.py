@@ -87,8 +87,10 @@ class LiveHand:
         lag_us = now - self._hand_us
         self.counters.largest_lag_us = max(self.counters.largest_lag_us, lag_us)
         if lag_us > LARGEST_LAG_US:
-            self.counters.lost_us += lag_us - LARGEST_LAG_US
-            self._hand_us = now - LARGEST_LAG_US
+            lost_us = lag_us - LARGEST_LAG_US
+            self.counters.lost_us += lost_us
+            self._hand_us += lost_us
+            self._start_us += lost_us  # the cameras stood still as well: no exposures to catch up with
         while self._hand_us + self._step_us <= now:
             self._driven.step()
             self._hand_us += self._step_us
