@@ -24,7 +24,11 @@ def main() -> None:
     print()
     print(table("Host, 3 fingers x 3 joints", host.rows()))
     print()
-    print(table("Kinematics, gravity, Eqs. (9)-(16) and limits, 3 fingers x 5 joints", tick.rows()))
+    print(
+        table(
+            "Kinematics, gravity, Eqs. (9)-(16) and limits, 3 fingers x 5 joints, processor time", tick.rows()
+        )
+    )
     print()
     print(latency.report())
     print()

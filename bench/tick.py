@@ -150,15 +150,15 @@ def disagreement() -> float:
 
 
 def rows() -> list[Row]:
-    """Turn by turn, so that all three see the same load of the machine."""
+    """Turn by turn, so that all three see the same load of the machine; in processor time."""
     gains, normals, R_d, moved = cases()
     everyone = hands()
     seconds: dict[str, list[float]] = {name: [] for name in everyone}
     for number in range(ROUNDS):
         for one in moved:
             for name, terms in everyone.items():
-                begin = time.perf_counter()
+                begin = time.thread_time()
                 law(terms, gains, normals, R_d, *one)
                 if number:
-                    seconds[name].append(time.perf_counter() - begin)
+                    seconds[name].append(time.thread_time() - begin)
     return [Row(f"tick 3 x 5, {name}", np.array(found)) for name, found in seconds.items()]
