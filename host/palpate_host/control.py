@@ -28,7 +28,8 @@ class Gains:
     f_d_N: nominal grasping force. K_r: orientation gain. B_Nms_rad: (nq,) joint damping.
     tip_radius_m: r. friction_ratio: largest |F_di| over that finger's grasp force.
     torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. soft_limit_rad: before its end
-    torque outwards fades. object_weight_N, position_stiffness_N_m: see `carrying_force_N`.
+    torque outwards fades. velocity_joints: they turn with torque / B_d. object_weight_N,
+    position_stiffness_N_m: see `carrying_force_N`.
     """
 
     f_d_N: float
@@ -42,6 +43,7 @@ class Gains:
     object_weight_N: float = 0.0
     position_stiffness_N_m: float = 0.0
     soft_limit_rad: float = 0.05
+    velocity_joints: bool = False
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
@@ -85,17 +87,19 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
     by one factor so that none exceeds friction_ratio of its grasp force; their sum stays zero and their
     moment its axis.
     """
-    lever = _lever_m(tip_centre_m)
+    lever_m = _lever_m(tip_centre_m)
+    return _turning_force_N(lever_m, _pull_N_m(tip_centre_m, gains), R_vir, R_d_vir, gains)
+
+
+def _turning_force_N(lever_m: Array, pull_N_m: float, R_vir: Array, R_d_vir: Array, gains: Gains) -> Array:
     turn = gains.K_r * rotation_error(R_vir, R_d_vir)
     # Both forces are the same pull times K_r omega x lever and lever: the pull cancels from their ratio.
-    per_pull = lever @ rotation.skew(turn).T
+    per_pull = lever_m @ rotation.skew(turn).T
     excess = max(
         (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24)
-        for (fx, fy, fz), (x, y, z) in zip(per_pull.tolist(), lever.tolist(), strict=True)
+        for (fx, fy, fz), (x, y, z) in zip(per_pull.tolist(), lever_m.tolist(), strict=True)
     )
-    return np.asarray(
-        per_pull * (_pull_N_m(tip_centre_m, gains) / max(1.0, math.sqrt(excess) / gains.friction_ratio))
-    )
+    return np.asarray(per_pull * (pull_N_m / max(1.0, math.sqrt(excess) / gains.friction_ratio)))
 
 
 def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
@@ -122,20 +126,24 @@ def joint_torque_Nm(
     hold_at_m: where the tips' centroid is to stay with a grasped object, None: nothing is carried.
     tip_force_N: (n, 3) that the tips add (contact_force.py).
     """
-    force = grasp_force_N(pose.tip_centre_m, gains)
+    lever_m, pull_N_m = _lever_m(pose.tip_centre_m), _pull_N_m(pose.tip_centre_m, gains)
+    force = -pull_N_m * lever_m
     if tip_force_N is not None:
         force = force + tip_force_N
     if hold_at_m is not None:
         force = force + carrying_force_N(pose.tip_centre_m, hold_at_m, gains)
     if R_vir is not None and R_d_vir is not None:
-        force = force + orientation_force_N(pose.tip_centre_m, R_vir, R_d_vir, gains)
+        force = force + _turning_force_N(lever_m, pull_N_m, R_vir, R_d_vir, gains)
     return force_torque_Nm(pose, qdot_rad_s, force, gains)
 
 
 def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains) -> Array:
-    """(nq,) sum over the tips of J_i^T F_i, less damping, plus gravity."""
+    """(nq,) sum over the tips of J_i^T F_i, less damping, plus gravity; neither where joints turn with
+    torque / B_d: their drives hold them up, and a torque against gravity would make them climb."""
     jacobian = pose.tip_jacobian_m
     forces_to_joints = force_N.ravel() @ jacobian.reshape(-1, jacobian.shape[2])
+    if gains.velocity_joints:
+        return np.asarray(forces_to_joints)
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)
 
 

@@ -82,6 +82,7 @@ class ControlConfig(_Strict, frozen=True):
     turned. integral_per_s: rate at which the error that a proportional law leaves is taken out; 0: as the
     paper. object_weight_N, position_stiffness_N_m: carry a grasped object, up is the hand's +z; 0: as the
     paper, whose object has no weight. release_ms: how long the fingers open when told to let go.
+    velocity_joints: the drives turn with torque / B_d: u has then neither gravity nor damping.
     force_law, force_per_s: regulate the contact force, and how fast. soft_limit_rad: before the end of a
     joint's range the torque outwards fades.
     """
@@ -97,6 +98,7 @@ class ControlConfig(_Strict, frozen=True):
     settle_ms: Milliseconds
     release_ms: Milliseconds = 500
     soft_limit_rad: NotNegative = 0.05
+    velocity_joints: bool = False
     force_law: ForceLaw = ForceLaw.OPEN
     force_per_s: NotNegative = 2.0
     integral_per_s: NotNegative = 0.0

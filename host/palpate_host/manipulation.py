@@ -52,6 +52,7 @@ class Manipulation:
         self._ramp_s = config.target.ramp_s
         self._turned_s = 0.0
         self._start: Array | None = None
+        self._carries = control.object_weight_N > 0.0 or control.position_stiffness_N_m > 0.0
         self._hold_at_m: Array | None = None
         self._integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
         self._trim_rad = np.zeros(3)
@@ -96,9 +97,9 @@ class Manipulation:
         """Joint torques (nq,) within every limit; zero unless the mode moves joints."""
         if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
-        grasp_N = grasp_force_N(pose.tip_centre_m, self.gains)
         if mode is Mode.RELEASE:
             self._hold_at_m = None
+            grasp_N = grasp_force_N(pose.tip_centre_m, self.gains)
             u = force_torque_Nm(pose, qdot_rad_s, -RELEASE_RATIO * grasp_N, self.gains)
             return limit_torque_Nm(u, pose.q_rad, self.gains)
         R_d_vir = None
@@ -106,8 +107,12 @@ class Manipulation:
             if mode is Mode.MANIPULATE or self._blind_by_choice:
                 self._advance(R_vir, dt_s)
             R_d_vir = self.R_d_vir
-        self._hold_at_m = self._place_to_hold(mode, pose)
-        felt_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s) if self._force.is_on else None
+        if self._carries:
+            self._hold_at_m = self._place_to_hold(mode, pose)
+        felt_N = None
+        if self._force.is_on:
+            grasp_N = grasp_force_N(pose.tip_centre_m, self.gains)
+            felt_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s)
         u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m, felt_N)
         return limit_torque_Nm(u, pose.q_rad, self.gains)
 
@@ -154,4 +159,5 @@ def gains_of(config: HandConfig) -> Gains:
         object_weight_N=control.object_weight_N,
         position_stiffness_N_m=control.position_stiffness_N_m,
         soft_limit_rad=control.soft_limit_rad,
+        velocity_joints=control.velocity_joints,
     )

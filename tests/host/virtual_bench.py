@@ -59,6 +59,7 @@ class VirtualBench:
     ) -> None:
         self.hand = hand
         self.core = HostCore(config, hand)
+        self.host_id = config.network.host_node
         self.drives = drives_of(config, START_POSE_RAD)
         self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
         self.feel = feel
@@ -67,12 +68,13 @@ class VirtualBench:
         self.log: list[tuple[int, CanFrame]] = []
         self.statuses: list[HostStatus] = []
         self.output: Output | None = None
-        self.silent: set[int] = set()
+        self.silent: set[int] = set()  # nodes without power; the host's id: the host does not run
+        self.cut_off: set[int] = set()  # nodes that run and neither hear nor are heard
         self._to_nodes: list[CanFrame] = []
         self._echo: list[tuple[int, CanFrame]] = []
         self._exposed: list[tuple[int, int, int, HandPose]] = []
-        self._next_exposure_us = [START_US + 11_000 * finger for finger in range(3)]
-        self._sequence = [0, 0, 0]
+        self._next_exposure_us = [START_US + 11_000 * finger for finger in range(len(self.tips))]
+        self._sequence = [0] * len(self.tips)
 
     def pose(self) -> HandPose:
         return self.hand.pose(np.array([drive.plant.position_rad for drive in self.drives]))
@@ -89,12 +91,10 @@ class VirtualBench:
         to_nodes, self._to_nodes = self._to_nodes, []
         from_nodes: list[CanFrame] = []
         for drive in self.drives:
-            if drive.slave.node_id not in self.silent:
-                from_nodes += drive.process(now_us, to_nodes).frames_out
+            from_nodes += self._served(drive, now_us, to_nodes)
         self._feel_and_publish(now_us)
         for tip in self.tips:
-            if tip.slave.node_id not in self.silent:
-                from_nodes += tip.process(now_us, to_nodes).frames_out
+            from_nodes += self._served(tip, now_us, to_nodes)
         stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
         self.log += stamped
         heard = sorted(
@@ -102,15 +102,29 @@ class VirtualBench:
             key=lambda item: item[0],
         )
         self.now_us = now_us + STEP_US
-        self.output = self.core.process(self.now_us, heard)
+        self._echo = []
+        if self.host_id in self.silent:
+            return
+        is_cut = self.host_id in self.cut_off
+        self.output = self.core.process(self.now_us, [] if is_cut else heard)
+        if self.output.frames_out and self.output.status is not None:
+            self.statuses.append(self.output.status)
+        if is_cut:
+            return
         self.log += [(self.now_us, frame) for frame in self.output.frames_out]
         self._to_nodes = list(self.output.frames_out)
         self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
-        if self.output.frames_out and self.output.status is not None:
-            self.statuses.append(self.output.status)
+
+    def _served(self, node, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
+        node_id = node.slave.node_id
+        if node_id in self.silent:
+            return []
+        is_cut = node_id in self.cut_off
+        frames_out = node.process(now_us, [] if is_cut else to_nodes).frames_out
+        return [] if is_cut else list(frames_out)
 
     def _feel_and_publish(self, now_us: int) -> None:
-        for finger in range(3):
+        for finger in range(len(self.tips)):
             if now_us >= self._next_exposure_us[finger]:
                 self._next_exposure_us[finger] += FRAME_PERIOD_US
                 self._sequence[finger] += 1

@@ -1,0 +1,183 @@
+"""The whole hand with an object in virtual time, and what can break in it: physics, drives, fingertips, host.
+
+A `VirtualBench` whose joints are moved by MuJoCo with friction, whose fingertips feel that object, and whose
+nodes, host and contacts can be broken and mended while it runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate_edge.contact_type import Contact
+from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.hand import Hand, HandPose
+from palpate_host.hand_config import HandConfig, JointConfig
+from palpate_host.master import HostCore
+from palpate_host.twin.drive_plant import JointParameters
+from palpate_host.twin.hand.experiment import make_engine
+
+
+class EngineMotor:
+    """Table 4's motor on a joint of the engine; a torque drive."""
+
+    damper_Nms_rad = 0.0
+
+    def __init__(self, joint: JointConfig) -> None:
+        assert joint.direction == 1 and joint.zero_offset_rad == 0.0
+        self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
+        self.state_now = MotorState(0.0, 0.0)
+        self.ordered_Nm = 0.0
+
+    @property
+    def joint_torque_Nm(self) -> float:
+        return self.ordered_Nm
+
+    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the loop keeps it up to date
+        return self.state_now
+
+    def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
+        self.ordered_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
+
+    def reset_fault(self) -> None:
+        self.state_now = replace(self.state_now, error_code=0)
+
+
+class AdmittanceMotor(EngineMotor):
+    """A geared stepper under velocity command, qdot = torque / B_d: stiff against everything else.
+
+    Its damper belongs to the engine's joint, which takes it implicitly; a sampled one would ring.
+    """
+
+    B_d_Nms_rad = 0.3
+    damper_Nms_rad = 30.0
+
+    @property
+    def joint_torque_Nm(self) -> float:
+        return self.damper_Nms_rad * self.ordered_Nm / self.B_d_Nms_rad
+
+
+@dataclass(slots=True)
+class Doubt:
+    """What is wrong with one fingertip's contacts. late_us: it publishes old frames."""
+
+    kind: str = ""
+    late_us: int = 0
+
+
+def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMotor] = EngineMotor, seed=0):
+    """A rig of `bench` (the module virtual_bench.py) around a fresh engine."""
+
+    class ClosedLoop(bench.VirtualBench):
+        def __init__(self) -> None:
+            super().__init__(config, hand)
+            self.config = config
+            self.engine = make_engine(config, "mujoco", has_B=False)
+            twin = self.engine.twin
+            twin.model.dof_damping[twin.v_address] += motor.damper_Nms_rad
+            self.motors = [motor(joint) for joint in config.joints]
+            pairs = zip(config.joints, self.motors, strict=True)
+            self.drives = [Cia402Device(joint.drive_node, one) for joint, one in pairs]
+            self._due_us: dict[int, int] = {}
+            self.doubts = [Doubt() for _ in config.fingers]
+            self.rng = np.random.default_rng(seed)
+            self._last: list[Contact | None] = [None] * len(config.fingers)
+            self._pending: list[tuple[int, int, Contact]] = []
+            self.largest_force_N = 0.0
+            self.joint_reach_rad = np.array([[np.inf] * len(config.joints), [-np.inf] * len(config.joints)])
+            self.largest_order_ratio = 0.0
+            self.torque_trace: list[tuple[int, float]] = []
+
+        def pose(self) -> HandPose:
+            return self.hand.pose(self.engine.q_rad)
+
+        def _served(self, node, now_us, to_nodes):
+            """Only when something came or is due, which is what a process does too."""
+            node_id = node.slave.node_id
+            if node_id in self.silent:
+                self._due_us.pop(node_id, None)
+                return []
+            is_cut = node_id in self.cut_off
+            heard = [] if is_cut else to_nodes
+            if not heard and now_us < self._due_us.get(node_id, 0):
+                return []
+            output = node.process(now_us, heard)
+            self._due_us[node_id] = output.next_due_us
+            return [] if is_cut else list(output.frames_out)
+
+        def kill_host(self) -> None:
+            self.silent.add(self.host_id)
+
+        def start_host(self) -> None:
+            """A new process: nothing of the old one is known."""
+            self.silent.discard(self.host_id)
+            self.core = HostCore(self.config, self.hand)
+
+        def _step(self) -> None:
+            engine = self.engine
+            for one, q_rad, qdot_rad_s in zip(self.motors, engine.q_rad, engine.qdot_rad_s, strict=True):
+                one.state_now = MotorState(float(q_rad), float(qdot_rad_s), one.state_now.error_code)
+            super()._step()
+            for one, drive in zip(self.motors, self.drives, strict=True):
+                if drive.slave.node_id in self.silent:
+                    one.ordered_Nm = 0.0  # a drive without power
+            engine.step(np.array([one.joint_torque_Nm for one in self.motors]))
+            self._watch()
+
+        def _watch(self) -> None:
+            q_rad = self.engine.q_rad
+            np.minimum(self.joint_reach_rad[0], q_rad, out=self.joint_reach_rad[0])
+            np.maximum(self.joint_reach_rad[1], q_rad, out=self.joint_reach_rad[1])
+            ratio = max(
+                abs(one.ordered_Nm) / joint.torque_limit_Nm
+                for one, joint in zip(self.motors, self.config.joints, strict=True)
+            )
+            self.largest_order_ratio = max(self.largest_order_ratio, ratio)
+            self.torque_trace.append((self.now_us, ratio))
+            for touch in self.engine.touches():
+                if touch is not None:
+                    self.largest_force_N = max(self.largest_force_N, touch.normal_force_N)
+
+        def _feel_and_publish(self, now_us: int) -> None:
+            due = [f for f in range(len(self.tips)) if now_us >= self._next_exposure_us[f]]
+            if due:
+                pose, touches = self.pose(), self.engine.touches()
+            for finger in due:
+                self._next_exposure_us[finger] += bench.FRAME_PERIOD_US
+                self._sequence[finger] += 1
+                contact = self._felt(finger, touches[finger], pose, now_us)
+                if contact is not None:
+                    late_us = self.doubts[finger].late_us
+                    self._pending.append((now_us + bench.DELAY_US + late_us, finger, contact))
+            ready = [item for item in self._pending if now_us >= item[0]]
+            self._pending = [item for item in self._pending if now_us < item[0]]
+            for _, finger, contact in ready:
+                self._due_us.pop(self.tips[finger].slave.node_id, None)
+                self.tips[finger].publish(contact, min(now_us - contact.exposed_at_us, 65_000))
+
+        def _felt(self, finger: int, touch, pose: HandPose, now_us: int) -> Contact | None:
+            point = None
+            if touch is not None:
+                arm = pose.tip_rotation[finger].T @ (touch.point_m - pose.tip_centre_m[finger])
+                point = tuple(1e3 * self.config.control.tip_radius_m * arm / np.linalg.norm(arm))
+            made = bench.contact_at(point, self._sequence[finger], now_us)
+            made = replace(made, normal_force_N=0.0 if touch is None else min(touch.normal_force_N, 32.0))
+            kind = self.doubts[finger].kind
+            last = self._last[finger]
+            if kind == "camera stalled":
+                return None
+            if kind == "camera gone":
+                return replace(made, valid=False, in_contact=False, position_mm=None, normal_force_N=0.0)
+            if kind == "frozen" and last is not None:
+                return replace(last, sequence=made.sequence, exposed_at_us=now_us)
+            if kind == "wild":
+                direction = self.rng.normal(size=3)
+                point = tuple(30.0 * np.abs(direction) / np.linalg.norm(direction))
+                force_N = float(self.rng.uniform(0.0, 30.0))
+                return replace(made, in_contact=True, position_mm=point, normal_force_N=force_N)
+            self._last[finger] = made
+            return made
+
+    return ClosedLoop()
