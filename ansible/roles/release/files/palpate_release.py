@@ -25,7 +25,7 @@ POLL_S = 0.5
 
 
 def systemctl(*words: str) -> str:
-    answer = subprocess.run(["systemctl", *words], stdout=subprocess.PIPE, text=True, check=False)
+    answer = subprocess.run(["systemctl", *words], capture_output=True, text=True, check=False)
     return answer.stdout.strip()
 
 
