@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import hypothesis
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ pytest_plugins = ("kernel_guest.forwarding", "kernel_guest.links", "kernel_guest
 # FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
 # that ran earlier in this process may have opened one. test_run.py sees the command line's own doing.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+# No test asserts an absolute time; hypothesis would, 200 ms an example, and fail on a loaded machine.
+hypothesis.settings.register_profile("palpate", deadline=None)
+hypothesis.settings.load_profile("palpate")
 
 # Hosts of parallel test runs shall not meet on the default control socket.
 os.environ["PALPATE_CONTROL"] = str(Path(tempfile.gettempdir()) / f"palpate-test-{os.getpid()}.sock")
