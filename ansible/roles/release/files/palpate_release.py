@@ -130,10 +130,12 @@ def switch(release: str, patience_s: float) -> str:
     old, services = target(CURRENT), enabled()
     if old == release and not TRIAL.exists():
         idle = [service for service in services if not main_pid(service)]
+        if not idle:
+            return f"unchanged: {release}"
         restart(idle)
-        if matter := unhealthy({service: set() for service in idle}, patience_s if idle else 0.0):
+        if matter := unhealthy({service: set() for service in idle}, patience_s):
             raise SystemExit(f"error: release {release}: {matter}: journalctl -u {idle[0]}")
-        return f"started {' '.join(idle)}" if idle else f"unchanged: {release}"
+        return f"started {' '.join(idle)}"
     wanted = state() if old else {service: {"camera", "beads", "bus", "clock"} for service in services}
     begin_trial(release)
     if old and old != release:
