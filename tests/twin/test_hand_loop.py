@@ -23,7 +23,7 @@ from palpate_host.twin.hand.fingertip_feel import DirectFeel, RenderedFeel
 from palpate_host.twin.hand.lockstep import LockstepLoop
 from palpate_host.twin.hand.loop import run_loop
 
-TABLE_4 = PACKAGED["table4"]
+TABLE_4 = PACKAGED["table4-wide"]
 YAW = 2
 
 

@@ -17,7 +17,7 @@ from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.film import draw_states, write_film
 from palpate_host.twin.hand.motion import MotionFile, read_motion
 
-TABLE_4 = PACKAGED["table4"]
+TABLE_4 = PACKAGED["table4-wide"]
 FACE_M = 0.040  # from the object's middle to its faces
 
 

@@ -15,7 +15,7 @@ from palpate_host import hand_config
 from palpate_host.demo.programme import TURNS_DEG
 from palpate_host.hand_config import HandConfig
 
-MODEL = Path(__file__).parents[1] / "models" / "table4.toml"
+MODEL = Path(__file__).parents[1] / "models" / "table4-wide.toml"
 SHARED_MEMORY = Path("/dev/shm")
 TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # open by 4 mm: the hand closes on the object first

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 MODELS = Path(__file__).parents[2] / "models"
-PACKAGED = {"table3": MODELS / "table3.toml", "table4": MODELS / "table4.toml"}
+PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
 CONTACT_NOISE_MM = 0.25
 """Standard deviation along each axis: 0.4 mm of error on average (1.6 times it), as `simulate loop` measures
 with rendered frames and sensors calibrated by 60 presses (docs/simulation.md). There much of it is bias."""
@@ -16,17 +16,17 @@ FILM_STRIDE = 2  # a picture a second
 
 
 def hand_file(name: str) -> Path:
-    """`table3`, `table4`, or a hand.toml."""
+    """`table3`, `table4`, `table4-wide`, or a hand.toml."""
     return PACKAGED.get(name, Path(name))
 
 
 hand_option = click.option(
     "--hand",
     "hand_name",
-    default="table4",
+    default="table4-wide",
     show_default=True,
-    metavar="table3|table4|FILE",
-    help="A hand of the paper, or a hand.toml with [twin].",
+    metavar="table3|table4|table4-wide|FILE",
+    help="A hand of the paper, Table 4's on a wider object, or a hand.toml with [twin].",
 )
 
 
