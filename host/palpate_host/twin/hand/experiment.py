@@ -61,7 +61,8 @@ class Outcome:
 
     error_deg: angle that is missing at the end. slip_mm: (3,) path of each skin against the object since
     turning began. friction_ratio: largest tangential over normal force. energy_error: energy that appeared
-    over the energy that damping took (engine eqs only).
+    over the energy that damping took (engine eqs only). lost_s: when the object was lost while it turned,
+    which ends the run; None when it was held to the end.
     """
 
     trial: Trial
@@ -72,6 +73,7 @@ class Outcome:
     slip_mm: Array
     friction_ratio: float
     energy_error: float | None
+    lost_s: float | None = None
 
 
 def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
@@ -83,7 +85,7 @@ def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
 
 
 def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
-    """One run; the same arguments give the same bits. LostGraspError when the object is lost."""
+    """One run; the same arguments give the same bits. LostGraspError when it is lost before it turns."""
     config, hand = load_hand(hand_toml)
     control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
     if trial.mode is ControlMode.BLIND:
@@ -112,15 +114,22 @@ class _Run:
         start = energy = None
         slip_m, ratio = np.zeros(3), 0.0
         poses: list[tuple[Array, Array]] = []
+        lost_s = None
         for tick in range(ticks + 1):
             now_s = tick * TICK_S
             if tick == settle_ticks:
                 start, slip_m = engine.object_rotation, engine.slip_m.copy()
                 energy = self._energy()
-            if tick >= settle_ticks and (tick - settle_ticks) % record_ticks == 0:
-                poses.append((engine.object_rotation, engine.object_position_m))
-                ratio = max(ratio, self._friction_ratio())
-            torque = self._torque_Nm(now_s, turning=tick >= settle_ticks)
+            try:
+                if tick >= settle_ticks and (tick - settle_ticks) % record_ticks == 0:
+                    ratio = max(ratio, self._friction_ratio())
+                    poses.append((engine.object_rotation, engine.object_position_m))
+                torque = self._torque_Nm(now_s, turning=tick >= settle_ticks)
+            except LostGraspError:
+                if start is None:
+                    raise
+                lost_s = now_s - self._settle_s
+                break
             for _ in range(round(TICK_S / engine.step_s)):
                 engine.step(torque)
         assert start is not None
@@ -135,6 +144,7 @@ class _Run:
             slip_mm=1e3 * (engine.slip_m - slip_m),
             friction_ratio=ratio,
             energy_error=self._energy_error(energy),
+            lost_s=lost_s,
         )
 
     def _torque_Nm(self, now_s: float, turning: bool) -> Array:

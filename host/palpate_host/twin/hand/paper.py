@@ -128,6 +128,11 @@ def _seen_by_camera(case: Case, outcome: Outcome) -> tuple[Array, list[Array]]:
     return np.array(times), turns
 
 
+def _error(outcome: Outcome) -> str:
+    lost = "" if outcome.lost_s is None else f" (lost after {outcome.lost_s:.1f} s)"
+    return f"{outcome.error_deg:.2f}{lost}"
+
+
 def table(results: Sequence[Result]) -> str:
     """Markdown: a row for each engine and axis, the final error under each law, and what the run was like."""
     lines = [
@@ -143,7 +148,7 @@ def table(results: Sequence[Result]) -> str:
             if (r.case.hand_toml.stem, r.case.engine, r.case.axis) == (hand, engine, axis)
         }
         proposed = of[Law.PROPOSED].outcome
-        errors = [f"{of[law].outcome.error_deg:.2f}" for law in Law]
+        errors = [_error(of[law].outcome) for law in Law]
         seen = [of[law].marker_error_deg for law in (Law.PROPOSED, Law.BLIND)]
         energy = "" if proposed.energy_error is None else f"{abs(proposed.energy_error):.0e}"
         lines.append(
