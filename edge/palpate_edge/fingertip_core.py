@@ -7,7 +7,7 @@ contact is on the bus as valid only while frames come: the first deadline that p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from palpate_edge.bus_clock import BusClock, ClockState
 from palpate_edge.bus_link import LinkChange, LinkState, Stamped
@@ -147,12 +147,12 @@ class FingertipCore:
 
     def _publish(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
         """On the bus an exposure is told on the bus's clock, and a withdrawal counts as a frame."""
-        on_bus = replace(
+        self._node.publish(
             contact,
+            now_us - contact.exposed_at_us,
             sequence=contact.sequence + self._withdrawals,
-            exposed_at_us=self.clock.to_bus_us(contact.exposed_at_us),
+            exposed_us=self.clock.to_bus_us(contact.exposed_at_us),
         )
-        self._node.publish(on_bus, now_us - contact.exposed_at_us)
         return self._node.slave.due_tpdos(now_us)
 
     def _report_clock(self, now_us: int) -> None:

@@ -98,3 +98,4 @@ class PixelThread(threading.Thread):
     def _give(self, outcome: Outcome) -> None:
         self._outcomes.append(outcome)
         os.eventfd_write(self._wake, 1)
+        os.sched_yield()  # on a core that both share the bus loop sends before the next frame is begun

@@ -12,12 +12,15 @@ from palpate_edge.node.fingertip_objects import (
     AI_AUTOZERO,
     CALIBRATION_HASH,
     COUNTERS,
+    EXPOSURE_TIME,
     LATENCY_BINS_US,
     LATENCY_HISTOGRAM,
     LED_SET_POINT,
     LOCATION,
     METHOD,
     MODEL_HASH,
+    SEQUENCE,
+    UINT16_MAX,
     UINT32_MAX,
     BusClockState,
     Counter,
@@ -67,6 +70,7 @@ class FingertipNode:
         self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:HASH_DIGITS])
         self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
         self.slave.write(*SERIAL_NUMBER, serial_number)
+        self._uncounted: list[tuple[bool, int]] = []  # valid, latency_us
 
     @property
     def led_set_point(self) -> int:
@@ -77,19 +81,35 @@ class FingertipNode:
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
     ) -> Output:
         """See :meth:`Slave.process`."""
+        self._count()
         return self.slave.process(now_us, frames_in, arrived_us)
 
-    def publish(self, contact: Contact, latency_us: int) -> None:
-        """Trigger TPDO 1 to 3: see :meth:`Slave.due_tpdos`, and :func:`encode_contact` for the clocks."""
+    def publish(
+        self, contact: Contact, latency_us: int, *, sequence: int | None = None, exposed_us: int | None = None
+    ) -> None:
+        """Trigger TPDO 1 to 3: see :meth:`Slave.due_tpdos`; 2040h and 2041h count it in the next `process`.
+
+        sequence, exposed_us: as they are told on the bus; None: as in the contact. latency_us: from the
+        exposure until now.
+        """
         objects = encode_contact(contact, latency_us)
-        counted = Counter.FRAMES_ESTIMATED if contact.valid else Counter.FRAMES_REFUSED
-        for index, subindex in (
-            (COUNTERS, counted),
-            (LATENCY_HISTOGRAM, 1 + bisect_right(LATENCY_BINS_US, latency_us)),
-        ):
-            objects[index, subindex] = (int(self.slave.read(index, subindex)) + 1) & UINT32_MAX
+        if sequence is not None:
+            objects[SEQUENCE, 0] = sequence & UINT16_MAX
+        if exposed_us is not None:
+            objects[EXPOSURE_TIME, 0] = exposed_us & UINT32_MAX
         self.slave.write_all(objects)
         self.slave.trigger(CONTACT_TPDOS)
+        self._uncounted.append((contact.valid, latency_us))
+
+    def _count(self) -> None:
+        for valid, latency_us in self._uncounted:
+            for index, subindex in (
+                (COUNTERS, Counter.FRAMES_ESTIMATED if valid else Counter.FRAMES_REFUSED),
+                (LATENCY_HISTOGRAM, 1 + bisect_right(LATENCY_BINS_US, latency_us)),
+            ):
+                count = int(self.slave.read(index, subindex)) + 1
+                self.slave.write(index, subindex, count & UINT32_MAX)
+        self._uncounted.clear()
 
     def report_health(self, health: Health) -> None:
         """Set what TPDO 4 sends when its event timer asks."""

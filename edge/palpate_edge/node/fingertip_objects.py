@@ -158,7 +158,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     touching = SLIPPING if contact.slip else TOUCHING
     objects[FLAGS, 0] = 0 if doubt else touching if contact.in_contact else FREE
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
-    objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & 0xFFFF_FFFF
+    objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & UINT32_MAX
     objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX
     objects[LATENCY, 0] = clamp(latency_us, 0, UINT16_MAX)
     objects[BEADS_LOST, 0] = clamp(contact.beads_expected - contact.beads_found, 0, UINT16_MAX)
