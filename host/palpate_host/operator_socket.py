@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import pwd
 import selectors
 import socket
 import stat
@@ -35,6 +34,8 @@ MOST_UNSENT = 1 << 18
 """Bytes that a client may leave unread before its stream skips ticks and its requests end the connection."""
 RECEIVE_BYTES = 4096
 _CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: struct ucred of unix(7)
+_SO_PEERGROUPS = 59  # asm-generic/socket.h; not in Python's socket module
+_GROUPS_BYTES = 1024  # the most that Python asks for: 256 groups of the peer
 
 Execute = Callable[[Command], None]
 
@@ -170,16 +171,20 @@ def _answer(client: _Client, line: bytes, execute: Execute, status: HostStatus |
 
 
 def may_command(connection: socket.socket) -> bool:
-    """Whether the peer is root, this user, or in this process's group."""
+    """Whether the peer is root, this user, or in this process's group.
+
+    The kernel tells the peer's own groups. Looking its user up instead would find nobody in the service,
+    which sees every user but root and its own as 65534 (PrivateUsers= of systemd.exec).
+    """
     raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     _, uid, gid = _CREDENTIALS.unpack(raw)
     if uid in (0, os.getuid()) or gid == os.getgid():
         return True
     try:
-        name = pwd.getpwuid(uid).pw_name
-    except KeyError:
+        groups = connection.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _GROUPS_BYTES)
+    except OSError:  # ERANGE: it has more
         return False
-    return os.getgid() in os.getgrouplist(name, gid)
+    return os.getgid() in memoryview(groups).cast("I")
 
 
 def _not_allowed() -> str:

@@ -5,6 +5,8 @@ import os
 import socket
 import stat
 import struct
+import subprocess
+import sys
 
 import msgspec
 import pytest
@@ -190,27 +192,52 @@ def test_the_socket_is_for_the_user_and_the_group_alone(server, tmp_path):
 
 
 class Peer:
-    """A connection whose other end has these credentials (unix(7), struct ucred)."""
+    """A connection whose other end has these credentials (unix(7), struct ucred) and further groups."""
 
-    def __init__(self, uid, gid):
-        self._raw = struct.pack("3i", 1, uid, gid)
+    def __init__(self, uid, gid, *groups):
+        self._told = {
+            socket.SO_PEERCRED: struct.pack("3i", 1, uid, gid),
+            59: struct.pack(f"{len(groups)}I", *groups),
+        }
 
     def getsockopt(self, level, name, size):
-        assert (level, name, size) == (socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
-        return self._raw
+        assert level == socket.SOL_SOCKET and size >= len(self._told[name])
+        return self._told[name]
 
 
 @pytest.mark.parametrize(
-    ("uid", "gid", "may"),
+    ("credentials", "may"),
     [
-        (0, 999_999, True),
-        (os.getuid(), 999_999, True),
-        (999_998, os.getgid(), True),
-        (999_998, 999_999, False),
+        ((0, 999_999), True),
+        ((os.getuid(), 999_999), True),
+        ((999_998, os.getgid()), True),
+        ((999_998, 999_999, 999_997, os.getgid()), True),
+        ((999_998, 999_999, 999_997), False),
+        ((999_998, 999_999), False),
     ],
 )
-def test_who_may_command(uid, gid, may):
-    assert may_command(Peer(uid, gid)) is may
+def test_who_may_command(credentials, may):
+    assert may_command(Peer(*credentials)) is may
+
+
+def test_a_real_peers_groups_are_seen():
+    """The kernel's own words, by a process of another user that root has put into this process's group."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can become another user")
+    for groups, may in (([os.getgid(), 4], True), ([4], False)):
+        name = f"\0palpate-test-{os.getpid()}-{may}"  # in no file system, so with no permissions
+        becomes = f"os.setgroups({groups}); os.setgid(999_999); os.setuid(999_998)"
+        calls = f"c = s.socket(s.AF_UNIX); c.connect({name!r}); c.recv(1); c.close()"
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+            listener.bind(name)
+            listener.listen()
+            with subprocess.Popen(
+                [sys.executable, "-c", f"import os, socket as s; {becomes}; {calls}"]
+            ) as peer:
+                connection, _ = listener.accept()
+                with connection:
+                    assert may_command(connection) is may
+        assert peer.returncode == 0
 
 
 def test_a_stranger_is_told_and_closed(server, tmp_path, monkeypatch):

@@ -29,4 +29,4 @@ cd "$root"
 pivot_root . mnt
 umount -l /mnt
 exec env -i container=palpate PATH=/usr/sbin:/usr/bin:/sbin:/bin \
-    /lib/systemd/systemd --system --log-target=console --show-status=no
+    /lib/systemd/systemd --system --log-target=journal --show-status=no
