@@ -153,6 +153,7 @@ def test_a_killed_service_comes_back(board):
     board.machine.run("kill", "-KILL", shown(board, "MainPID"))
     print(f"kill -9 to the next valid contact: {board.master.contact_after(begin_s + 0.2) + 0.2:.1f} s")
     assert int(shown(board, "NRestarts")) > before
+    assert results(board)[-1] == "signal"
 
 
 def test_a_hung_service_is_ended_by_its_watchdog(board):
