@@ -6,7 +6,7 @@ DEPLOY := .venv-deploy
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit kernel-test uml-test vm-test deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit kernel-test uml-test vm-test vm-disks deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -31,9 +31,11 @@ kernel-test: uml-test vm-test  ## the tests that need a kernel of their own
 uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part of make test)
 	$(BIN)/pytest -m uml $(PYTEST_ARGS)
 
-vm-test: $(VENV)/dev.stamp  ## those in a virtual machine: SocketCAN, CAN cards, V4L2 (its disks are built once)
-	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
+vm-test: vm-disks  ## those in a virtual machine: SocketCAN, CAN cards, V4L2
 	$(BIN)/pytest -m vm $(PYTEST_ARGS)
+
+vm-disks: $(VENV)/dev.stamp  ## the virtual machine's disks, where they are missing (5 minutes, once)
+	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
 
 wheelhouse: $(VENV)/host.stamp  ## build/wheelhouse: what boards install from, for aarch64 and x86-64 (docs/deploying.md)
 	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
