@@ -88,7 +88,8 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             self.largest_force_N = 0.0
             self.joint_reach_rad = np.array([[np.inf] * len(config.joints), [-np.inf] * len(config.joints)])
             self.largest_order_ratio = 0.0
-            self.torque_trace: list[tuple[int, float]] = []
+            self._torque_limit_Nm = np.array([joint.torque_limit_Nm for joint in config.joints])
+            self.torque_trace: list[tuple[int, np.ndarray]] = []
 
         def pose(self) -> HandPose:
             return self.hand.pose(self.engine.q_rad)
@@ -106,6 +107,18 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             output = node.process(now_us, heard)
             self._due_us[node_id] = output.next_due_us
             return [] if is_cut else list(output.frames_out)
+
+        def power_up(self, node_id: int) -> None:
+            """The node begins anew, as a process or a drive does that had no power."""
+            self.silent.discard(node_id)
+            self.drives = [
+                Cia402Device(node_id, one) if drive.slave.node_id == node_id else drive
+                for drive, one in zip(self.drives, self.motors, strict=True)
+            ]
+            self.tips = [
+                bench.make_tip(node_id) if tip.slave.node_id == node_id else tip for tip in self.tips
+            ]
+            self._due_us.pop(node_id, None)
 
         def kill_host(self) -> None:
             self.silent.add(self.host_id)
@@ -130,11 +143,8 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             q_rad = self.engine.q_rad
             np.minimum(self.joint_reach_rad[0], q_rad, out=self.joint_reach_rad[0])
             np.maximum(self.joint_reach_rad[1], q_rad, out=self.joint_reach_rad[1])
-            ratio = max(
-                abs(one.ordered_Nm) / joint.torque_limit_Nm
-                for one, joint in zip(self.motors, self.config.joints, strict=True)
-            )
-            self.largest_order_ratio = max(self.largest_order_ratio, ratio)
+            ratio = np.abs([one.ordered_Nm for one in self.motors]) / self._torque_limit_Nm
+            self.largest_order_ratio = max(self.largest_order_ratio, float(ratio.max()))
             self.torque_trace.append((self.now_us, ratio))
             for touch in self.engine.touches():
                 if touch is not None:

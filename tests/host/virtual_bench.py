@@ -61,7 +61,7 @@ class VirtualBench:
         self.core = HostCore(config, hand)
         self.host_id = config.network.host_node
         self.drives = drives_of(config, START_POSE_RAD)
-        self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self.tips = [make_tip(f.fingertip_node) for f in config.fingers]
         self.feel = feel
         self.to_host = to_host
         self.now_us = START_US
@@ -133,6 +133,10 @@ class VirtualBench:
             finger, exposed_us, sequence, pose = self._exposed.pop(0)
             point = self.feel(finger, exposed_us, pose)
             self.tips[finger].publish(contact_at(point, sequence, exposed_us), now_us - exposed_us)
+
+
+def make_tip(node_id: int) -> FingertipNode:
+    return FingertipNode(node_id, Method.CORRECTED, "0" * 16)
 
 
 def contact_at(point: tuple[float, float, float] | None, sequence: int, exposed_us: int) -> Contact:

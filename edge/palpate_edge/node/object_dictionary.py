@@ -12,6 +12,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+from functools import cache
 from pathlib import Path
 
 import canopen
@@ -158,6 +159,8 @@ class ObjectDictionary:
 
     def for_node(self, node_id: int) -> ObjectDictionary:
         """The same device with another node id."""
+        if node_id == self.node_id:
+            return self
         shift = node_id - self.node_id
         entries = {
             key: replace(entry, default=entry.default + shift)
@@ -193,10 +196,23 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
     if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
         raise ConfigError(f"node id {node_id} is not in 1..127; set `node_id` to a free number of the bus")
     try:
-        content = path.read_bytes()
-        parsed = canopen.import_od(str(path), node_id=node_id)
+        checksum = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        od = _parsed(path, checksum).for_node(node_id)
+        for entry in od.entries.values():
+            if entry.follows_node_id:
+                entry.check(entry.default)
     except OSError as error:
         raise ConfigError(f"EDS {path} cannot be read: {error.strerror}; check the path") from error
+    except BusError as error:
+        raise ConfigError(f"EDS {path}: {error}") from error
+    return od
+
+
+@cache
+def _parsed(path: Path, checksum: str) -> ObjectDictionary:
+    """The file with this content, for node 1. A hand has a dozen nodes of two files: each is parsed once."""
+    try:
+        parsed = canopen.import_od(str(path), node_id=1)
     except (configparser.Error, ValueError, KeyError) as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"EDS {path} is not a CiA 306 file: {reason}; restore it") from error
@@ -207,9 +223,9 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
     if not entries:
         raise ConfigError(f"EDS {path} describes no object; give a CiA 306 file")
     return ObjectDictionary(
-        node_id=node_id,
+        node_id=1,
         source=path.name,
-        checksum=hashlib.sha256(content).hexdigest()[:16],
+        checksum=checksum,
         entries=entries,
         indices=frozenset(index for index, _ in entries),
         bit_rates_kbit_s=frozenset(rate // 1000 for rate in parsed.device_information.allowed_baudrates),
