@@ -138,6 +138,29 @@ def test_the_closed_loop(tmp_path, processes_of):
     check_with_tshark(folder.log, tmp_path)
 
 
+def test_the_closed_loop_in_lock_step(tmp_path):
+    """The same demo on a virtual clock: a turn within its bound, and the same bytes a second time."""
+    kept = ("bus.log", "commands.jsonl", "summary.json", "truth/motion.csv", "truth/finger-2.csv")
+    runs = []
+    for _ in range(2):
+        run = finished(command(tmp_path, "--lockstep", "--duration", "4.5"))
+        assert (run.returncode, run.stderr) == (0, "")
+        runs.append([(tmp_path / "run" / name).read_bytes() for name in kept])
+    assert runs[0] == runs[1]
+
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    check_common(summary, run)
+    (step,) = summary["turn"]["steps"]
+    assert step["rpy_deg"] == [30, 0, 0]
+    assert step["error_deg"] < 3
+    assert max(step["slip_mm"]) < 1
+    assert step["pace"] == 1
+    assert all(finger["dropped"] == 0 for finger in summary["fingers"])
+    texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "target to truth")
+    check_report(tmp_path / "report.html", len(FINGERS) + 6, texts)
+    check_with_tshark(tmp_path / "run" / "bus.log", tmp_path)
+
+
 def test_recorded_contacts(tmp_path, processes_of):
     run = finished(command(tmp_path, "--duration", "5", "--recording", str(RECORDING)))
     assert (run.returncode, run.stderr) == (0, "")

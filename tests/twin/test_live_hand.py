@@ -8,14 +8,23 @@ import mujoco
 import numpy as np
 import pytest
 
+from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import DatasetError
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import Method
 from palpate_host import rotation
-from palpate_host.demo.turn import step_bounds
+from palpate_host.demo.hand_motion import Moment
+from palpate_host.demo.turn import turn_of
 from palpate_host.host import load_hand
+from palpate_host.master import HostCore
+from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.film import draw_states, write_film
-from palpate_host.twin.hand.motion import MotionFile, read_motion
+from palpate_host.twin.hand.fingertip_feel import DirectFeel
+from palpate_host.twin.hand.live_cameras import Exposure
+from palpate_host.twin.hand.live_hand import LiveHand
+from palpate_host.twin.hand.motion import Motion, MotionFile, read_motion
 
 TABLE_4 = PACKAGED["table4-wide"]
 FACE_M = 0.040  # from the object's middle to its faces
@@ -108,8 +117,148 @@ def test_the_plain_camera_is_mujocos():
     assert view.pixel(np.array(camera.lookat)) == (160, 120)
 
 
-def test_turns_are_told_apart_by_their_rests():
-    ramp = [np.array([0.0, 0.0, a]) for a in (0.0, 0.1, 0.2, 0.2, 0.2, 0.1, 0.0, 0.0)]
-    target = np.array([rotation.exp(vector) for vector in ramp])
-    assert step_bounds(target) == [(0, 4), (4, 7)]
-    assert step_bounds(target[:1]) == []
+def test_turns_are_told_apart_by_what_was_asked():
+    """1 deg behind the target, slipping 1.1 mm in the second of two turns, at half the clock's time."""
+    begin_us, tick_us = 1_700_000_000_000_000, 40_000
+    roll_rad = np.radians([0.0, 5.0, 10.0, 10.0, 10.0, 5.0, 0.0, 0.0])
+    stamps_us = begin_us + tick_us * np.arange(len(roll_rad))
+
+    def about_x(angles):
+        return [rotation.exp(np.array([angle, 0.0, 0.0])) for angle in angles]
+
+    moments = [
+        Moment(int(stamp), Mode.MANIPULATE, "", 0.0, np.eye(3), R)
+        for stamp, R in zip(stamps_us, about_x(roll_rad), strict=True)
+    ]
+    behind = roll_rad - np.radians(1.0) * (np.arange(len(roll_rad)) > 0)
+    half = behind / 2
+    pose = np.stack([0 * half, 0 * half, 0 * half, np.cos(half), np.sin(half), 0 * half, 0 * half], axis=1)
+    slip_mm = np.zeros((8, 3))
+    slip_mm[5:, 1] = 1.1
+    force_N = np.full((8, 3), 2.0)
+    motion = Motion(stamps_us.astype(float), np.zeros((8, 9)), pose, slip_mm, force_N, 0.2 * force_N)
+    asked = [(begin_us, (10.0, 0.0, 0.0)), (begin_us + 4 * tick_us - 10, (-10.0, 0.0, 0.0))]
+    turned = turn_of(moments, motion, begin_us, asked)
+    assert turned is not None
+    there, back = turned[1].steps
+    assert (there.rpy_deg, back.rpy_deg) == (asked[0][1], asked[1][1])
+    assert (there.begin_s, there.end_s, back.end_s) == pytest.approx((0.0, 0.16, 0.28))
+    assert there.error_deg == pytest.approx(1.0) and back.error_deg == pytest.approx(1.0)
+    assert (there.verdict, back.verdict) == ("", "SLIPPED by more than 1 mm")
+    assert (there.pace, turned[1].pace) == pytest.approx((0.5, 0.5))
+    assert there.friction_ratio == pytest.approx(0.2)
+
+
+class Cameras:
+    """In place of the process that draws: says of each finger whether its picture is done."""
+
+    def __init__(self) -> None:
+        self.fps = [30.0] * 3
+        self.busy: set[int] = set()
+        self.exposures: list[Exposure] = []
+
+    def is_busy(self, finger: int) -> bool:
+        return finger in self.busy
+
+    def expose(self, exposure: Exposure) -> None:
+        self.exposures.append(exposure)
+
+
+class Bench:
+    """The live hand, the fingertips' nodes and the host's core on a bus without delay, in steps of 1 ms.
+
+    late_ms: how much later than sent the host's frames come; felt_ms: an exposure's contact comes so much
+    later.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        config, kinematics = load_hand(TABLE_4)
+        self.now_us = self.start_us = 1_700_000_000_000_000
+        self.cameras = Cameras()
+        self.motion = MotionFile(folder / "motion.csv", [joint.name for joint in config.joints])
+        engine = make_engine(config, "mujoco", has_B=False)
+        self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
+        self.host = HostCore(config, kinematics)
+        self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self.late_ms, self.felt_ms = 0, 10
+        self._to_hand: list[tuple[int, CanFrame]] = []
+        self._feel = DirectFeel(30.0, 0.0, 1)
+        self._felt = 0
+        self.mode = Mode.INIT
+
+    def run(self, ms: int) -> None:
+        for _ in range(ms):
+            self.now_us += 1000
+            arrived = [(s, f) for s, f in self._to_hand if s + 1000 * self.late_ms <= self.now_us]
+            self._to_hand = self._to_hand[len(arrived) :]
+            sent, _ = self.hand.process(self.now_us, [(self.now_us, frame) for _, frame in arrived])
+            heard = [frame for _, frame in arrived]
+            while (
+                self._felt < len(self.cameras.exposures)
+                and self.cameras.exposures[self._felt].exposed_at_us + 1000 * self.felt_ms <= self.now_us
+            ):
+                seen = self.cameras.exposures[self._felt]
+                at = (seen.finger, seen.into_F_mm, 1.0, seen.exposed_at_us, seen.sequence)
+                contact = self._feel.contact(*at)
+                self.tips[seen.finger].publish(contact, self.now_us - seen.exposed_at_us)
+                self._felt += 1
+            for tip in self.tips:
+                sent += tip.process(self.now_us, heard).frames_out
+            output = self.host.process(self.now_us, [(self.now_us, frame) for frame in sent])
+            answers = [frame for frame in sent if frame.can_id in self.hand.accept_ids]
+            both = [*answers, *output.frames_out]
+            self._to_hand += [(self.now_us, frame) for frame in both]
+            if output.status is not None:
+                self.mode = output.status.mode
+
+
+@pytest.fixture
+def turning(tmp_path):
+    """A hand that holds its object and turns it, its time never held up."""
+    bench = Bench(tmp_path)
+    bench.run(1800)
+    assert bench.mode is Mode.MANIPULATE
+    assert bench.hand.waited_us == 0
+    yield bench
+    bench.motion.__exit__(None, None, None)
+
+
+def test_a_live_hand_waits_for_commands_no_longer_than_for_a_slow_host(turning):
+    """Nothing comes for 400 ms: the hand stands 2 ticks and 2 ms after the last angles that a command knew.
+    After a second it goes on, so that its drives notice the host's end."""
+    before_us = turning.hand.own_us
+    turning.late_ms = 10_000
+    turning.run(400)
+    assert turning.hand.own_us - before_us <= 22_000
+    turning.run(1000)
+    assert turning.hand.own_us - before_us > 300_000
+
+
+def test_a_live_hand_waits_for_angles_to_be_known(turning):
+    """Frames 15 ms late: every command is of angles that are older than one tick, so the hand slows down."""
+    before_us = turning.hand.own_us
+    turning.late_ms = 15
+    turning.run(1000)
+    assert 200_000 < turning.hand.own_us - before_us < 800_000
+    assert turning.mode is Mode.MANIPULATE
+
+
+def test_a_live_hand_waits_for_a_picture(turning):
+    before_us = turning.hand.own_us
+    turning.cameras.busy = {1}
+    turning.run(300)
+    assert turning.hand.own_us - before_us <= 34_000  # at most a frame on
+    turning.cameras.busy.clear()
+    turning.run(100)
+    assert turning.hand.own_us - before_us >= 90_000
+    sequences = [exposure.sequence for exposure in turning.cameras.exposures if exposure.finger == 1]
+    assert sequences == list(range(len(sequences)))
+
+
+def test_a_live_hand_waits_for_contacts(turning):
+    """Contacts 120 ms late: as much of the hand's time never goes by between exposure and contact."""
+    turning.felt_ms = 120
+    turning.run(500)
+    before_us = turning.hand.own_us
+    turning.run(1000)
+    assert 400_000 < turning.hand.own_us - before_us < 800_000  # 60 of 120 ms, and the frame that ends it

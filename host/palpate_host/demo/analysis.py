@@ -39,6 +39,9 @@ from palpate_host.replay import check_contract
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.motion import Motion, read_motion
 
+SLOW_PACE = 0.7
+"""Below, the ramp of 2 s is too short for the hand: it lasts less than 1.4 s of its time."""
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -97,10 +100,12 @@ def analyse(folder: RunFolder) -> Analysis:
         all_pairs.append(pairs)
         fingers.append(finger_figures(fingertip.name, pairs, incomplete))
     begin_us = log.records[0].stamp_us
-    moments = replay_modes(log.records, config, hand, read_given(folder.commands))
+    given = read_given(folder.commands)
+    moments = replay_modes(log.records, config, hand, given)
     torques = joint_torques(log.records, config)
     motion = None if recording is not None else read_motion(folder.motion)
-    turned = None if motion is None else turn_of(moments, motion, begin_us)
+    asked = [(begin_us, config.target.rpy_deg), *((g.after_us, g.rotate.rpy_deg) for g in given)]
+    turned = None if motion is None else turn_of(moments, motion, begin_us, asked)
     turn, turn_figures = turned or (None, None)
     bus = traffic(log.records, config.bus.bitrate, config)
     summary = Summary(
@@ -119,6 +124,14 @@ def analyse(folder: RunFolder) -> Analysis:
 def write_summary(path: Path, summary: Summary) -> None:
     """Write summary.json."""
     path.write_bytes(msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n")
+
+
+def pace_line(pace: float) -> str:
+    """How fast the hand went, and what to do when that was too slow."""
+    line = f"the hand's time went at {pace:.2f} of the clock's"
+    if pace < SLOW_PACE:
+        line += ": this machine is too slow or too busy; palpate-host demo --lockstep suits any"
+    return line
 
 
 def summary_lines(summary: Summary) -> list[str]:
@@ -141,7 +154,10 @@ def summary_lines(summary: Summary) -> list[str]:
         slip = ", ".join(f"{path:.2f}" for path in step.slip_mm)
         lines.append(
             f"turned by roll, pitch, yaw {asked} deg: {step.error_deg:.2f} deg off; tips slid by {slip} mm"
+            + (f": {step.verdict}" if step.verdict else "")
         )
+    if summary.turn is not None:
+        lines.append(pace_line(summary.turn.pace))
     modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
     lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")

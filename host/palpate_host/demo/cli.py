@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from palpate_host.demo import orchestrator
 from palpate_host.demo.analysis import analyse, summary_lines, write_summary
 from palpate_host.demo.film import make_film
 from palpate_host.demo.live_view import Scale, plain_line, render
+from palpate_host.demo.lockstep import run as run_in_lockstep
 from palpate_host.demo.monitor import Sight
-from palpate_host.demo.orchestrator import DemoInterruptedError
+from palpate_host.demo.orchestrator import DemoInterruptedError, Show
 from palpate_host.demo.run_folder import RunFolder, make_run_folder
 from palpate_host.supervisor import Mode
 
@@ -54,21 +56,38 @@ WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to nee
 @click.option(
     "--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True, help="bit/s."
 )
+@click.option(
+    "--lockstep", is_flag=True, help="In one process on a virtual clock: for any machine, the same each time."
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise, in lock step."
+)
 @click.option("--report-only", is_flag=True, help="Make the report of the last run again, from its bus log.")
 def demo(
-    duration_s: float, recording: Path | None, output: Path, no_view: bool, bitrate: int, report_only: bool
+    duration_s: float,
+    recording: Path | None,
+    output: Path,
+    no_view: bool,
+    bitrate: int,
+    lockstep: bool,
+    seed: int,
+    report_only: bool,
 ) -> None:
     """A whole hand on this machine, in real time: it grasps an object and turns it by what it feels.
 
     The twin moves hand, object and nine drives and renders what three fingertips see; the fingertips, the
-    bus and the host are the real programs, each a process.
+    bus and the host are the real programs, each a process. On a machine that is too slow the hand waits, and
+    says so.
 
     \b
     palpate-host demo
     palpate-host demo --duration 60 --no-view
+    palpate-host demo --lockstep
     palpate-host demo --recording demo/recording
     palpate-host demo --report-only
     """
+    if lockstep and recording is not None:
+        raise click.UsageError("--lockstep has the twin's contacts: leave --recording out")
     if report_only:
         folder = RunFolder((output / "run").resolve())
     else:
@@ -78,6 +97,7 @@ def demo(
                 folder,
                 recording and recording.resolve(),
                 duration_s,
+                seed if lockstep else None,
                 plain=no_view or not sys.stdout.isatty(),
             )
         except DemoInterruptedError:
@@ -86,7 +106,10 @@ def demo(
     _report(folder, output / "report.html")
 
 
-def _run(folder: RunFolder, recording: Path | None, duration_s: float, *, plain: bool) -> None:
+def _run(
+    folder: RunFolder, recording: Path | None, duration_s: float, seed: int | None, *, plain: bool
+) -> None:
+    """seed: in lock step; None: in real time."""
     hand = folder.hand()
     largest_N = FORCE_SCALE_N
     if recording is not None:
@@ -94,6 +117,13 @@ def _run(folder: RunFolder, recording: Path | None, duration_s: float, *, plain:
             press for finger in hand.fingers for press in read_dataset(recording / finger.name).presses
         ]
         largest_N = max((press.normal_force_N for press in presses), default=largest_N)
+
+    def run(say: Callable[[str], None], show: Show) -> None:
+        if seed is None:
+            orchestrator.run(folder, recording, duration_s, say, show)
+        else:
+            run_in_lockstep(folder, duration_s, seed, say, show)
+
     scale = orchestrator.view_scale(hand, duration_s, largest_N)
     picture = _Picture(scale)
     if plain:
@@ -103,7 +133,7 @@ def _run(folder: RunFolder, recording: Path | None, duration_s: float, *, plain:
             picture.see(sight, elapsed_s)
             lines(sight, elapsed_s)
 
-        orchestrator.run(folder, recording, duration_s, click.echo, show_line)
+        run(click.echo, show_line)
     else:
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
 
@@ -111,9 +141,7 @@ def _run(folder: RunFolder, recording: Path | None, duration_s: float, *, plain:
                 picture.see(sight, elapsed_s)
                 live.update(render(sight, scale, elapsed_s), refresh=True)
 
-            orchestrator.run(
-                folder, recording, duration_s, lambda line: live.update(line, refresh=True), show
-            )
+            run(lambda line: live.update(line, refresh=True), show)
     picture.save(folder.picture)
 
 

@@ -19,13 +19,14 @@ from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale
 from palpate_host.demo.monitor import Monitor, Sight
 from palpate_host.demo.processes import Children, DemoError, Program
-from palpate_host.demo.programme import Programme
+from palpate_host.demo.programme import Programme, ask_by_socket
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
 from palpate_host.replay import contract_header
 from palpate_host.supervisor import STARTING
 
 START_TIMEOUT_S = 60.0
+PREPARE_TIMEOUT_S = 900.0  # sensors are rendered and calibrated in 10 s; a slow machine shows its progress
 LOOK_PERIOD_S = 0.125
 
 Show = Callable[[Sight, float], None]
@@ -50,7 +51,7 @@ class Command:
 
 def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
     """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin."""
-    header = {**contract_header(hand).entries, "origin": "palpate demo", "palpate": __version__, **_machine()}
+    header = log_header(hand, "palpate demo")
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
     config = ("--config", str(folder.hand_toml))
@@ -75,6 +76,11 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
         ),
         Command("host", Program.HOST, ("run", *config, *sockets)),
     ]
+
+
+def log_header(hand: HandConfig, origin: str) -> dict[str, str]:
+    """Of the bus log: what its frames mean, and what they come from."""
+    return {**contract_header(hand).entries, "origin": origin, "palpate": __version__, **_machine()}
 
 
 def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> Scale:
@@ -119,7 +125,7 @@ def run(
             watch.look_until(monitor, _is_operating, "the hand to operate")
             programme = None
             if recording is None:
-                programme = Programme(folder.control_socket, folder.commands, duration_s)
+                programme = Programme(ask_by_socket(folder.control_socket), folder.commands, duration_s)
             _watch_for(duration_s, watch, monitor, show, programme)
             children.stop(host.name)
         children.stop(moves.name, *(command.name for command in tips))
@@ -160,7 +166,7 @@ class _Watch:
                 say(words)
             return child.process.poll() is not None
 
-        self.until(has_ended, command.name, watch_children=False)
+        self.until(has_ended, command.name, PREPARE_TIMEOUT_S, watch_children=False)
         self._children.stop(command.name)
 
     def pause(self, seconds: float) -> None:
@@ -176,13 +182,20 @@ class _Watch:
             self._children.blame()
             raise
 
-    def until(self, condition: Callable[[], bool], what: str, *, watch_children: bool = True) -> None:
-        end_s = time.monotonic() + START_TIMEOUT_S
+    def until(
+        self,
+        condition: Callable[[], bool],
+        what: str,
+        timeout_s: float = START_TIMEOUT_S,
+        *,
+        watch_children: bool = True,
+    ) -> None:
+        end_s = time.monotonic() + timeout_s
         while not condition():
             if watch_children:
                 self._children.check()
             if time.monotonic() > end_s:
-                raise DemoError(f"waited {START_TIMEOUT_S:.0f} s in vain for {what}: see the run folder")
+                raise DemoError(f"waited {timeout_s:.0f} s in vain for {what}: see the run folder")
             self.pause(0.02)
 
     def look_until(self, monitor: Monitor, condition: Callable[[Sight], bool], what: str) -> None:

@@ -1,11 +1,12 @@
 """What the demo asks of the hand: turns by 30 deg and back, about one axis after the other.
 
-The first one is hand.toml's [target]; the others go over the host's control socket. They are kept as JSON
+The first one is hand.toml's [target]; the others are commands to the host. They are kept as JSON
 lines, for modes and targets come from a replay of the bus log, where they are not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -38,10 +39,11 @@ class Given(msgspec.Struct, frozen=True):
 class Programme:
     """Gives the turns, each when its time has come; `look` is to be called often."""
 
-    def __init__(self, control_socket: Path, given: Path, duration_s: float) -> None:
-        """given: the file that takes what was asked for. A turn that would not be over is left out."""
+    def __init__(self, ask: Callable[[Rotate], HostStatus | None], given: Path, duration_s: float) -> None:
+        """ask: gives the host a command, returns its last tick. given: the file that takes what was asked
+        for. A turn that would not be over is left out."""
         self._last_us = 1e6 * duration_s - PERIOD_US
-        self._socket, self._given = control_socket, given
+        self._ask, self._given = ask, given
         self._begin_us: int | None = None
         self._turn = 0
         given.write_bytes(b"")
@@ -59,11 +61,20 @@ class Programme:
             return
         self._turn += 1
         rotate = Rotate(TURNS_DEG[self._turn % len(TURNS_DEG)])
-        with OperatorClient(self._socket) as client:
-            answer = client.ask(rotate)
+        answer = self._ask(rotate)
         if answer is not None:
             with self._given.open("ab") as file:
                 file.write(msgspec.json.encode(Given(answer.time_us, rotate)) + b"\n")
+
+
+def ask_by_socket(control_socket: Path) -> Callable[[Rotate], HostStatus | None]:
+    """Commands for the host's process."""
+
+    def ask(rotate: Rotate) -> HostStatus | None:
+        with OperatorClient(control_socket) as client:
+            return client.ask(rotate)
+
+    return ask
 
 
 def read_given(path: Path) -> list[Given]:

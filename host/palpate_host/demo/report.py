@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from palpate_edge.errors import ConfigError
-from palpate_host.demo import plots
+from palpate_host.demo import lockstep, plots
 from palpate_host.demo.analysis import Analysis, Summary
 from palpate_host.demo.distribution import Distribution
 from palpate_host.demo.film import film_arguments
@@ -101,6 +101,8 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, drawn: str) -> list[str]:
             f"{step.believed_error_deg:.2f}",
             ", ".join(f"{path:.2f}" for path in step.slip_mm),
             f"{step.friction_ratio:.2f}",
+            f"{step.pace:.2f}",
+            step.verdict or "held",
         )
         for step in figures.steps
     ]
@@ -111,11 +113,14 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, drawn: str) -> list[str]:
         "felt to truth (deg)",
         "slip (mm)",
         "friction/normal",
+        "pace",
+        "",
     )
     note = (
         "Turns about the hand's roll, pitch and yaw axes; errors at the end of each. Normal forces of the "
         f"tips: {figures.smallest_N:.2f} to {figures.largest_N:.2f} N. The object ends "
-        f"{figures.sunk_mm:.1f} mm lower. "
+        f"{figures.sunk_mm:.1f} mm lower. Pace: the hand's time over the clock's, less than 1 where it "
+        "waited for a picture, a contact or a command. "
         "Target and contacts: the log replayed through the host's core; truth: the twin's motion.csv."
     )
     return [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
@@ -220,7 +225,10 @@ def _traffic_table(summary: Summary) -> str:
 
 
 def _commands(analysis: Analysis, folder: RunFolder) -> str:
-    started = [command.text for command in commands(folder, analysis.config, analysis.recording)]
+    origin = analysis.summary.origin["origin"]
+    started = [origin.replace("palpate", "palpate-host", 1)]
+    if origin != lockstep.ORIGIN:
+        started = [command.text for command in commands(folder, analysis.config, analysis.recording)]
     if analysis.recording is None:
         started.append(shlex.join(["palpate-host", *film_arguments(folder)]))
     again = [f"palpate-host demo --report-only --output {folder.path.parent}"]

@@ -20,9 +20,16 @@ SHARED_MEMORY = Path("/dev/shm")
 TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # open by 4 mm: the hand closes on the object first
     "rpy_deg": str(list(TURNS_DEG[0])),
+    # The twin waits for what a busy machine brings late, so that lateness is no danger to it.
+    "heartbeat_timeout_ms": "2000",
+    "warn_ms": "400",
+    "freeze_ms": "900",
+    "hold_ms": "2000",
+    "stop_ms": "5000",
+    "joint_stop_ms": "1500",
 }
 TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
-"""Where the demo's hand differs from the packaged one, in [twin] and [target], and in [control]."""
+"""Where the demo's hand differs from the packaged one, and what it has in [control] besides."""
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7), less the closing zero
 
 _BUS_SECTION = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)

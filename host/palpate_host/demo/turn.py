@@ -15,7 +15,13 @@ from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.motion import Motion
 
 TURNING = (Mode.MANIPULATE, Mode.BLIND)
-MOVING_DEG = 1e-4  # a tick of the slowest sensible ramp moves the target by more
+BOUND_DEG = 3.0
+"""Of a turn by 30 deg through the whole chain."""
+SLIPPED_MM = 1.0
+"""Of the path on the skin; 30 deg of rolling are 16 mm of it."""
+
+Asked = tuple[int, tuple[float, float, float]]
+"""The host's last tick before a turn was asked for, in us, and its roll, pitch, yaw in deg."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +30,7 @@ class TurnStep:
 
     error_deg: angle between the object and where it should be at the end; believed_error_deg: between the
     object and where the host believed it. slip_mm: path of each tip's skin against the object meanwhile.
-    friction_ratio: largest tangential over normal force of a tip.
+    friction_ratio: largest tangential over normal force of a tip. pace: the hand's time over the clock's.
     """
 
     rpy_deg: tuple[float, float, float]
@@ -34,17 +40,29 @@ class TurnStep:
     believed_error_deg: float
     slip_mm: tuple[float, float, float]
     friction_ratio: float
+    pace: float
+
+    @property
+    def verdict(self) -> str:
+        """What was not as it is to be; empty when all was."""
+        faults = []
+        if self.error_deg > BOUND_DEG:
+            faults.append(f"MISSED by more than {BOUND_DEG:g} deg")
+        if max(self.slip_mm) > SLIPPED_MM:
+            faults.append(f"SLIPPED by more than {SLIPPED_MM:g} mm")
+        return ", ".join(faults)
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFigures:
     """largest_N, smallest_N: of the tips' normal forces while the object was turned; sunk_mm: how much lower
-    it ended than it began."""
+    it ended than it began; pace: the hand's time over the clock's meanwhile."""
 
     steps: tuple[TurnStep, ...]
     largest_N: float
     smallest_N: float
     sunk_mm: float
+    pace: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +77,10 @@ class Turn:
     error_deg: Array
 
 
-def turn_of(moments: Sequence[Moment], motion: Motion, begin_us: int) -> tuple[Turn, TurnFigures] | None:
-    """None when the host never turned the object."""
+def turn_of(
+    moments: Sequence[Moment], motion: Motion, begin_us: int, asked: Sequence[Asked]
+) -> tuple[Turn, TurnFigures] | None:
+    """None when the host never turned the object. asked: in order; the first began with the turning."""
     turning = [moment for moment in moments if moment.mode in TURNING and moment.R_d is not None]
     turning = [moment for moment in turning if moment.R_c is not None]
     if len(turning) < 2:
@@ -77,15 +97,16 @@ def turn_of(moments: Sequence[Moment], motion: Motion, begin_us: int) -> tuple[T
     times_s = (stamps_us - begin_us) / 1e6
     steps = [
         TurnStep(
-            rpy_deg=_asked_deg(target, first, last),
+            rpy_deg=rpy_deg,
             begin_s=float(times_s[first]),
             end_s=float(times_s[last]),
             error_deg=missing[last],
             believed_error_deg=unseen[last],
             slip_mm=_three(motion.slip_mm[rows[last]] - motion.slip_mm[rows[first]]),
             friction_ratio=_friction_ratio(motion, slice(rows[first], rows[last] + 1)),
+            pace=motion.pace(rows[first], rows[last]),
         )
-        for first, last in step_bounds(target)
+        for rpy_deg, first, last in _steps(stamps_us, asked)
     ]
     held_N = motion.force_N[rows[0] : rows[-1] + 1]
     figures = TurnFigures(
@@ -93,6 +114,7 @@ def turn_of(moments: Sequence[Moment], motion: Motion, begin_us: int) -> tuple[T
         largest_N=float(held_N.max()),
         smallest_N=float(held_N.min()),
         sunk_mm=float(1e3 * (motion.pose[rows[0], 2] - motion.pose[rows[-1], 2])),
+        pace=motion.pace(rows[0], rows[-1]),
     )
     turn = Turn(times_s, _rpy_deg(target), _rpy_deg(believed), _rpy_deg(truth), np.array(missing))
     return turn, figures
@@ -102,16 +124,12 @@ def _rpy_deg(turns: Array) -> Array:
     return np.array([rotation.to_rpy_deg(R) for R in turns])
 
 
-def _asked_deg(target: Array, first: int, last: int) -> tuple[float, float, float]:
-    before = target[first].T if first > 0 else np.eye(3)
-    return _three(np.round(rotation.to_rpy_deg(target[last] @ before), 6) + 0.0)
-
-
-def step_bounds(target: Array) -> list[tuple[int, int]]:
-    """First and last index of each turn of `target` (n, 3, 3): it begins to move, and the next one begins."""
-    moves = [rotation.angle_deg(b @ a.T) > MOVING_DEG for a, b in pairwise(target)]
-    begins = [i for i, is_moving in enumerate(moves) if is_moving and (i == 0 or not moves[i - 1])]
-    return list(pairwise([*begins, len(target) - 1]))
+def _steps(stamps_us: Array, asked: Sequence[Asked]) -> list[tuple[tuple[float, float, float], int, int]]:
+    """Of each turn roll, pitch, yaw and its first and last tick."""
+    begins = [0, *(int(np.searchsorted(stamps_us, after_us)) for after_us, _ in asked[1:])]
+    spans = pairwise([*begins, len(stamps_us) - 1])
+    turns = zip(asked, spans, strict=True)
+    return [(rpy_deg, first, last) for (_, rpy_deg), (first, last) in turns if first < last]
 
 
 def _friction_ratio(motion: Motion, span: slice) -> float:

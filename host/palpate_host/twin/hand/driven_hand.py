@@ -60,6 +60,11 @@ class DrivenHand:
         self._look()
         engine.brake(np.ones(len(self._motors), dtype=bool))
 
+    @property
+    def is_powered(self) -> bool:
+        """Whether any joint is held by commands, not by its brake."""
+        return any(motor.is_powered for motor in self._motors)
+
     def step(self) -> None:
         powered = [motor.is_powered for motor in self._motors]
         if powered != self._powered:

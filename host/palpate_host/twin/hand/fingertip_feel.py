@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -71,6 +72,17 @@ class DirectFeel:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What was true of a rendered frame. point_mm: (3,) of the dome in F, None: no touch; force_N: (3,) on it
+    in F."""
+
+    sequence: int
+    exposed_at_us: int
+    point_mm: Array | None
+    force_N: Array
+
+
 class RenderedFeel:
     """The sensor's picture of a dome pressed by the object's face, and the fingertip's own estimator on it.
 
@@ -79,9 +91,15 @@ class RenderedFeel:
     """
 
     def __init__(
-        self, sensors: Sequence[tuple[TwinSensor, Calibration]], library: FieldLibrary, seed: int
+        self,
+        sensors: Sequence[tuple[TwinSensor, Calibration]],
+        library: FieldLibrary,
+        seed: int,
+        on_picture: Callable[[int, Picture], None] = lambda _finger, _picture: None,
     ) -> None:
-        """sensors: each finger's sensor as it is, and the calibration that it runs with."""
+        """sensors: each finger's sensor as it is, and the calibration that it runs with. on_picture: sees
+        what was true of each finger's picture."""
+        self._on_picture = on_picture
         self._views = [CameraView(twin, library) for twin, _ in sensors]
         self._estimators = [Estimator(calibration) for _, calibration in sensors]
         self._rng = np.random.default_rng(seed)
@@ -97,7 +115,10 @@ class RenderedFeel:
         """See :class:`Feel`."""
         view = self._views[finger]
         press = None if into_F_mm is None else press_of(view, into_F_mm)
-        image, _ = view.frame(press, self._rng)
+        image, force_N = view.frame(press, self._rng)
+        radius_mm = view.twin.sensor.dome.outer_radius_mm
+        point_mm = None if press is None else radius_mm * press.outward
+        self._on_picture(finger, Picture(sequence, exposed_at_us, point_mm, force_N))
         return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
 
 

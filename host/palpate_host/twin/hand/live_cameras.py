@@ -5,11 +5,10 @@ A process of its own, because a picture takes longer than the drives may wait fo
 
 from __future__ import annotations
 
-import csv
+import os
 import signal
-import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Sequence
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -21,16 +20,15 @@ import numpy as np
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.errors import ConfigError
 from palpate_host.rotation import Array
-from palpate_host.twin.camera.live import COLUMNS
 from palpate_host.twin.camera.look import load_twin
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.hand.fingertip_feel import press_of
+from palpate_host.twin.hand.fingertip_feel import Picture, press_of
+from palpate_host.twin.hand.picture_file import PictureFile
 
 READY_S = 60.0
 STOP_S = 5.0
-LATEST_S = 0.03
-"""A frame that could not be begun by then after its exposure is left out: its sequence number shows it."""
+ENDED = "the cameras' process has ended: see what it said above"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,33 +72,41 @@ class LiveCameras:
         if isinstance(answer, str):
             raise ConfigError(answer)
         self.fps: list[float] = answer
+        self._busy: set[int] = set()
+
+    def is_busy(self, finger: int) -> bool:
+        """Whether its last picture is not drawn yet. Raises ConfigError when the process has died."""
+        try:
+            while self._busy and self._pipe.poll():
+                self._busy.discard(self._pipe.recv())
+        except (OSError, EOFError):
+            raise ConfigError(ENDED) from None
+        return finger in self._busy
 
     def expose(self, exposure: Exposure) -> None:
-        """Raises ConfigError when the process has died."""
+        """Begin a picture. Raises ConfigError when the process has died."""
         try:
             self._pipe.send(exposure)
         except OSError:
-            raise ConfigError("the cameras' process has ended: see what it said above") from None
+            raise ConfigError(ENDED) from None
+        self._busy.add(exposure.finger)
 
-    def close(self) -> int:
-        """End the process and remove the rings; how many exposures were left out."""
-        try:
+    def close(self) -> None:
+        """End the process and remove the rings."""
+        with suppress(OSError):
             self._pipe.send(None)
-            skipped = int(self._pipe.recv()) if self._pipe.poll(STOP_S) else 0
-        except (OSError, EOFError):
-            skipped = 0
         self._process.join(STOP_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
         self._pipe.close()
-        return skipped
 
 
 def _serve(files: Sequence[CameraFiles], seed: int, pipe: Connection) -> None:
     """Answers with the frame rates, or with what is wrong as text; then renders until None or the end of the
-    pipe."""
+    pipe, and tells of each picture whose it was."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the hand, which then closes the pipe
+    os.setsid()  # Linux shares the processor out by session (autogroup): pictures get a share of their own
     cv2.setNumThreads(1)
     with ExitStack() as stack:
         try:
@@ -111,16 +117,10 @@ def _serve(files: Sequence[CameraFiles], seed: int, pipe: Connection) -> None:
             return
         rng = np.random.default_rng([seed, 9])
         pipe.send([camera.view.twin.sensor.camera.fps for camera in cameras])
-        skipped = 0
-        try:
+        with suppress(EOFError, OSError):  # the hand's process is gone
             while (exposure := pipe.recv()) is not None:
-                if time.monotonic() - exposure.exposed_at_us * 1e-6 > LATEST_S:
-                    skipped += 1
-                else:
-                    cameras[exposure.finger].render(exposure, rng)
-            pipe.send(skipped)
-        except (EOFError, OSError):
-            return  # the hand's process is gone
+                cameras[exposure.finger].render(exposure, rng)
+                pipe.send(exposure.finger)
 
 
 class _Camera:
@@ -130,15 +130,12 @@ class _Camera:
         self.view = view
         self._radius_mm = view.twin.sensor.dome.outer_radius_mm
         self._ring = stack.enter_context(closing(RingWriter(paths.ring, form)))
-        file = stack.enter_context(paths.truth.open("w", newline="", encoding="utf-8", buffering=1))
-        self._note: Callable[[list[str]], object] = csv.writer(file, lineterminator="\n").writerow
-        self._note(list(COLUMNS))
+        self._truth = stack.enter_context(PictureFile(paths.truth))
 
     def render(self, exposure: Exposure, rng: np.random.Generator) -> None:
         """A frame into the ring, and what pressed into the truth."""
         press = None if exposure.into_F_mm is None else press_of(self.view, exposure.into_F_mm)
         image, force_N = self.view.frame(press, rng)
         self._ring.write(image, exposure.sequence, exposure.exposed_at_us)
-        place = ["", "", ""] if press is None else [f"{v:.4f}" for v in self._radius_mm * press.outward]
-        forces = [f"{value:.5f}" for value in force_N]
-        self._note([str(exposure.sequence), str(exposure.exposed_at_us), *place, *forces])
+        point_mm = None if press is None else self._radius_mm * press.outward
+        self._truth.note(Picture(exposure.sequence, exposure.exposed_at_us, point_mm, force_N))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import click
@@ -85,7 +86,7 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     from palpate_host.twin.camera.look import TWIN_FILE  # noqa: PLC0415
     from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
     from palpate_host.twin.hand.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
-    from palpate_host.twin.hand.live_hand import LiveHand  # noqa: PLC0415
+    from palpate_host.twin.hand.live_hand import LiveHand, now_us  # noqa: PLC0415
     from palpate_host.twin.hand.motion import MotionFile  # noqa: PLC0415
 
     config, kinematics = load_hand(config_path)
@@ -100,17 +101,15 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     engine = make_engine(config, "mujoco", has_B=False)
     with stop_event() as stop, MotionFile(truth / "motion.csv", [j.name for j in config.joints]) as motion:
         cameras = LiveCameras(files, seed)
-        skipped = 0
         try:
-            hand = LiveHand(config, kinematics, engine, cameras, motion)
-            with open_bus(config.bus, "twin", hand.accept_ids) as bus:
+            hand = LiveHand(config, kinematics, engine, cameras, motion, now_us(), time.time_ns() // 1000)
+            with open_bus(config.bus, "twin", hand.accept_ids, echo=True) as bus:
                 click.echo(f"simulated hand: {len(config.joints)} drives, {len(names)} cameras", err=True)
                 hand.serve(bus, stop)
         finally:
-            skipped = cameras.close()
-    counters = hand.counters
+            cameras.close()
     click.echo(
-        f"simulated hand stopped: {counters.exposures} exposures, {skipped} left out; at most "
-        f"{counters.largest_lag_us / 1000:.1f} ms late, {counters.lost_us / 1000:.1f} ms lost",
+        f"simulated hand stopped: {hand.exposures} exposures; {hand.own_us / 1e6:.2f} s of its own time in "
+        f"{(hand.own_us + hand.waited_us) / 1e6:.2f} s: {hand.pace:.3f} of real time",
         err=True,
     )

@@ -1,119 +1,234 @@
-"""Hand, object and drives in real time on a bus; the fingertips' cameras beside them."""
+"""Hand, object and drives in real time on a bus; the fingertips' cameras beside them.
+
+The hand's time goes with the clock's, but never ahead of what it is served: it waits for a picture that is
+not drawn yet, for contacts, and for commands that know where its joints are. Late commands would end the
+grasp: B of Eq. (10) acts through the bus, on links that come to rest within 15 ms. A machine that is too slow
+therefore slows the hand down, and changes nothing else.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Protocol
 
 from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
 from palpate_edge.node.events import NodeIdConflict
+from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
+from palpate_host.network import SYNC
 from palpate_host.twin.hand.driven_hand import DrivenHand
 from palpate_host.twin.hand.engine import Engine
 from palpate_host.twin.hand.fingertip_feel import touches_in_F
-from palpate_host.twin.hand.live_cameras import Exposure, LiveCameras
+from palpate_host.twin.hand.live_cameras import Exposure
 from palpate_host.twin.hand.motion import PERIOD_US, MotionFile
 
 LOOK_US = 2_000
 """The hand moves on at least so often, in steps of the engine."""
-LARGEST_LAG_US = 20_000
-"""What the machine keeps from the hand beyond this is lost: the hand's time then lags behind the clock."""
+LATE_US = 2_000
+"""A command may be late by so much before the hand waits for it."""
+HEARD_US = 4_000
+"""Angles that were on the wire so long before a SYNC are those that its commands were made from."""
+FELT_US = 60_000
+"""A contact reaches the bus within so much of the hand's time; before it has, the hand waits."""
+GONE_US = 1_000_000
+"""What is silent for longer is not slow: the hand's time goes on, and who listens will notice."""
+TPDO_1 = 0x180
+
+Stamped = tuple[int, CanFrame]
 
 
-@dataclass(slots=True)
-class LiveCounters:
-    """exposures: of all cameras. largest_lag_us: how late the hand was moved on; lost_us: the time that the
-    hand therefore stood still."""
+class Cameras(Protocol):
+    """What draws the fingertips' pictures."""
 
-    exposures: int = 0
-    largest_lag_us: int = 0
-    lost_us: int = 0
+    fps: list[float]
+
+    def is_busy(self, finger: int) -> bool:
+        """Whether its last picture is not drawn yet."""
+        ...
+
+    def expose(self, exposure: Exposure) -> None:
+        """Begin a picture."""
+        ...
 
 
 class LiveHand:
-    """Call `serve`; it ends when `stop` is set."""
+    """`process` is one turn of it; `serve` does that on a bus until it is told to stop.
+
+    Times are of CLOCK_MONOTONIC in us. own_us: how far the hand's own time has gone; waited_us: what it
+    waited meanwhile; exposures: of all cameras. accept_ids: what it wants from the bus, with its own echoes.
+    """
 
     def __init__(
-        self, config: HandConfig, hand: Hand, engine: Engine, cameras: LiveCameras, motion: MotionFile
+        self,
+        config: HandConfig,
+        hand: Hand,
+        engine: Engine,
+        cameras: Cameras,
+        motion: MotionFile,
+        now_us: int,
+        unix_us: int,
     ) -> None:
-        self.counters = LiveCounters()
+        """unix_us: Unix time at now_us."""
+        self.own_us = self.waited_us = self.exposures = 0
         self._hand, self._engine, self._cameras, self._motion = hand, engine, cameras, motion
         self._driven = DrivenHand(config, engine)
         self._wanted = [set(device.slave.accept_ids()) for device in self._driven.devices]
+        self._device_due_us = [0] * len(self._driven.devices)
         self._step_us = round(engine.step_s * 1e6)
         self._period_us = [1e6 / fps for fps in cameras.fps]
         self._sequence = [0] * len(cameras.fps)
-        self._unix_us = time.time_ns() // 1000 - now_us()
-        self._start_us = self._hand_us = self._next_row_us = now_us()
+        self._exposure_us = [number / len(cameras.fps) * us for number, us in enumerate(self._period_us)]
+        self._start_us, self._unix_us = now_us, unix_us - now_us
+        # A command answers the angles of the SYNC before it, and holds until the next one.
+        self._lasts_us = 2 * round(1e6 / config.control.tick_Hz) + LATE_US
+        self._commanded_us, self._known_own_us = now_us, 0
+        self._answers_id = TPDO_1 + config.joints[-1].drive_node  # the last of the answers to a SYNC
+        self._tips = [Fingertip(finger.fingertip_node, finger.name) for finger in config.fingers]
+        self._unfelt: list[deque[tuple[int, int]]] = [deque() for _ in self._tips]
+        self._felt_us = [now_us - GONE_US] * len(self._tips)
+        self._finger_of = {can_id: i for i, tip in enumerate(self._tips) for can_id in tip.receive_ids}
+        self.accept_ids = sorted({self._answers_id, *self._finger_of}.union(*self._wanted))
+        self._echoes: deque[tuple[CanFrame, int]] = deque()  # sent when, and not back from the bus yet
+        self._told: deque[tuple[int, int]] = deque()
 
     @property
-    def accept_ids(self) -> list[int]:
-        """What the drives want from the bus."""
-        return sorted(set().union(*self._wanted))
+    def pace(self) -> float:
+        """The hand's own time over the clock's, since the start."""
+        return self.own_us / max(1, self.own_us + self.waited_us)
+
+    @property
+    def _hand_us(self) -> int:
+        """The clock's time at which the hand stands as it stands now."""
+        return self._start_us + self.own_us + self.waited_us
+
+    def process(self, now_us: int, frames: Sequence[Stamped]) -> tuple[list[CanFrame], int]:
+        """Bring the hand to `now_us`; each frame meets it where it stood at the frame's stamp.
+
+        Returns what the drives send, and when the next call is due. Raises BusError when another node has a
+        drive's id.
+        """
+        sent: list[CanFrame] = []
+        for stamp_us, batch in _by_tick(self._for_drives(now_us, frames)):
+            self._advance(min(stamp_us, now_us))
+            if batch[0].can_id == SYNC.can_id:
+                self._note_command(stamp_us, now_us)
+            for index, wanted in enumerate(self._wanted):
+                mine = [frame for frame in batch if frame.can_id in wanted]
+                if mine:
+                    sent += self._serve_device(index, mine)
+        self._advance(now_us)
+        for index, due_us in enumerate(self._device_due_us):
+            if self.own_us >= due_us:
+                sent += self._serve_device(index, ())
+        return sent, now_us + LOOK_US
 
     def serve(self, bus: Bus, stop: threading.Event) -> None:
-        """Raises BusError when the bus is gone or another node has a drive's id."""
-        due_us = [0] * len(self._driven.devices)
+        """Raises BusError when the bus is gone, or as `process`."""
+        due_us = now_us()
         while not stop.is_set():
-            wait_us = min(*due_us, self._hand_us + LOOK_US) - now_us()
-            frames = [frame for _, frame in bus.receive(max(0, wait_us) * 1e-6)]
-            now = now_us()
-            self._advance(now)
-            for index, wanted in enumerate(self._wanted):
-                mine = [frame for frame in frames if frame.can_id in wanted]
-                if mine or now >= due_us[index]:
-                    due_us[index] = self._serve_device(bus, index, now, mine)
+            received = bus.receive(max(0, due_us - now_us()) * 1e-6)
+            behind_us = time.time_ns() // 1000 - now_us()  # the bus stamps in Unix time
+            sent, due_us = self.process(now_us(), [(stamp - behind_us, frame) for stamp, frame in received])
+            bus.send(sent)
 
-    def _serve_device(self, bus: Bus, index: int, now: int, frames: Sequence[CanFrame]) -> int:
-        """When it is due again."""
+    def _for_drives(self, now_us: int, frames: Sequence[Stamped]) -> list[Stamped]:
+        """What others sent, without contacts. The last answer's echo tells when the host knew the angles."""
+        others = []
+        for stamp_us, frame in frames:
+            if self._echoes and frame == self._echoes[0][0]:
+                _, own_us = self._echoes.popleft()
+                if frame.can_id == self._answers_id:
+                    self._told.append((stamp_us, own_us))
+            elif frame.can_id in self._finger_of:
+                self._note_contact(self._finger_of[frame.can_id], stamp_us, now_us, frame)
+            else:
+                others.append((stamp_us, frame))
+        return others
+
+    def _note_contact(self, finger: int, stamp_us: int, now_us: int, frame: CanFrame) -> None:
+        """Which exposures have come to the bus; a later one tells that those before it were left out."""
+        contact = self._tips[finger].receive(stamp_us + self._unix_us, frame)
+        if contact is None:
+            return
+        self._felt_us[finger] = now_us
+        unfelt = self._unfelt[finger]
+        while unfelt and (contact.sequence - unfelt[0][0]) % SEQUENCE_WRAP < SEQUENCE_WRAP // 2:
+            unfelt.popleft()
+
+    def _serve_device(self, index: int, frames: Sequence[CanFrame]) -> tuple[CanFrame, ...]:
+        """The drives live in the hand's own time: what it waits for is not late to them."""
         device = self._driven.devices[index]
-        output = device.process(now, frames)
+        output = device.process(self.own_us, frames)
+        own = [(frame, self.own_us) for frame in output.frames_out if frame.can_id in self.accept_ids]
+        self._echoes.extend(own)
         for event in output.events:
             if isinstance(event, NodeIdConflict):
                 raise BusError(
                     f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another "
                     "node; stop that node or give the drive another id"
                 )
-        bus.send(output.frames_out)
-        return output.next_due_us
+        self._device_due_us[index] = output.next_due_us
+        return output.frames_out
 
-    def _advance(self, now: int) -> None:
-        """The hand and its cameras up to `now`."""
-        lag_us = now - self._hand_us
-        self.counters.largest_lag_us = max(self.counters.largest_lag_us, lag_us)
-        if lag_us > LARGEST_LAG_US:
-            lost_us = lag_us - LARGEST_LAG_US
-            self.counters.lost_us += lost_us
-            self._hand_us += lost_us
-            self._start_us += lost_us  # the cameras stood still as well: no exposures to catch up with
-        while self._hand_us + self._step_us <= now:
+    def _advance(self, until_us: int) -> None:
+        """The hand and its cameras up to `until_us`, waiting where it must."""
+        while self._hand_us + self._step_us <= until_us:
+            waits = self._lacks_a_command(until_us) or self._lacks_a_contact(until_us)
+            if waits or not self._have_seen():
+                self.waited_us += until_us - self._hand_us
+                return
             self._driven.step()
-            self._hand_us += self._step_us
-            self._expose()
-            if self._hand_us >= self._next_row_us:
-                self._next_row_us += PERIOD_US
+            self.own_us += self._step_us
+            if self.own_us % PERIOD_US == 0:
                 self._motion.note(self._hand_us + self._unix_us, self._engine)
 
-    def _expose(self) -> None:
-        """The cameras whose turn it is see the hand as it stands."""
-        count = len(self._period_us)
-        due = [
-            finger
-            for finger, period_us in enumerate(self._period_us)
-            if self._hand_us >= self._start_us + (self._sequence[finger] + finger / count) * period_us
-        ]
+    def _note_command(self, stamp_us: int, now_us: int) -> None:
+        """The host's SYNC of `stamp_us`: which angles its commands know."""
+        self._commanded_us = now_us
+        while self._told and self._told[0][0] + HEARD_US <= stamp_us:
+            self._known_own_us = self._told.popleft()[1]
+
+    def _lacks_a_contact(self, until_us: int) -> bool:
+        return any(
+            unfelt and self.own_us - unfelt[0][1] >= FELT_US and until_us - felt_us <= GONE_US
+            for unfelt, felt_us in zip(self._unfelt, self._felt_us, strict=True)
+        )
+
+    def _lacks_a_command(self, until_us: int) -> bool:
+        if not self._driven.is_powered or until_us - self._commanded_us > GONE_US:
+            return False
+        return self.own_us - self._known_own_us >= self._lasts_us
+
+    def _have_seen(self) -> bool:
+        """The cameras whose turn it is see the hand as it stands; False while one still draws its last
+        picture."""
+        due = [finger for finger, exposure_us in enumerate(self._exposure_us) if self.own_us >= exposure_us]
         if not due:
-            return
+            return True
+        if any(self._cameras.is_busy(finger) for finger in due):
+            return False
         touches = touches_in_F(self._engine, self._hand)
         for finger in due:
             self._cameras.expose(Exposure(finger, self._sequence[finger], self._hand_us, touches[finger][0]))
+            self._unfelt[finger].append((self._sequence[finger], self.own_us))
             self._sequence[finger] += 1
-            self.counters.exposures += 1
+            self._exposure_us[finger] += self._period_us[finger]
+        self.exposures += len(due)
+        return True
+
+
+def _by_tick(frames: Sequence[Stamped]) -> Iterator[tuple[int, list[CanFrame]]]:
+    """The frames in groups that begin with a SYNC (the first may lack it), each with its first stamp."""
+    begins = [i for i, (_, frame) in enumerate(frames) if i == 0 or frame.can_id == SYNC.can_id]
+    for begin, end in pairwise([*begins, len(frames)]):
+        yield frames[begin][0], [frame for _, frame in frames[begin:end]]
 
 
 def now_us() -> int:

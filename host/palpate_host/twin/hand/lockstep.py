@@ -8,7 +8,7 @@ waits, nothing depends on the machine: the same arguments give the same bits.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,7 @@ from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore
 from palpate_host.network import SYNC
 from palpate_host.rotation import Array
+from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.driven_hand import DrivenHand
 from palpate_host.twin.hand.engine import Engine, LostGraspError
@@ -61,22 +62,33 @@ class LoopRecord:
 
 
 class LockstepLoop:
-    """Everything on one virtual bus; `run` moves it on."""
+    """Everything on one virtual bus; `run` moves it on. status: the host's newest; is_over: stopped."""
 
     def __init__(
-        self, config: HandConfig, hand: Hand, engine: Engine, feel: Feel, has_weight: bool = False
+        self,
+        config: HandConfig,
+        hand: Hand,
+        engine: Engine,
+        feel: Feel,
+        has_weight: bool = False,
+        on_frame: Callable[[int, CanFrame], None] = lambda _stamp_us, _frame: None,
+        on_step: Callable[[int], None] = lambda _now_us: None,
     ) -> None:
-        """has_weight: when the host begins to turn the object, what it stood on is taken away."""
+        """has_weight: when the host begins to turn the object, what it stood on is taken away. on_frame: sees
+        each frame with the time at which it is over the wire; on_step: called before each step."""
         self._is_supported = has_weight
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._feel = hand, feel
+        self._on_frame, self._on_step = on_frame, on_step
         self._radius_mm = 1e3 * config.control.tip_radius_m
-        self._host = HostCore(config, hand)
+        self.host = HostCore(config, hand)
+        self.status: HostStatus | None = None
         self._driven = DrivenHand(config, engine)
         self._tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
         self._nodes: list[Cia402Device | FingertipNode] = [*self._driven.devices, *self._tips]
         self._due_us = [START_US] * len(self._nodes)
         self._now_us = START_US
+        self.is_over = False
         self._wire: deque[tuple[int, CanFrame, bool]] = deque()
         self._wire_free_us = START_US
         self._exposure = [START_US + finger * FRAME_PERIOD_US // 3 for finger in range(3)]
@@ -86,13 +98,13 @@ class LockstepLoop:
     def run(self, duration_s: float) -> LoopRecord:
         """Move on; ends early when the host has stopped the hand."""
         end_us = self._now_us + round(duration_s * 1e6)
-        finished = False
-        while self._now_us < end_us and not finished:
-            finished = self._step()
+        while self._now_us < end_us and not self.is_over:
+            self.is_over = self._step()
         return self.record
 
     def _step(self) -> bool:
         engine, now_us = self.engine, self._now_us
+        self._on_step(now_us)
         if now_us >= START_US + len(self.record.film) * FILM_PERIOD_US:
             self.record.film.append(np.array(engine.data.qpos))
         to_nodes, to_host = self._arrived(now_us)
@@ -103,8 +115,9 @@ class LockstepLoop:
                 answer = node.process(now_us, to_nodes)
                 self._due_us[index] = answer.next_due_us
                 self._send(now_us, answer.frames_out, from_host=False)
-        output = self._host.process(now_us, to_host)
+        output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
+        self.status = output.status
         if output.frames_out and output.status is not None:
             seconds = (now_us - START_US) * 1e-6
             mode = output.status.mode
@@ -124,6 +137,7 @@ class LockstepLoop:
         for frame in frames:
             self._wire_free_us = max(self._wire_free_us, now_us) + WIRE_US
             self._wire.append((self._wire_free_us, frame, from_host))
+            self._on_frame(self._wire_free_us, frame)
             self.record.bus_frames += 1
 
     def _arrived(self, now_us: int) -> tuple[list[CanFrame], list[tuple[int, CanFrame]]]:

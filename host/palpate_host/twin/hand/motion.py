@@ -19,6 +19,7 @@ POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 TIP_COLUMNS = ("slip_{}_mm", "force_{}_N", "friction_{}_N")
 TIPS = 3
 PERIOD_US = 20_000
+"""Of the hand's own time, from row to row."""
 MOVED_RAD = 1e-3
 
 
@@ -42,6 +43,11 @@ class Motion:
         for row, quaternion in zip(flat, self.pose[:, 3:], strict=True):
             mujoco.mju_quat2Mat(row, quaternion)
         return flat.reshape(-1, 3, 3)
+
+    def pace(self, first: int, last: int) -> float:
+        """From row to row, the hand's own time over the clock's: less than 1 where it had to wait."""
+        clock_us = float(self.stamps_us[last] - self.stamps_us[first])
+        return float(last - first) * PERIOD_US / clock_us if clock_us > 0.0 else 1.0
 
 
 class MotionFile:

@@ -1,0 +1,92 @@
+"""The demo in lock step: the same hand, turns, bus log and truth, in one process on a virtual clock.
+
+Hub, processes and shared memory are left out; hand, pictures, estimators, nodes, drives and the host's core
+are those of the demo (`twin/hand/lockstep.py`). Nothing depends on how fast the machine is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.stop_signals import stop_event
+from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter
+from palpate_host.command import Rotate
+from palpate_host.demo.monitor import Sight
+from palpate_host.demo.orchestrator import DemoInterruptedError, Show, log_header
+from palpate_host.demo.programme import Programme
+from palpate_host.demo.run_folder import RunFolder
+from palpate_host.host import load_hand
+from palpate_host.status import HostStatus
+from palpate_host.supervisor import STARTING
+from palpate_host.twin.dome.library import load_library
+from palpate_host.twin.hand.experiment import make_engine
+from palpate_host.twin.hand.fingertip_feel import RenderedFeel
+from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors
+from palpate_host.twin.hand.lockstep import LockstepLoop
+from palpate_host.twin.hand.motion import PERIOD_US, MotionFile
+from palpate_host.twin.hand.picture_file import PictureFile
+
+ORIGIN = "palpate demo --lockstep"
+START_S, STOP_S = 5.0, 3.0
+"""Of virtual time: what the hand has to operate in, and to stop."""
+LOOK_S = 0.01
+SHOW_EVERY = 12
+"""Looks from picture to picture, as often as in real time."""
+
+
+def run(folder: RunFolder, duration_s: float, seed: int, say: Callable[[str], None], show: Show) -> None:
+    """The whole demo; the same seed and duration give the same bytes.
+
+    say, show: as `orchestrator.run`. Raises DemoInterruptedError after Ctrl-C, ConfigError as the parts do.
+    """
+    config, hand = load_hand(folder.hand_toml)
+    names = [finger.name for finger in config.fingers]
+    radius_mm = 1e3 * config.control.tip_radius_m
+    folder.truth.mkdir()
+    folder.sensors.mkdir(parents=True, exist_ok=True)
+    say("making and calibrating the sensors")
+    library = load_library()
+    sensors = fingertip_sensors(folder.sensors, names, radius_mm, seed, library, say)
+    engine = make_engine(config, "mujoco", has_B=False)
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stop_event())
+        log = stack.enter_context(LogWriter(folder.log, LogHeader(log_header(config, ORIGIN))))
+        motion = stack.enter_context(MotionFile(folder.motion, [joint.name for joint in config.joints]))
+        truths = [stack.enter_context(PictureFile(folder.truth / f"{name}.csv")) for name in names]
+        feel = RenderedFeel(sensors, library, seed, lambda finger, picture: truths[finger].note(picture))
+
+        def log_frame(stamp_us: int, frame: CanFrame) -> None:
+            log.write(LogRecord(stamp_us, frame))
+
+        def note_motion(now_us: int) -> None:
+            if now_us % PERIOD_US == 0:
+                motion.note(now_us, engine)
+
+        loop = LockstepLoop(config, hand, engine, feel, on_frame=log_frame, on_step=note_motion)
+
+        def go_on(seconds: float) -> Iterator[float]:
+            """Virtual seconds since the call, after each look."""
+            for look in range(1, round(seconds / LOOK_S) + 1):
+                if stopped.is_set():
+                    raise DemoInterruptedError
+                loop.run(LOOK_S)
+                yield look * LOOK_S
+
+        def ask(rotate: Rotate) -> HostStatus | None:
+            loop.host.command(rotate)
+            return loop.status
+
+        for _ in go_on(START_S):
+            if loop.status is not None and loop.status.mode not in STARTING:
+                break
+        programme = Programme(ask, folder.commands, duration_s)
+        for looks, elapsed_s in enumerate(go_on(duration_s)):
+            programme.look(loop.status)
+            if looks % SHOW_EVERY == 0:
+                show(Sight(loop.status, (None,) * len(names), None), elapsed_s)
+        loop.host.request_stop()
+        for _ in go_on(STOP_S):
+            if loop.is_over:
+                break
