@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 
 OUTPUTS = ["direction", "force", "radius95", "misfit"]
+NUMBERS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
 
@@ -74,7 +75,7 @@ class CorrectionModel:
             )
         self._bind(onnxruntime.OrtValue.ortvalue_from_numpy)
 
-    def _bind(self, tensor: Callable[[Array], Any]) -> None:
+    def _bind(self, tensor: Callable[[NDArray[np.floating]], Any]) -> None:
         """Give the session its inputs' and outputs' memory once: it shares that of numpy's arrays."""
         self._binding: Any = self._session.io_binding()
         self._arrays = {}
@@ -83,7 +84,7 @@ class CorrectionModel:
             (self._session.get_outputs(), self._binding.bind_ortvalue_output),
         ):
             for value in part:
-                self._arrays[value.name] = np.zeros(value.shape)
+                self._arrays[value.name] = np.zeros(value.shape, NUMBERS[value.type])
                 bind(value.name, tensor(self._arrays[value.name]))
 
     def correct(self, field: CanonicalField) -> Correction:

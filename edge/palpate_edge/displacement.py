@@ -93,9 +93,11 @@ class DisplacementReader:
 
         30 % of the paper's layout hidden at random leave 0.3 to 0.6; 20 neighbours hidden, 0.74 or more.
         """
+        if beads.found.all():
+            return 0.0
+        if not beads.found.any():
+            return 1.0
         hidden = np.flatnonzero(~beads.found)
-        if not len(hidden) or len(hidden) == len(beads.found):
-            return float(len(hidden) > 0)
         left = np.linalg.inv(self._inverse[np.ix_(hidden, hidden)])  # covariance of the hidden given the seen
         return float(left.diagonal().max() - BEAD_NOISE)
 

@@ -24,7 +24,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.motion import means, rms
+from palpate_edge.motion import found_means, means, rms
 from palpate_edge.tracking import Beads, Reference, distances
 
 Array = NDArray[np.float64]
@@ -136,7 +136,7 @@ class Drift:
         """Root mean square, over the found beads, of the dent averaged over each one's neighbourhood."""
         if seen.all():
             return rms(self._around_all @ dent_px)
-        return rms(means(self._around[np.ix_(seen, seen)]) @ dent_px[seen])
+        return rms(found_means(self._around, dent_px, seen)[seen])
 
 
 def camera_motions(position_px: Array) -> Array:

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the image; less is a blank frame
-BLANK_ROWS = 8  # of so many rows one is looked at
+BLANK_ROWS = 40  # of so many rows one is looked at
 TARE_FRAMES = 10
 MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
 MAX_MISFIT = 0.06  # Correction.misfit: 99 % of presses of four sensors stay below it, 5 % of their splices
@@ -154,7 +154,7 @@ class Estimator:
             beads_expected=len(beads.found),
             radius95_mm=self._if_faint(contact.radius95_mm, motion_px),
         )
-        return replace(answer, slip=self._slip.slips(answer))
+        return replace(answer, slip=True) if self._slip.slips(answer) else answer
 
     def _if_faint(self, radius95_mm: float | None, motion_px: float) -> float | None:
         """The model's radius for a touch of that size; at most the dome's, which is anywhere."""

@@ -42,11 +42,14 @@ class SkinMotion:
         self._beside = np.exp(-0.5 * near**2)
         np.fill_diagonal(self._beside, 0.0)
         self._around_all, self._beside_all = means(self._around), means(self._beside)
+        self._rough_all = (np.eye(len(near)) - self._beside_all) / self._spacing_px[:, None]
 
     def size_px(self, beads: Beads) -> float:
         """Root mean square, over the found beads, of the smoothed motion, pixels."""
-        moved, around, _ = self._found(beads)
-        return rms(around @ moved)
+        moved = beads.position_px - self._reference_px
+        if beads.found.all():
+            return rms(self._around_all @ moved)
+        return rms(found_means(self._around, moved, beads.found)[beads.found])
 
     def roughness(self, beads: Beads) -> float:
         """How little the found beads move like their neighbours: root mean square difference between a
@@ -55,23 +58,23 @@ class SkinMotion:
         Skin stretches smoothly: 0.003 untouched, at most 0.052 in the press sample and sequences. Beads of
         another dome taken for ours give 0.28.
         """
-        moved, _, beside = self._found(beads)
-        spacing_px = self._spacing_px if beads.found.all() else self._spacing_px[beads.found]
-        return rms((moved - beside @ moved) / spacing_px[:, None])
-
-    def _found(self, beads: Beads) -> tuple[Array, Array, Array]:
-        """Motion (f, 2) of the found beads, and the matrices (f, f) that average it around and beside."""
         moved = beads.position_px - self._reference_px
         if beads.found.all():
-            return moved, self._around_all, self._beside_all
-        both = np.ix_(beads.found, beads.found)
-        return moved[beads.found], means(self._around[both]), means(self._beside[both])
+            return rms(self._rough_all @ moved)
+        rough = (moved - found_means(self._beside, moved, beads.found)) / self._spacing_px[:, None]
+        return rms(rough[beads.found])
 
 
 def rms(motion_px: Array) -> float:
     """Root mean square length of (n, 2) vectors; 0 of none."""
     flat = motion_px.ravel()
     return math.sqrt(float(flat @ flat) / max(1, len(motion_px)))
+
+
+def found_means(weight: Array, moved: Array, found: NDArray[np.bool_]) -> Array:
+    """Means (n, k) of the found ones' values (n, k) by weights (n, n)."""
+    sums = weight @ np.column_stack([moved * found[:, None], found])
+    return np.asarray(sums[:, :-1] / np.maximum(sums[:, -1:], 1e-12))
 
 
 def means(weight: Array) -> Array:

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.contact_type import Contact
+from palpate_edge.contact_type import Contact, Vector3
 
 Array = NDArray[np.float64]
 
@@ -36,24 +37,24 @@ class SlipWatch:
     """Watches one fingertip's contacts, frame by frame."""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[int, Array, float]] = deque()  # time, place, its 95 % radius
+        self._past: deque[tuple[int, Vector3, float]] = deque()  # time, place, its 95 % radius
 
     def slips(self, contact: Contact) -> bool:
         """Whether what touches slides over the skin; False without a contact or without its force."""
         if not contact.in_contact or contact.position_mm is None or contact.force_N is None:
             self._past.clear()
             return False
-        position, force = np.array(contact.position_mm), np.array(contact.force_N)
+        position, force = contact.position_mm, contact.force_N
         radius_mm = math.inf if contact.radius95_mm is None else contact.radius95_mm
         self._past.append((contact.exposed_at_us, position, radius_mm))
         while contact.exposed_at_us - self._past[0][0] > WINDOW_US:
             self._past.popleft()
-        outward = position / np.linalg.norm(position)
-        normal_N = -float(force @ outward)
-        across = force + normal_N * outward
+        normal_N = -sum(map(mul, force, position)) / math.hypot(*position)
+        if normal_N <= 0 or math.hypot(*force) < math.hypot(1.0, LEAST_RATIO) * normal_N:
+            return False  # before anything that takes longer: most contacts end here
+        outward = np.array(position) / math.hypot(*position)
+        across = np.array(force) + normal_N * outward
         across_N = float(np.linalg.norm(across))
-        if normal_N <= 0 or across_N < LEAST_RATIO * normal_N:
-            return False
         travel = self._travel_mm()
         travel_mm = float(np.linalg.norm(travel))
         if travel_mm < max(LEAST_TRAVEL_MM, TRAVEL_OVER_RADIUS * max(radius for *_, radius in self._past)):

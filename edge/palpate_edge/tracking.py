@@ -85,6 +85,8 @@ class Tracker:
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._most_uneven = np.broadcast_to(unevenness + MORE_UNEVEN, self._spacing.shape)
         self._unevener = 0.0
+        apart = distances(reference.position_px, reference.position_px) / self._spacing[:, None]
+        self._farness = 0.5 * apart**2
         self._pairs = _neighbours(reference.position_px, self._spacing)
         self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
         gap = self._spacing - 0.5 * reference.diameter_px
@@ -113,7 +115,8 @@ class Tracker:
         self.counters.frames += 1
         if not whole:
             self.counters.beads_lost += int((~found).sum())
-            position = np.where(found[:, None], position, self._filled(position, found))
+            missing = np.flatnonzero(~found)
+            position[missing] = self._filled(position, found, missing)
         self._last = position
         return Beads(position, found, searched)
 
@@ -131,7 +134,7 @@ class Tracker:
             missing = np.flatnonzero(~found)
             if not len(missing) or len(missing) == len(found):
                 return
-            start_px = self._filled(position_px, found)[missing]
+            start_px = self._filled(position_px, found, missing)
             position_px[missing], found[missing] = self._windows(start_px, missing)
             if not found[missing].any():
                 return
@@ -204,13 +207,15 @@ class Tracker:
         position, found = self._windows(start)
         return position, found & (partner >= 0)
 
-    def _filled(self, position_px: Array, found: Mask) -> Array:
-        """Where a lost bead would be: the reference moved like its found neighbours."""
+    def _filled(self, position_px: Array, found: Mask, missing: Indices) -> Array:
+        """Where the missing beads (m,) would be, (m, 2): the reference moved like its found neighbours."""
         reference = self._reference.position_px
         if not found.any():
-            return reference
+            return reference[missing]
+        squared = self._farness[missing][:, found]
+        weight = np.exp(squared.min(axis=1, keepdims=True) - squared)
         moved = position_px[found] - reference[found]
-        return np.asarray(reference + spread(reference[found], moved, reference, self._spacing))
+        return np.asarray(reference[missing] + weight @ moved / weight.sum(axis=1, keepdims=True))
 
 
 def _neighbours(position_px: Array, spacing_px: Array) -> tuple[Indices, Indices]:

@@ -1,7 +1,9 @@
 """Regression -> ONNX: one graph, compared with numpy before it is given out.
 
-Its numbers are float64: a kernel expansion of many centres is a sum of large terms that nearly cancel. In
-float32 the press sample's model was 0.2 mm off.
+Its numbers are float32: half the memory to read for every frame. A kernel expansion of many centres is a sum
+of terms that nearly cancel, so its weights must be small (compress.ROUNDING): then float32 moves a contact by
+some ten micrometres at most. Where that is not enough they are float64. Each step costs more than its
+arithmetic, so that offsets and levels stand in the matrices.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from onnx import TensorProto, helper, numpy_helper
 from palpate_edge.correction import SENSOR_KEY, CorrectionModel
 from palpate_edge.displacement import CanonicalField
 from palpate_edge.errors import CalibrationError
+from palpate_edge.estimator import MAX_MISFIT
 from palpate_edge.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
 from palpate_edge.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
 from palpate_edge.training.kernel_ridge import SIZE_WEIGHT, Regression
@@ -24,56 +27,62 @@ Array = NDArray[np.float64]
 
 OPSET = 17
 IR_VERSION = 8
-MAX_DIRECTION_ERROR = 1e-6
-MAX_MISFIT_ERROR = 1e-6
-MAX_FORCE_ERROR = 1e-6  # of the largest force
+PRECISIONS: dict[type[np.floating], int] = {np.float32: TensorProto.FLOAT, np.float64: TensorProto.DOUBLE}
+MAX_DIRECTION_ERROR = 1e-3  # 0.03 mm on the paper's dome; usual is a sixth of it
+MAX_MISFIT_ERROR = 0.02  # of estimator.MAX_MISFIT and the misfit together
+MAX_FORCE_ERROR = 1e-2  # of the largest force; usual is a third of it
 
 
 def export(regression: Regression, sensor_fingerprint: str, fields: Array) -> bytes:
     """The model file. Raises CalibrationError when it does not give what numpy gives on some of `fields`
     (s, 2 g)."""
-    model = _graph(regression, sensor_fingerprint)
-    onnx.checker.check_model(model)
-    data = bytes(model.SerializeToString())
-    _compare(data, regression, sensor_fingerprint, fields)
-    return data
+    for precision in PRECISIONS:
+        model = _graph(regression, sensor_fingerprint, precision)
+        onnx.checker.check_model(model)
+        data = bytes(model.SerializeToString())
+        error = _error(data, regression, sensor_fingerprint, fields)
+        if not error:
+            return data
+    raise CalibrationError(
+        f"the exported model differs from the fitted one ({error}): more presses, or --no-model"
+    )
 
 
-def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
+def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.floating]) -> Any:
     """Kernels are exp(2 a c - |a|^2 - |c|^2) of points a and centres c over sqrt(2) times the length."""
-    answer_field = regression.answer_field
-    point_centres = regression.centres / (np.sqrt(2) * regression.length)
-    answer_centres = answer_field.centres / (np.sqrt(2) * LENGTH)
+    projection, answer_field = regression.projection, regression.answer_field
+    point_scale = 1 / (np.sqrt(2) * regression.length)
+    width, kept = projection.components.shape
+    point_parts = np.zeros((width + 1, kept + 2))  # from shape and log size to the point, and a 1
+    point_parts[:width, :kept] = point_scale * projection.components
+    point_parts[width, kept] = point_scale * SIZE_WEIGHT
+    point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, 1.0])
     hidden_slope = np.zeros((1, 7))
     hidden_slope[0, 6] = regression.hidden_slope
     constants = {
-        "mean": regression.projection.mean[None],
-        "components": regression.projection.components,
-        "point_scale": np.full((1, 1), 1 / (np.sqrt(2) * regression.length)),
-        "size_weight": np.array([[SIZE_WEIGHT]]),
-        "point_centres": 2 * point_centres.T,
-        "point_level": -(point_centres**2).sum(axis=1)[None],
+        "point_parts": point_parts,
+        "point_origin": point_origin[None],
+        "point_centres": _centres(point_scale * regression.centres),
         "weights": regression.weights,
         "offset": regression.offset[None],
         "hidden_slope": hidden_slope,
         "answer_parts": _answer_parts(),
-        "answer_centres": 2 * answer_centres.T,
-        "answer_level": -(answer_centres**2).sum(axis=1)[None],
+        "answer_origin": np.eye(8)[7:],
+        "answer_centres": _centres(answer_field.centres / (np.sqrt(2) * LENGTH)),
         "answer_weights": answer_field.weights,
         "answer_offset": answer_field.offset[None],
+        "components": projection.components,
+        "mean": projection.mean[None],
     }
-    initializers = [numpy_helper.from_array(v.astype(np.float64), k) for k, v in constants.items()]
+    initializers = [numpy_helper.from_array(v.astype(precision), k) for k, v in constants.items()]
     initializers.append(numpy_helper.from_array(np.array([3, 3, 1], np.int64), "parts"))
     node = helper.make_node
     nodes = [
         node("ReduceL2", ["field"], ["size"], axes=[1], keepdims=1),
         node("Div", ["field", "size"], ["shape_"]),
-        node("Sub", ["shape_", "mean"], ["centred"]),
-        node("MatMul", ["centred", "components"], ["projected"]),
         node("Log", ["size"], ["log_size"]),
-        node("Mul", ["log_size", "size_weight"], ["weighted_size"]),
-        node("Concat", ["projected", "weighted_size"], ["whole_point"], axis=1),
-        node("Mul", ["whole_point", "point_scale"], ["point"]),
+        node("Concat", ["shape_", "log_size"], ["parts_of_point"], axis=1),
+        node("Gemm", ["parts_of_point", "point_parts", "point_origin"], ["point"]),
         *_kernel("point"),
         node("Gemm", ["hidden", "hidden_slope", "offset"], ["level"]),
         node("Gemm", ["point_kernel", "weights", "level"], ["raw"]),
@@ -84,27 +93,26 @@ def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
         # The way back (answer_field.py): what the answer's own field leaves of the given one.
         node("LpNormalization", ["stiffness"], ["force_way"], axis=1, p=2),
         node("Concat", ["direction", "force_way", "log_size"], ["parts_of_answer"], axis=1),
-        node("MatMul", ["parts_of_answer", "answer_parts"], ["answer"]),
+        node("Gemm", ["parts_of_answer", "answer_parts", "answer_origin"], ["answer"]),
         *_kernel("answer"),
         node("Gemm", ["answer_kernel", "answer_weights", "answer_offset"], ["answered"]),
-        node("Sub", ["projected", "answered"], ["left"]),
-        node("ReduceSumSquare", ["left"], ["left_squared"], axes=[1], keepdims=1),
-        node("ReduceSumSquare", ["centred"], ["centred_squared"], axes=[1], keepdims=1),
-        node("ReduceSumSquare", ["projected"], ["projected_squared"], axes=[1], keepdims=1),
-        node("Sub", ["centred_squared", "projected_squared"], ["out_of_plane"]),
-        node("Add", ["left_squared", "out_of_plane"], ["misfit"]),
+        node("Gemm", ["answered", "components", "mean"], ["answered_shape"], transB=1),
+        node("Sub", ["shape_", "answered_shape"], ["left"]),
+        node("ReduceSumSquare", ["left"], ["misfit"], axes=[1], keepdims=1),
     ]
-    tensor = helper.make_tensor_value_info
-    width = len(regression.projection.mean)
+
+    def tensor(name: str, shape: list[int]) -> Any:
+        return helper.make_tensor_value_info(name, PRECISIONS[precision], shape)
+
     graph = helper.make_graph(
         nodes,
         "palpate-correction",
-        [tensor("field", TensorProto.DOUBLE, [1, width]), tensor("hidden", TensorProto.DOUBLE, [1, 1])],
+        [tensor("field", [1, width]), tensor("hidden", [1, 1])],
         [
-            tensor("direction", TensorProto.DOUBLE, [1, 3]),
-            tensor("force", TensorProto.DOUBLE, [1, 3]),
-            tensor("radius95", TensorProto.DOUBLE, [1, 1]),
-            tensor("misfit", TensorProto.DOUBLE, [1, 1]),
+            tensor("direction", [1, 3]),
+            tensor("force", [1, 3]),
+            tensor("radius95", [1, 1]),
+            tensor("misfit", [1, 1]),
         ],
         initializers,
     )
@@ -114,44 +122,45 @@ def _graph(regression: Regression, sensor_fingerprint: str) -> Any:
 
 
 def _answer_parts() -> Array:
-    """(7, 7): from direction, the force's way and the log size to answer_field.answers, scaled."""
-    parts = np.zeros((7, 7))
+    """(7, 8): from direction, the force's way and the log size to answer_field.answers, scaled; the last
+    column is for a 1."""
+    parts = np.zeros((7, 8))
     parts[:3, :3] = PLACE_WEIGHT * np.eye(3)
     parts[:3, 3:6] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
     parts[6, 6] = ANSWER_SIZE_WEIGHT
     return np.asarray(parts / (np.sqrt(2) * LENGTH))
 
 
+def _centres(scaled: Array) -> Array:
+    """(d + 1, c) of centres (c, d) over sqrt(2) times the kernel's length: what a point and a 1 after it are
+    multiplied by. The 1 is in the point's square, and is taken off again here."""
+    return np.vstack([2 * scaled.T, 1.0 - (scaled**2).sum(axis=1)])
+
+
 def _kernel(point: str) -> list[Any]:
     """Gaussian kernel `point`_kernel of the point with `point`_centres."""
     node = helper.make_node
     return [
-        node("Gemm", [point, f"{point}_centres", f"{point}_level"], [f"{point}_dot"]),
         node("ReduceSumSquare", [point], [f"{point}_squared"], axes=[1], keepdims=1),
-        node("Sub", [f"{point}_dot", f"{point}_squared"], [f"{point}_exponent"]),
+        node("Gemm", [point, f"{point}_centres", f"{point}_squared"], [f"{point}_exponent"], beta=-1.0),
         node("Exp", [f"{point}_exponent"], [f"{point}_kernel"]),
     ]
 
 
-def _compare(data: bytes, regression: Regression, sensor_fingerprint: str, fields: Array) -> None:
-    """Run the file on some samples and compare with float64 numpy."""
+def _error(data: bytes, regression: Regression, sensor_fingerprint: str, fields: Array) -> str:
+    """By how much the file differs from numpy in float64 on some samples; empty when hardly."""
     session = CorrectionModel(data, sensor_fingerprint)
     fields = fields[np.linspace(0, len(fields) - 1, 20).astype(int)]
     hidden = np.linspace(0.0, 0.3, len(fields))
     direction, force, _ = regression.predict(fields, hidden)
+    got = [
+        session.correct(CanonicalField(field, 0.0, float(share)))
+        for field, share in zip(fields, hidden, strict=True)
+    ]
+    off = np.abs([answer.direction for answer in got] - direction).max()
+    force_off = np.abs([answer.force_N for answer in got] - force).max() / np.linalg.norm(force, axis=1).max()
     misfit = regression.misfit(fields)
-    largest = float(np.linalg.norm(force, axis=1).max())
-    for row in range(len(fields)):
-        got = session.correct(CanonicalField(fields[row], 0.0, float(hidden[row])))
-        direction_error = float(np.abs(got.direction - direction[row]).max())
-        force_error = float(np.abs(got.force_N - force[row]).max()) / largest
-        misfit_error = abs(got.misfit - float(misfit[row]))
-        if (
-            misfit_error > MAX_MISFIT_ERROR
-            or direction_error > MAX_DIRECTION_ERROR
-            or force_error > MAX_FORCE_ERROR
-        ):
-            raise CalibrationError(
-                f"the exported model differs from the fitted one (direction {direction_error:.1e}, force "
-                f"{force_error:.1e} of the largest): more presses, or --no-model"
-            )
+    misfit_off = (np.abs([answer.misfit for answer in got] - misfit) / (MAX_MISFIT + misfit)).max()
+    if off <= MAX_DIRECTION_ERROR and force_off <= MAX_FORCE_ERROR and misfit_off <= MAX_MISFIT_ERROR:
+        return ""
+    return f"direction {off:.1e}, force {force_off:.1e} of the largest, misfit {misfit_off:.1e}"
