@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from palpate_host.cli import cli
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.hand_config import ControlMode
-from palpate_host.twin.hand.experiment import Trial, run_trial
+from palpate_host.twin.hand.experiment import Outcome, Trial, run_trial
 from palpate_host.twin.hand.external_camera import MarkerTruth, camera_above
-from palpate_host.twin.hand.paper import Law
+from palpate_host.twin.hand.paper import Case, Law, Result, engines_apart_deg, engines_table
 
 TABLE_3 = CIA402_EDS.parents[1] / "models" / "table3.toml"
 YAW = 2
@@ -101,3 +101,30 @@ def test_simulate_hand_describes_and_writes_a_hand(tmp_path):
     assert result.exit_code == 0
     assert "3 fingers, 15 joints" in result.output and "sway_3" in result.output
     assert '<site name="tip_1"' in mjcf.read_text()
+
+
+def test_engines_are_compared_moment_by_moment():
+    """2 deg apart on the way, 0.5 at the end, wherever both began; one that lost the object is left out."""
+
+    def result(engine, axis, degrees, start_deg=0.0, lost_s=None):
+        trial = Law.BLIND.trial(axis, 1.0, 0.0, 1)
+        poses = tuple(
+            (Rotation.from_euler("z", start_deg + angle, degrees=True).as_matrix(), np.zeros(3))
+            for angle in degrees
+        )
+        none = np.zeros(0)
+        outcome = Outcome(trial, none, none, poses, 0.0, np.zeros(3), 0.0, None, lost_s)
+        case = Case(TABLE_3, engine, Law.BLIND, axis, 1.0, 0.0, 1, False)
+        return Result(case, outcome, none, none, None)
+
+    results = [
+        result("eqs", YAW, (0, 10, 30)),
+        result("mujoco", YAW, (0, 12, 29.5), start_deg=40.0),
+        result("eqs", 0, (0, 10), lost_s=0.1),
+        result("mujoco", 0, (0, 10, 20)),
+    ]
+    ((hand, axis, law, end_deg, largest_deg),) = engines_apart_deg(results)
+    assert (hand, axis, law) == ("table3", YAW, Law.BLIND)
+    assert (end_deg, largest_deg) == pytest.approx((0.5, 2.0))
+    assert "| table3 | yaw 30 | blind | 0.50 | 2.00 |" in engines_table(results)
+    assert engines_table(results[:1]) == ""

@@ -47,6 +47,9 @@ hand_option = click.option(
     metavar="table3|table4|FILE",
     help="Table 3 makes Fig. 17, Table 4 (with a camera's ArUco truth) Fig. 20; may be given many times.",
 )
+@click.option(
+    "--friction", type=click.FloatRange(0.05, 5.0), help="Of the tips in mujoco.  [default: the hand's]"
+)
 @click.option("--seconds", type=click.FloatRange(0.5, 600), default=10.0, show_default=True, help="Of a run.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sensors' noise.")
 @click.option("--jobs", type=click.IntRange(1), help="Runs at the same time.  [default: one a core]")
@@ -59,7 +62,13 @@ hand_option = click.option(
     help="Folder for the figures and results.md.",
 )
 def paper(
-    engine: str, hand_names: tuple[str, ...], seconds: float, seed: int, jobs: int | None, output: Path
+    engine: str,
+    hand_names: tuple[str, ...],
+    friction: float | None,
+    seconds: float,
+    seed: int,
+    jobs: int | None,
+    output: Path,
 ) -> None:
     """Turns an object by 30 deg in roll, pitch and yaw: the paper's law beside the blind one.
 
@@ -77,7 +86,7 @@ def paper(
 
     from palpate_host.twin.hand.experiment import ENGINES  # noqa: PLC0415
     from palpate_host.twin.hand.figures import draw_turns  # noqa: PLC0415
-    from palpate_host.twin.hand.paper import all_cases, run_all, table  # noqa: PLC0415
+    from palpate_host.twin.hand.paper import all_cases, engines_table, run_all, table  # noqa: PLC0415
 
     engines = list(ENGINES) if engine == "both" else [engine]
     output.mkdir(parents=True, exist_ok=True)
@@ -85,7 +94,7 @@ def paper(
     for name in dict.fromkeys(hand_names):
         is_simulation = name == "table3"
         noise_mm = 0.0 if is_simulation else CONTACT_NOISE_MM
-        cases += all_cases(hand_file(name), engines, seconds, noise_mm, seed, by_marker=not is_simulation)
+        cases += all_cases(hand_file(name), engines, seconds, noise_mm, seed, not is_simulation, friction)
     with Progress() as progress:
         task = progress.add_task("runs", total=len(cases))
         results = run_all(cases, jobs or os.cpu_count() or 1, lambda: progress.advance(task))
@@ -93,7 +102,7 @@ def paper(
         picture = output / f"{path.stem}.svg"
         draw_turns([result for result in results if result.case.hand_toml == path], picture)
         click.echo(f"{picture}")
-    text = table(results)
+    text = "\n\n".join(part for part in (table(results), engines_table(results)) if part)
     (output / "results.md").write_text(text + "\n", encoding="utf-8")
     click.echo(text)
 

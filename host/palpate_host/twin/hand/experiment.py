@@ -42,7 +42,7 @@ class Trial:
     """What one run is to be.
 
     rpy_deg: the turn. integral_per_s: 0 is the paper's law. noise_mm: standard deviation along each axis of
-    the contact's position on the dome.
+    the contact's position on the dome. friction: of the tips, in place of the hand's own (engine mujoco).
     """
 
     mode: ControlMode
@@ -52,6 +52,7 @@ class Trial:
     noise_mm: float = 0.0
     integral_per_s: float = 0.0
     seed: int = 1
+    friction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +93,9 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
         control = msgspec.structs.replace(control, friction_ratio=UNLIMITED)
     target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
     config = msgspec.structs.replace(config, control=control, target=target)
+    if config.twin is not None and trial.friction is not None:
+        tip = msgspec.structs.replace(config.twin.tip, friction=trial.friction)
+        config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
     return _Run(config, hand, make_engine(config, engine_name), trial).run()
 
 

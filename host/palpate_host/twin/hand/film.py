@@ -55,6 +55,18 @@ def draw_states(
     return [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), dtype=np.uint8) for picture in pictures]
 
 
+def write_grid(path: Path, pictures: Sequence[Image], columns: int) -> None:
+    """Pictures in rows, all of one size; those that fill no row are left out. ConfigError as `write_row`."""
+    rows = [pictures[i : i + columns] for i in range(0, len(pictures) - columns + 1, columns)]
+    write_row(path, [np.vstack([np.hstack(row) for row in rows])])
+
+
+def label(picture: Image, text: str) -> Image:
+    """The picture with a line of text in its upper left corner."""
+    place, font = (12, 28), cv2.FONT_HERSHEY_SIMPLEX
+    return np.asarray(cv2.putText(picture.copy(), text, place, font, 0.7, (60, 60, 60), 1, cv2.LINE_AA))
+
+
 def write_row(path: Path, pictures: Sequence[Image]) -> None:
     """Pictures side by side. ConfigError when `path` cannot be written."""
     if not cv2.imwrite(str(path), np.hstack(pictures)):
@@ -74,4 +86,5 @@ def _aim(camera: mujoco.MjvCamera, data: mujoco.MjData) -> None:
     """From above and the side, hand and object filling the picture."""
     places = data.xpos[1:]
     camera.lookat = places.mean(axis=0)
-    camera.distance, camera.azimuth, camera.elevation = 1.6 * float(np.ptp(places, axis=0).max()), 60.0, -35.0
+    camera.distance = 1.45 * float(np.ptp(places, axis=0).max())
+    camera.azimuth, camera.elevation = 60.0, -35.0

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+STILLS, COLUMNS = 6, 3
+
 
 @click.command()
 @click.option(
@@ -27,7 +29,7 @@ import click
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     required=True,
-    help="The film, .webp; a picture of it every few seconds goes beside it as .png.",
+    help="The film, .webp; six of its pictures with roll, pitch, yaw go beside it as .png.",
 )
 @click.option(
     "--rate", type=click.FloatRange(1, 50), default=10.0, show_default=True, help="Pictures a second."
@@ -43,20 +45,28 @@ def film(config_path: Path, motion_path: Path, output: Path, rate: float, plain:
     import numpy as np  # noqa: PLC0415 (as below: what --help need not wait for)
 
     from palpate_host import hand_config  # noqa: PLC0415
-    from palpate_host.twin.hand.film import draw_states, write_film, write_row  # noqa: PLC0415
+    from palpate_host.rotation import to_rpy_deg  # noqa: PLC0415
+    from palpate_host.twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
     from palpate_host.twin.hand.motion import film_rows, read_motion  # noqa: PLC0415
     from palpate_host.twin.hand.twin_model import twin_model  # noqa: PLC0415
 
     twin = twin_model(hand_config.load(config_path), with_contacts=False)
     motion = read_motion(motion_path)
     states = []
-    for row in film_rows(motion, rate):
+    rows = film_rows(motion, rate)
+    for row in rows:
         qpos = np.zeros(twin.model.nq)
         qpos[twin.q_address] = motion.q_rad[row]
         qpos[twin.object_q : twin.object_q + 7] = motion.pose[row]
         states.append(qpos)
     pictures = draw_states(twin, states, (360, 480), plainly=plain)
     write_film(output, pictures, round(1000 / rate))
-    stills = np.linspace(0, len(pictures) - 1, 6).round().astype(int)
-    write_row(output.with_suffix(".png"), [pictures[index] for index in stills])
+    chosen = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
+    turns = motion.rotations @ motion.rotations[0].T
+    stills = []
+    for index in chosen:
+        roll, pitch, yaw = (f"{angle + 0.0:.0f}" for angle in np.round(to_rpy_deg(turns[rows[index]])))
+        seconds = (motion.stamps_us[rows[index]] - motion.stamps_us[rows[0]]) / 1e6
+        stills.append(label(pictures[index], f"{seconds:.0f} s: {roll}, {pitch}, {yaw} deg"))
+    write_grid(output.with_suffix(".png"), stills, COLUMNS)
     click.echo(f"{output}: {len(pictures)} pictures, drawn {'plainly' if plain else 'by OpenGL'}")

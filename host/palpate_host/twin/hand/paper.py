@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -56,6 +56,7 @@ class Case:
     noise_mm: float
     seed: int
     by_marker: bool
+    friction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,17 @@ class Result:
 
 
 def all_cases(
-    hand_toml: Path, engines: Sequence[str], duration_s: float, noise_mm: float, seed: int, by_marker: bool
+    hand_toml: Path,
+    engines: Sequence[str],
+    duration_s: float,
+    noise_mm: float,
+    seed: int,
+    by_marker: bool,
+    friction: float | None = None,
 ) -> list[Case]:
-    """Three axes, three laws, each engine."""
+    """Three axes, three laws, each engine. friction: of the tips, in place of the hand's own."""
     return [
-        Case(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker)
+        Case(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker, friction)
         for engine in engines
         for axis in range(3)
         for law in Law
@@ -99,6 +106,7 @@ def run_all(cases: Sequence[Case], jobs: int, done: Callable[[], None]) -> list[
 def run_case(case: Case) -> Result:
     """One simulation, and what the external camera measured of it."""
     trial = case.law.trial(case.axis, case.duration_s, case.noise_mm, case.seed)
+    trial = replace(trial, friction=case.friction)
     outcome = run_trial(case.hand_toml, case.engine, trial)
     if not case.by_marker:
         return Result(case, outcome, np.zeros(0), np.zeros((0, 3)), None)
@@ -131,6 +139,36 @@ def _seen_by_camera(case: Case, outcome: Outcome) -> tuple[Array, list[Array]]:
 def _error(outcome: Outcome) -> str:
     lost = "" if outcome.lost_s is None else f" (lost after {outcome.lost_s:.1f} s)"
     return f"{outcome.error_deg:.2f}{lost}"
+
+
+def engines_apart_deg(results: Sequence[Result]) -> list[tuple[str, int, Law, float, float]]:
+    """Of each hand, axis and law that both engines ran: the angle between their objects at the end, and the
+    largest on the way. Left out where one engine lost the object."""
+    runs = {(r.case.hand_toml.stem, r.case.axis, r.case.law, r.case.engine): r.outcome for r in results}
+    apart = []
+    for (hand, axis, law, engine), one in runs.items():
+        other = runs.get((hand, axis, law, "mujoco"))
+        if engine != "eqs" or other is None or one.lost_s is not None or other.lost_s is not None:
+            continue
+        angles = [
+            rotation.angle_deg((R @ one.poses[0][0].T) @ (Q @ other.poses[0][0].T).T)
+            for (R, _), (Q, _) in zip(one.poses, other.poses, strict=True)
+        ]
+        apart.append((hand, axis, law, angles[-1], max(angles)))
+    return apart
+
+
+def engines_table(results: Sequence[Result]) -> str:
+    """Markdown of `engines_apart_deg`; empty where there was one engine."""
+    rows = [
+        f"| {hand} | {AXES[axis]} {STEP_DEG:g} | {law.value} | {end:.2f} | {largest:.2f} |"
+        for hand, axis, law, end, largest in engines_apart_deg(results)
+    ]
+    head = [
+        "| hand | turn | law | engines apart at the end deg | at most deg |",
+        "|---|---|---|---:|---:|",
+    ]
+    return "\n".join([*head, *rows]) if rows else ""
 
 
 def table(results: Sequence[Result]) -> str:

@@ -74,6 +74,7 @@ def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -
     spec = spec_of(config)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
+    _add_sky(spec)
     _add_object(spec, prism)
     _add_tips(spec, config, twin, with_contacts)
     names = [joint.name for joint in config.joints]
@@ -102,6 +103,19 @@ def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -
 
 def _sphere(site: str) -> str:
     return f"twin_{site}"
+
+
+def _add_sky(spec: mujoco.MjSpec) -> None:
+    """What pictures show behind the hand."""
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(1.0, 1.0, 1.0),
+        rgb2=(0.84, 0.88, 0.93),
+        width=64,
+        height=384,
+    )
 
 
 def _add_object(spec: mujoco.MjSpec, prism: Prism) -> None:
