@@ -47,7 +47,7 @@ class HandMotor:
 
 
 class DrivenHand:
-    """The engine under its drives; `step` moves both on by the engine's step."""
+    """The engine under its drives; `step` moves it on by the engine's step."""
 
     def __init__(self, config: HandConfig, engine: Engine) -> None:
         self.engine = engine
@@ -57,7 +57,7 @@ class DrivenHand:
             for joint, motor in zip(config.joints, self._motors, strict=True)
         ]
         self._powered = [False] * len(self._motors)
-        self._look()
+        self.look()
         engine.brake(np.ones(len(self._motors), dtype=bool))
 
     @property
@@ -71,10 +71,9 @@ class DrivenHand:
             self._powered = powered
             self.engine.brake(np.logical_not(powered))
         self.engine.step(np.array([motor.joint_torque_Nm for motor in self._motors]))
-        self._look()
 
-    def _look(self) -> None:
-        """The drives see where their joints are."""
+    def look(self) -> None:
+        """The drives see where their joints are: to be called before they are served."""
         for motor, q_rad, qdot_rad_s in zip(
             self._motors, self.engine.q_rad.tolist(), self.engine.qdot_rad_s.tolist(), strict=True
         ):

@@ -119,14 +119,17 @@ class LiveHand:
             self._advance(min(stamp_us, now_us))
             if batch[0].can_id == SYNC.can_id:
                 self._note_command(stamp_us, now_us)
+            self._driven.look()
             for index, wanted in enumerate(self._wanted):
                 mine = [frame for frame in batch if frame.can_id in wanted]
                 if mine:
                     sent += self._serve_device(index, mine)
         self._advance(now_us)
-        for index, due_us in enumerate(self._device_due_us):
-            if self.own_us >= due_us:
-                sent += self._serve_device(index, ())
+        due = [index for index, due_us in enumerate(self._device_due_us) if self.own_us >= due_us]
+        if due:
+            self._driven.look()
+        for index in due:
+            sent += self._serve_device(index, ())
         return sent, now_us + LOOK_US
 
     def serve(self, bus: Bus, stop: threading.Event) -> None:

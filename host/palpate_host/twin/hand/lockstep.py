@@ -110,6 +110,8 @@ class LockstepLoop:
         to_nodes, to_host = self._arrived(now_us)
         self._expose(now_us)
         self._publish(now_us)
+        if to_nodes or now_us >= min(self._due_us):
+            self._driven.look()
         for index, node in enumerate(self._nodes):
             if to_nodes or now_us >= self._due_us[index]:
                 answer = node.process(now_us, to_nodes)
