@@ -10,8 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from palpate_edge.errors import DatasetError
+from palpate_host import rotation
 from palpate_host.command import Rotate
 from palpate_host.operator_client import OperatorClient
 from palpate_host.status import HostStatus
@@ -27,6 +29,9 @@ TURNS_DEG = (
 )
 PERIOD_US = 4_000_000
 """From turn to turn: 2 s of ramp, and as long to settle."""
+ARRIVED_DEG = 2.0
+"""As the host feels it; a hand that a slow machine slows down gets the time it needs for that."""
+LONGEST_US = 3 * PERIOD_US
 
 
 class Given(msgspec.Struct, frozen=True):
@@ -45,6 +50,7 @@ class Programme:
         self._last_us = 1e6 * duration_s - PERIOD_US
         self._ask, self._given = ask, given
         self._begin_us: int | None = None
+        self._asked_us = 0
         self._turn = 0
         given.write_bytes(b"")
 
@@ -54,17 +60,26 @@ class Programme:
             return
         if self._begin_us is None:
             if status.mode is Mode.MANIPULATE:
-                self._begin_us = status.time_us
+                self._begin_us = self._asked_us = status.time_us
             return
-        elapsed_us = status.time_us - self._begin_us
-        if not (self._turn + 1) * PERIOD_US <= elapsed_us < self._last_us:
+        taken_us = status.time_us - self._asked_us
+        if taken_us < PERIOD_US or status.time_us - self._begin_us >= self._last_us:
+            return
+        if taken_us < LONGEST_US and not _has_arrived(status):
             return
         self._turn += 1
+        self._asked_us = status.time_us
         rotate = Rotate(TURNS_DEG[self._turn % len(TURNS_DEG)])
         answer = self._ask(rotate)
         if answer is not None:
             with self._given.open("ab") as file:
                 file.write(msgspec.json.encode(Given(answer.time_us, rotate)) + b"\n")
+
+
+def _has_arrived(status: HostStatus) -> bool:
+    if status.R_c is None or status.R_d is None:
+        return False
+    return rotation.angle_deg(np.array(status.R_d) @ np.array(status.R_c).T) <= ARRIVED_DEG
 
 
 def ask_by_socket(control_socket: Path) -> Callable[[Rotate], HostStatus | None]:

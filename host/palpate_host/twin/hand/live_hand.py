@@ -39,7 +39,7 @@ FELT_US = 60_000
 """A contact reaches the bus within so much of the hand's time; before it has, the hand waits."""
 GONE_US = 1_000_000
 """What is silent for longer is not slow: the hand's time goes on, and who listens will notice."""
-TPDO_1 = 0x180
+TPDO_1, RPDO_1 = 0x180, 0x200
 
 Stamped = tuple[int, CanFrame]
 
@@ -88,7 +88,8 @@ class LiveHand:
         self._start_us, self._unix_us = now_us, unix_us - now_us
         # A command answers the angles of the SYNC before it, and holds until the next one.
         self._lasts_us = 2 * round(1e6 / config.control.tick_Hz) + LATE_US
-        self._commanded_us, self._known_own_us = now_us, 0
+        self._commanded_us, self._heard_own_us, self._known_own_us = now_us, 0, 0
+        self._command_id = RPDO_1 + config.joints[-1].drive_node  # the last of a tick's commands
         self._answers_id = TPDO_1 + config.joints[-1].drive_node  # the last of the answers to a SYNC
         self._tips = [Fingertip(finger.fingertip_node, finger.name) for finger in config.fingers]
         self._unfelt: list[deque[tuple[int, int]]] = [deque() for _ in self._tips]
@@ -124,6 +125,8 @@ class LiveHand:
                 mine = [frame for frame in batch if frame.can_id in wanted]
                 if mine:
                     sent += self._serve_device(index, mine)
+            if any(frame.can_id == self._command_id for frame in batch):
+                self._known_own_us = self._heard_own_us
         self._advance(now_us)
         due = [index for index, due_us in enumerate(self._device_due_us) if self.own_us >= due_us]
         if due:
@@ -193,10 +196,10 @@ class LiveHand:
                 self._motion.note(self._hand_us + self._unix_us, self._engine)
 
     def _note_command(self, stamp_us: int, now_us: int) -> None:
-        """The host's SYNC of `stamp_us`: which angles its commands know."""
+        """The host's SYNC of `stamp_us`: which angles the commands after it know."""
         self._commanded_us = now_us
         while self._told and self._told[0][0] + HEARD_US <= stamp_us:
-            self._known_own_us = self._told.popleft()[1]
+            self._heard_own_us = self._told.popleft()[1]
 
     def _lacks_a_contact(self, until_us: int) -> bool:
         return any(
