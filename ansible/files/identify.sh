@@ -1,8 +1,17 @@
 #!/bin/sh
-# Blink the LED $1 of the kernel's LED class for $2 seconds, five times a second, then leave it as it was.
+# Tell this board from others for ten seconds: by the LED ring of the fingertip that the file $3 describes; where
+# that cannot blink, by the LED $1 of the kernel's LED class, five times a second for $2 seconds, left as it was.
 set -eu
 led=$1
 seconds=$2
+config=${3:-/etc/palpate/fingertip.toml}
+if [ -e "$config" ]; then
+    if said=$(palpate-edge identify --config "$config" 2>&1); then
+        echo "$said"
+        exit
+    fi
+    echo "$said" >&2
+fi
 if ! [ -w "$led/trigger" ]; then
     echo "error: this board has no LED $led: give another one of $(cd /sys/class/leds && echo *) with -e identify_led=/sys/class/leds/NAME" >&2
     exit 1
@@ -15,6 +24,7 @@ leave() {
     if [ "$before" = none ]; then echo "$level" >"$led/brightness"; fi
 }
 trap leave EXIT
+echo "the board's own LED $led blinks"
 echo none >"$led/trigger"
 for _ in $(seq "$((5 * seconds))"); do
     echo "$most" >"$led/brightness"

@@ -16,7 +16,7 @@ from palpate_edge import __version__
 from palpate_edge.errors import PalpateError
 from palpate_edge.inspect_cli import follow, inspect
 from palpate_edge.progress import progress_bar
-from palpate_edge.service_cli import check, record
+from palpate_edge.service_cli import check, identify, record
 
 if TYPE_CHECKING:
     from palpate_edge.calibration import Calibration
@@ -197,6 +197,7 @@ cli.add_command(inspect)
 cli.add_command(follow)
 cli.add_command(check)
 cli.add_command(record)
+cli.add_command(identify)
 
 
 def method_of(name: str) -> Method | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import selectors
+import signal
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -43,7 +44,7 @@ from palpate_edge.open_source import open_source
 from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.record_on_demand import RecordOnDemand
 from palpate_edge.sd_notify import Notifier, WatchdogGate
-from palpate_edge.stop_signals import record_signals, stop_event
+from palpate_edge.stop_signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 
 LONGEST_WAIT_S = 0.5
 HEALTH_EVERY_US = 1_000_000
@@ -66,7 +67,7 @@ def run(
         notifier = stack.enter_context(closing(Notifier()))
         daemon = _Daemon(config, report, clock, notifier, stack)
         stopped = stack.enter_context(stop_event())
-        stack.enter_context(record_signals(daemon.recording.ask))
+        stack.enter_context(called_by_signals(daemon.calls()))
         report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
         notifier.ready(f"node 0x{config.node.id:02X} on {config.bus.interface}")
         try:
@@ -112,6 +113,14 @@ class _Daemon:
         self._health_file = stack.enter_context(closing(HealthFile(path, self._say)))
         self._health_at_us = 0
         self._said_of_camera = ""
+
+    def calls(self) -> dict[signal.Signals, Callable[[], None]]:
+        """What a person may ask of it: `palpate-edge record` and `identify` send these signals."""
+        return {
+            RECORD: lambda: self.recording.ask(True),
+            RECORD_NO_MORE: lambda: self.recording.ask(False),
+            IDENTIFY: self._light.blink if self._light is not None else lambda: None,
+        }
 
     def serve(self, stopped: threading.Event) -> None:
         """The bus loop."""

@@ -16,6 +16,7 @@ from palpate_edge.illumination_registers import Fault, Register
 
 TURN_S = 0.25  # a quarter of the controller's own watchdog
 FULL_LEVEL = 255
+BLINK_TURNS = 40  # 10 s, twice a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,12 @@ class Light:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="light")
         self.latest = LightState(None, "not asked yet")
+        self._blinks = 0
         self.turn()
+
+    def blink(self) -> None:
+        """Full light and none by turns, for the next BLINK_TURNS of them; then the level again."""
+        self._blinks = BLINK_TURNS
 
     def start(self) -> None:
         self._thread.start()
@@ -73,8 +79,9 @@ class Light:
             if self._controller is None:
                 self._controller = self._open()
             controller = self._controller
-            if controller.read(Register.LEVEL) != self.level:
-                controller.set_level(self.level)
+            level = self._level_of_turn()
+            if controller.read(Register.LEVEL) != level:
+                controller.set_level(level)
             state = controller.state()
             if Fault.BOARD_SILENT in state.faults:
                 controller.clear(Fault.BOARD_SILENT)
@@ -84,6 +91,12 @@ class Light:
                 self._controller.close()
             self._controller = None
             self.latest = LightState(None, str(error))
+
+    def _level_of_turn(self) -> int:
+        if not self._blinks:
+            return self.level
+        self._blinks -= 1
+        return FULL_LEVEL if self._blinks % 2 else 0
 
     def _run(self) -> None:
         while not self._stop.wait(TURN_S):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -69,10 +69,53 @@ def record(action: str, config_path: Path) -> None:
     from palpate_edge.config import read_config  # noqa: PLC0415
     from palpate_edge.errors import CaptureError  # noqa: PLC0415
     from palpate_edge.health import read_health  # noqa: PLC0415
+    from palpate_edge.stop_signals import RECORD, RECORD_NO_MORE  # noqa: PLC0415
 
     config = read_config(config_path)
     report = read_health(config.name, config.health, time.monotonic())
     if report is None:
         raise CaptureError(f"no daemon of {config.name} runs: start palpate-edge run --config {config_path}")
-    os.kill(report.pid, signal.SIGUSR1 if action == "start" else signal.SIGUSR2)
+    os.kill(report.pid, RECORD if action == "start" else RECORD_NO_MORE)
     click.echo(f"{config.name}: recording under {config.record.folder}" if action == "start" else "stopped")
+
+
+@click.command()
+@CONFIG
+def identify(config_path: Path) -> None:
+    """Blink a fingertip's LED ring for ten seconds, so that a person sees which one it is.
+
+    Every other frame is dark meanwhile, so a fingertip that a hand relies on (OPERATIONAL) refuses. The exit
+    status is 7 when it refuses, has no illumination controller, or that does not answer.
+
+    \b
+    Examples:
+      palpate-edge identify --config finger-1.toml
+    """
+    from palpate_edge.config import read_config  # noqa: PLC0415
+    from palpate_edge.errors import IlluminationError  # noqa: PLC0415
+    from palpate_edge.health import read_health  # noqa: PLC0415
+    from palpate_edge.illumination import Illumination  # noqa: PLC0415
+    from palpate_edge.light import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
+    from palpate_edge.stop_signals import IDENTIFY  # noqa: PLC0415
+
+    config = read_config(config_path)
+    bus, address = config.illumination.i2c_bus, config.illumination.address
+    if bus is None:
+        raise IlluminationError(f"{config.name} has no LED ring: illumination.i2c_bus names its I2C bus")
+    report = read_health(config.name, config.health, time.monotonic())
+    if report is not None and report.nmt_state == "operational":
+        raise IlluminationError(
+            f"{config.name} is operational, a hand relies on what it sees: stop the host first"
+        )
+    if report is not None and report.light is not None and report.light.problem:
+        raise IlluminationError(report.light.problem)
+    if report is not None:
+        os.kill(report.pid, IDENTIFY)
+        click.echo(f"{config.name}: its LED ring blinks")
+        return
+    with closing(Light(lambda: Illumination.open(bus, address), 0)) as light:  # nobody else talks to it
+        click.echo(f"{config.name}: its LED ring blinks")
+        light.blink()
+        for _ in range(BLINK_TURNS):
+            light.turn()
+            time.sleep(TURN_S)

@@ -1,24 +1,32 @@
-"""SIGTERM and SIGINT as a call, for every process that runs until it is told to stop."""
+"""Signals as calls: SIGTERM and SIGINT to stop, and what else a running fingertip is told by one."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+RECORD, RECORD_NO_MORE, IDENTIFY = signal.SIGUSR1, signal.SIGUSR2, signal.SIGRTMIN
 
 
 @contextmanager
-def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on SIGTERM and SIGINT; the former handlers come back afterwards."""
-    former = {number: signal.signal(number, lambda *_: stop()) for number in STOP_SIGNALS}
+def called_by_signals(calls: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[None]:
+    """Call what stands beside a signal when it comes; the former handlers come back afterwards."""
+    former = {number: signal.signal(number, lambda *_, call=call: call()) for number, call in calls.items()}
     try:
         yield
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop` on SIGTERM and SIGINT."""
+    with called_by_signals(dict.fromkeys(STOP_SIGNALS, stop)):
+        yield
 
 
 @contextmanager
@@ -27,17 +35,3 @@ def stop_event() -> Iterator[threading.Event]:
     stopped = threading.Event()
     with on_stop_signal(stopped.set):
         yield stopped
-
-
-@contextmanager
-def record_signals(record: Callable[[bool], None]) -> Iterator[None]:
-    """Call `record` with True on SIGUSR1, with False on SIGUSR2; the former handlers come back afterwards."""
-    former = {
-        signal.SIGUSR1: signal.signal(signal.SIGUSR1, lambda *_: record(True)),
-        signal.SIGUSR2: signal.signal(signal.SIGUSR2, lambda *_: record(False)),
-    }
-    try:
-        yield
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)

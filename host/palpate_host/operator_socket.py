@@ -29,6 +29,7 @@ from palpate_host.operator_protocol import (
 )
 from palpate_host.status import HostStatus
 
+SERVICE_DIRECTORY = Path("/run/palpate-host")
 MOST_CLIENTS = 16
 MOST_UNSENT = 1 << 18
 """Bytes that a client may leave unread before its stream skips ticks and its requests end the connection."""
@@ -42,12 +43,14 @@ Execute = Callable[[Command], None]
 
 def default_control_socket() -> Path:
     """$PALPATE_CONTROL, else palpate-host.sock in the service's directory, $XDG_RUNTIME_DIR or the directory
-    for temporary files (there with the user's number, as that directory is everybody's)."""
+    for temporary files (there with the user's number, as that directory is everybody's). The service's is
+    there while it runs."""
     named = os.environ.get("PALPATE_CONTROL")
     if named:
         return Path(named)
-    for variable in ("RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"):
-        if folder := os.environ.get(variable):
+    service = str(SERVICE_DIRECTORY) if SERVICE_DIRECTORY.is_dir() else None
+    for folder in (os.environ.get("RUNTIME_DIRECTORY"), service, os.environ.get("XDG_RUNTIME_DIR")):
+        if folder:
             return Path(folder) / "palpate-host.sock"
     return Path(tempfile.gettempdir()) / f"palpate-host-{os.getuid()}.sock"
 

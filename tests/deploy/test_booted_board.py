@@ -40,24 +40,21 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
     with namespace_board(bare_board / "tree", folder / "card") as card:
         shutil.copytree(drawn_dataset, card.outside / "presses")
         card.run("cp", "-r", "/run/outside/presses", "/srv/presses")
-        played = Playbooks(
-            folder,
-            bare_board / "key",
-            "fingertips",
-            "finger-1",
-            ansible_host="127.0.0.1",
-            release_wheelhouse=str(wheels),
-            release_patience_s=1,
-            fingertip_calibration=str(drawn_calibration_file),
-            fingertip_capture={
+        variables = {
+            **card.ssh,
+            "release_wheelhouse": str(wheels),
+            "release_patience_s": 1,
+            "fingertip_calibration": str(drawn_calibration_file),
+            "fingertip_capture": {
                 "source": "recorded",
                 "path": "/srv/presses",
                 "loop": True,
                 "timeout_ms": 10_000,
             },
-        ).play("site", prefix=card.in_its_network)
+        }
+        played = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}}).play("site")
         # All but its service, which has no CAN socket there.
-        assert "there is no release before it to go back to" in played.said, played.said
+        assert played.tells("there is no release before it to go back to"), played.said
         print(f"provisioned: {played.changed} changed")
         for name, text in HARDWARE.items():
             (card.outside / "file").write_text(text)

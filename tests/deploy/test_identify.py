@@ -1,9 +1,13 @@
-"""The blinking of a board's LED, on files as the kernel's LED class has them."""
+"""The blinking of a board's LED, on files as the kernel's LED class has them. A fingertip's ring:
+tests/firmware/test_identify.py."""
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -38,3 +42,17 @@ def test_a_board_without_that_led_is_told(tmp_path):
     )
     assert answer.returncode == 1
     assert f"this board has no LED {tmp_path / 'ACT'}: give another one of" in answer.stderr
+
+
+def test_a_fingertip_that_cannot_blink_says_why_before_its_boards_led_does(led):
+    config = led / "finger.toml"
+    config.write_text(
+        'name = "finger"\n[capture]\nsource = "v4l2"\npath = "/dev/video0"\n[estimator]\n'
+        'calibration = "finger.cal"\n[node]\nid = 16\n[bus]\ninterface = "socketcan"\nchannel = "can0"\n'
+    )
+    surroundings = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    command = ["sh", SCRIPT, led, "1", config]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False, env=surroundings)
+    assert answer.returncode == 0
+    assert "finger has no LED ring" in answer.stderr
+    assert answer.stdout == f"the board's own LED {led} blinks\n"

@@ -6,7 +6,7 @@ recording; test_booted_board.py has both from a kernel. The tests go on from eac
 
 from __future__ import annotations
 
-import json
+import hashlib
 import os
 import re
 import shutil
@@ -18,7 +18,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from deploy_rig.image import changed_sources, wheelhouse
+from deploy_rig.image import PROJECT, changed_sources, wheelhouse
 from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
@@ -29,7 +29,6 @@ pytestmark = pytest.mark.deploy_namespace
 HUB = "from palpate_host.bus.cli import bus; bus()"
 SERVICE = "palpate-fingertip.service"
 CHECK = "/opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml"
-FAILED = "d9b373ed55a64feb8242e02dbe79a49c"  # systemd's catalog: a unit has entered the failed state
 WATCHED_S = float(os.environ.get("PALPATE_WATCHED_S", "10"))  # for what is written to the card
 MAY_BE_WRITTEN = (  # while a provisioned board serves
     r"/var/lib/palpate/parameters.*",  # when a master stores them
@@ -50,17 +49,14 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
         ) as hub:
             assert "listening" in hub.stderr.readline()
             socket.chmod(0o666)  # the board's user is another
-            playbooks = Playbooks(
-                folder,
-                bare_board / "key",
-                "fingertips",
-                "finger-1",
-                ansible_host="127.0.0.1",
-                release_wheelhouse=str(wheels),
-                fingertip_calibration=str(drawn_calibration_file),
-                fingertip_capture={"source": "recorded", "path": "/run/outside/presses", "loop": True},
-                fingertip_bus={"interface": "palpate", "channel": "/run/outside/hub.sock"},
-            )
+            variables = {
+                **machine.ssh,
+                "release_wheelhouse": str(wheels),
+                "fingertip_calibration": str(drawn_calibration_file),
+                "fingertip_capture": {"source": "recorded", "path": "/run/outside/presses", "loop": True},
+                "fingertip_bus": {"interface": "palpate", "channel": "/run/outside/hub.sock"},
+            }
+            playbooks = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}})
             with master_on(BusConfig(interface="palpate", channel=str(socket))) as master:
                 yield SimpleNamespace(machine=machine, master=master, playbooks=playbooks, folder=folder)
             hub.terminate()
@@ -68,20 +64,13 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
 
 def play(board, book, *words, **variables):
     begin_s = time.monotonic()
-    played = board.playbooks.play(book, *words, prefix=board.machine.in_its_network, **variables)
+    played = board.playbooks.play(book, *words, **variables)
     print(f"{book} {' '.join(words)}: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
     return played
 
 
 def shown(board, name):
     return board.machine.run("systemctl", "show", "--value", f"--property={name}", SERVICE)
-
-
-def results(board):
-    """How the service ended each time it failed since the board's start, as process 1 put it into its log."""
-    words = (f"UNIT={SERVICE}", "_PID=1", f"MESSAGE_ID={FAILED}", "--output-fields=UNIT_RESULT")
-    lines = board.machine.run("journalctl", "--quiet", "--output=json", *words).splitlines()
-    return [json.loads(line)["UNIT_RESULT"] for line in lines]
 
 
 def serving(board):
@@ -153,19 +142,19 @@ def test_a_killed_service_comes_back(board):
     board.machine.run("kill", "-KILL", shown(board, "MainPID"))
     print(f"kill -9 to the next valid contact: {board.master.contact_after(begin_s + 0.2) + 0.2:.1f} s")
     assert int(shown(board, "NRestarts")) > before
-    assert results(board)[-1] == "signal"
+    assert board.machine.failures(SERVICE)[-1] == "signal"
 
 
 def test_a_hung_service_is_ended_by_its_watchdog(board):
     before, pid = int(shown(board, "NRestarts")), shown(board, "MainPID")
-    results_before = results(board)
+    failures = board.machine.failures(SERVICE)
     begin_s = time.monotonic()
     board.machine.run("kill", f"-{signal.SIGSTOP.value}", pid)
     took_s = board.master.contact_after(begin_s + 0.5) + 0.5
     print(f"hang to the next valid contact: {took_s:.1f} s, 2 s of them the watchdog's")
     assert int(shown(board, "NRestarts")) > before
     assert shown(board, "MainPID") != pid
-    assert results(board) == [*results_before, "watchdog"]
+    assert board.machine.failures(SERVICE) == [*failures, "watchdog"]
 
 
 def test_a_release_that_dies_is_rolled_back(board, another_release):
@@ -175,8 +164,8 @@ def test_a_release_that_dies_is_rolled_back(board, another_release):
     )
     played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
     assert played.status != 0
-    assert f"release {release_of(broken)} was not healthy" in played.said
-    assert f"{before} serves again" in played.said
+    assert played.tells(f"release {release_of(broken)} was not healthy"), played.said
+    assert played.tells(f"{before} serves again"), played.said
     assert serving(board) == before
     board.master.contact_after(time.monotonic())
     print(f"without contacts: {board.master.longest_gap_s(begin_s):.1f} s, 8 s of them the patience")
@@ -190,7 +179,7 @@ def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     )
     played = play(board, "update", release_wheelhouse=str(blind), release_patience_s=8)
     assert played.status != 0
-    assert "palpate-edge check fails in beads" in played.said
+    assert played.tells("palpate-edge check fails in beads"), played.said
     assert serving(board) == before
     board.master.contact_after(time.monotonic())
 
@@ -254,3 +243,27 @@ def test_logs_are_collected(board):
         "ok     camera",
     ):
         assert part in text
+
+
+def test_a_board_without_anything_to_blink_says_so(board):
+    played = play(board, "identify")
+    assert played.status != 0
+    assert played.tells("finger-1 has no LED ring"), played.said
+    assert played.tells("this board has no LED /sys/class/leds/ACT"), played.said
+
+
+def test_flashing_without_a_programmer_leaves_the_fingertip_serving(board):
+    """And a controller that has this program already is left alone."""
+    program, flashed = board.folder / "none.hex", "/opt/palpate/illumination.flashed"
+    program.write_text(":00000001FF\n")
+    played = play(board, "site", "--tags", "illumination", illumination_firmware=str(program))
+    assert played.status != 0
+    assert played.tells("/dev/spidev0.1"), played.said
+    assert board.machine.run("find", "/opt/palpate", "-name", "illumination.flashed") == ""
+    board.master.contact_after(time.monotonic())
+    fuses = re.findall("-U [lhe]fuse:w:0x..:m", (PROJECT / "firmware/board/README.md").read_text())
+    has = f"{hashlib.sha1(program.read_bytes()).hexdigest()} {' '.join(fuses)}"
+    board.machine.run("sh", "-c", f"printf %s '{has}' >{flashed}; chmod 644 {flashed}")
+    assert (
+        play(board, "site", "--tags", "illumination", illumination_firmware=str(program)).well().changed == 0
+    )

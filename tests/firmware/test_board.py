@@ -11,6 +11,7 @@ from firmware_rig.need import need
 
 PROJECT = Path(__file__).resolve().parents[2]
 BOARD = PROJECT / "firmware" / "board"
+ROLE = PROJECT / "ansible/roles/illumination/defaults/main.yml"
 MAKEFILE = BOARD.parent / "illumination" / "Makefile"
 
 # __overrides__ of arch/arm/boot/dts/overlays/NAME-overlay.dts in Raspberry Pi's kernel, and of its boards.
@@ -150,6 +151,7 @@ def test_fuses_of_the_command_lines_are_those_of_the_binary(build: Path) -> None
     fuses = list(section.read_bytes())
     assert fuses_in(MAKEFILE.read_text()) == fuses
     assert fuses_in((BOARD / "README.md").read_text()) == fuses
+    assert fuses_in(ROLE.read_text()) == fuses
     low, high, extended = fuses
     # ATmega328P data sheet, tables 9-8, 28-7 to 28-9
     assert (low >> 7, low & 0x0F, low >> 4 & 3) == (1, 0b0010, 0b10), (

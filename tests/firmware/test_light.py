@@ -11,6 +11,7 @@ from firmware_rig.smbus_adapter import WireSmBus
 from palpate_edge.errors import IlluminationError
 from palpate_edge.health_report import light_health
 from palpate_edge.illumination import Illumination
+from palpate_edge.illumination_registers import Fault
 from palpate_edge.light import Light
 
 HOT_ADC = 128  # 76 degC
@@ -108,3 +109,26 @@ def test_a_reset_controller_is_lit_again(light: Light, controller: SimulatedCont
     light.turn()
     controller.run_ms(250)
     assert controller.led_share(10) > 0.5
+
+
+def shares_of_ten_seconds(light: Light, controller: SimulatedController) -> list[float]:
+    """What the LEDs got at the end of each turn of 250 ms."""
+    shares = []
+    for _ in range(42):
+        light.turn()
+        controller.run_ms(245)
+        shares.append(controller.led_share(5))
+    return shares
+
+
+def test_it_blinks_for_ten_seconds_and_is_lit_as_before(
+    light: Light, controller: SimulatedController
+) -> None:
+    light.blink()
+    shares = shares_of_ten_seconds(light, controller)
+    assert [share > 0.9 for share in shares[:40]] == [True, False] * 20
+    assert {round(share, 2) for share in shares[1:40:2]} == {0.0}
+    assert shares[-1] == pytest.approx((200 / 255) ** 2, abs=0.01)
+    light.turn()
+    assert light.latest.state is not None
+    assert Fault.BOARD_SILENT not in light.latest.state.faults

@@ -274,6 +274,8 @@ def test_where_it_is_by_default(monkeypatch, tmp_path):
     monkeypatch.delenv("PALPATE_CONTROL", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
     assert str(default_control_socket()) == "/run/user/7/palpate-host.sock"
+    monkeypatch.setattr("palpate_host.operator_socket.SERVICE_DIRECTORY", tmp_path)
+    assert default_control_socket() == tmp_path / "palpate-host.sock"
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/run/palpate-host")
     assert str(default_control_socket()) == "/run/palpate-host/palpate-host.sock"
     monkeypatch.setenv("PALPATE_CONTROL", "/x")

@@ -52,10 +52,12 @@ def _built(name: str, script: Path, *parts: Path) -> Path:
     return target
 
 
-def wheelhouse(folder: Path, project: Path = PROJECT, architecture: str = "x86_64") -> Path:
-    """The wheelhouse of a fingertip with these sources, as `make wheelhouse` writes it."""
-    command = [sys.executable, project / "ansible/wheelhouse.py", folder]
-    subprocess.run([*command, "--part", "edge", "--architecture", architecture], check=True)
+def wheelhouse(
+    folder: Path, project: Path = PROJECT, architecture: str = "x86_64", parts: tuple[str, ...] = ("edge",)
+) -> Path:
+    """The wheelhouse of these sources, as `make wheelhouse` writes it; for a fingertip alone, unless told."""
+    command = [sys.executable, project / "ansible/wheelhouse.py", folder, "--architecture", architecture]
+    subprocess.run([*command, *(word for part in parts for word in ("--part", part))], check=True)
     return folder
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 
 BOOT = Path(__file__).with_name("boot-namespace.sh")
 PATIENCE_S = 60.0
+FAILED = "d9b373ed55a64feb8242e02dbe79a49c"  # systemd's catalog: a unit has entered the failed state
 # It ends with pytest, however that ends.
 INTO_CGROUP = ("sh", "-c", 'echo $$ >"$0/cgroup.procs"; exec setpriv --pdeathsig KILL "$@"')
 NAMESPACES = ("--mount", "--pid", "--fork", "--kill-child", "--uts", "--ipc", "--net", "--cgroup")
@@ -48,6 +50,7 @@ class NamespaceBoard:
             children = Path(f"/proc/{self._first.pid}/task/{self._first.pid}/children").read_text().split()
             if children and Path(f"/proc/{children[0]}/comm").read_text().strip() == "systemd":
                 self._pid = int(children[0])
+                self._write_ssh()
                 state = self.run("systemctl", "is-system-running", "--wait", check=False)
                 if state in ("running", "degraded"):
                     return
@@ -60,14 +63,24 @@ class NamespaceBoard:
         assert answer.returncode == 0 or not check, f"{words}: {answer.stdout}{answer.stderr}"
         return answer.stdout.strip()
 
+    def failures(self, service: str) -> list[str]:
+        """How the service ended each time it failed since the start, as process 1 put it into its log."""
+        words = (f"UNIT={service}", "_PID=1", f"MESSAGE_ID={FAILED}", "--output-fields=UNIT_RESULT")
+        lines = self.run("journalctl", "--quiet", "--output=json", *words).splitlines()
+        return [json.loads(line)["UNIT_RESULT"] for line in lines]
+
     def begin(self, *words: str | Path) -> subprocess.Popen[bytes]:
         """A command on the board that is not waited for."""
         return subprocess.Popen(["nsenter", f"--target={self._pid}", "--all", *words])
 
     @property
-    def in_its_network(self) -> list[str]:
-        """Before a command of the outside: it reaches the board's ssh as 127.0.0.1, and nothing else."""
-        return ["nsenter", f"--net=/proc/{self._pid}/ns/net"]
+    def ssh(self) -> dict[str, str]:
+        """The inventory's words on how it is reached: on its own loopback, which nothing else is in."""
+        return {
+            "ansible_host": "127.0.0.1",
+            "ansible_ssh_executable": str(self.folder / "ssh"),
+            "ansible_ssh_transfer_method": "piped",
+        }
 
     def power_cut(self) -> None:
         """Every process is gone at once; what it wrote stays."""
@@ -96,6 +109,11 @@ class NamespaceBoard:
                 path = Path(folder, name)
                 found[f"/{path.relative_to(self.written)}"] = path.lstat().st_mtime_ns
         return found
+
+    def _write_ssh(self) -> None:
+        program = self.folder / "ssh"
+        program.write_text(f'#!/bin/sh\nexec nsenter --net=/proc/{self._pid}/ns/net ssh "$@"\n')
+        program.chmod(0o755)
 
     def _remove_cgroup(self) -> None:
         end_s = time.monotonic() + PATIENCE_S

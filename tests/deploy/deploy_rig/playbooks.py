@@ -1,4 +1,4 @@
-"""ansible-playbook on a board, as a person runs it."""
+"""ansible-playbook on boards, as a person runs it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SSH = "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null -o LogLevel=E
 
 @dataclass(frozen=True)
 class Played:
-    """How a playbook went on its one board."""
+    """How a playbook went; changed: on all boards together."""
 
     status: int
     changed: int
@@ -28,22 +28,32 @@ class Played:
         assert self.status == 0, self.said[-6000:]
         return self
 
+    def tells(self, words: str) -> bool:
+        """Whether it said this, on however many lines ansible put it."""
+        return words in " ".join(self.said.split())
+
 
 class Playbooks:
-    """Of one board: where it is reached, and the inventory's words on it."""
+    """Of the boards of an inventory: group -> board -> the inventory's words on it."""
 
-    def __init__(self, folder: Path, key: Path, group: str, name: str, **variables: Any) -> None:
-        self._folder, self._key, self._group, self._name = folder, key, group, name
-        self.variables = {"ansible_user": "root", "base_apt_update": False, **variables}
+    def __init__(self, folder: Path, key: Path, groups: dict[str, dict[str, dict[str, Any]]]) -> None:
+        self._folder, self._key, self._groups = folder, key, groups
 
-    def play(self, book: str, *words: str, prefix: list[str], **variables: Any) -> Played:
-        """One playbook with these words; prefix: what stands before the command."""
-        board = {**self.variables, **variables}
-        board["ansible_ssh_private_key_file"] = str(self._key)
-        board["ansible_ssh_common_args"] = SSH
+    def play(self, book: str, *words: str, **variables: Any) -> Played:
+        """One playbook with these words; variables: of all boards."""
+        common = {
+            "ansible_user": "root",
+            "ansible_ssh_private_key_file": str(self._key),
+            "ansible_ssh_common_args": SSH,
+            "base_apt_update": False,
+        }
+        described = {
+            group: {"hosts": {name: {**common, **board, **variables} for name, board in boards.items()}}
+            for group, boards in self._groups.items()
+        }
         inventory = self._folder / "inventory.json"
-        inventory.write_bytes(msgspec.json.encode({self._group: {"hosts": {self._name: board}}}))
-        command = [*prefix, ansible("ansible-playbook"), "-i", inventory, ANSIBLE / f"{book}.yml", *words]
+        inventory.write_bytes(msgspec.json.encode(described))
+        command = [ansible("ansible-playbook"), "-i", inventory, ANSIBLE / f"{book}.yml", *words]
         surroundings = {
             **os.environ,
             "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
@@ -55,4 +65,4 @@ class Playbooks:
         answer = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
         said = answer.stdout + answer.stderr
         counts = re.findall(r" changed=(\d+) ", said)
-        return Played(answer.returncode, int(counts[-1]) if counts else -1, said)
+        return Played(answer.returncode, sum(map(int, counts)) if counts else -1, said)

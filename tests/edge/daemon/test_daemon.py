@@ -9,6 +9,7 @@ import time
 import numpy as np
 
 from palpate_edge.capture.recorded import all_frames, open_recording
+from palpate_edge.stop_signals import IDENTIFY
 
 EMCY, TPDO_2 = 0x090, 0x290
 
@@ -131,3 +132,13 @@ def test_a_recording_needs_a_daemon(rig):
     done = rig.edge("record", "start")
     assert done.returncode == 5
     assert "no daemon of finger runs" in done.stderr
+
+
+def test_without_an_led_ring_there_is_nothing_to_blink(rig):
+    rig.until((rig.folder / "finger.health").exists)
+    done = rig.edge("identify")
+    assert done.returncode == 7
+    assert "finger has no LED ring" in done.stderr
+    rig.process.send_signal(IDENTIFY)  # as if its file had named one meanwhile
+    bus = rig.listen()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)

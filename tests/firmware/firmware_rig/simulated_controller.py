@@ -31,7 +31,7 @@ class SimulatedController:
         self._loop.set_fast_mode(True)
         firmware = core.Firmware.read_elf(str(binary))
         firmware.frequency = CLOCK_HZ
-        firmware.vcc, firmware.aref = 3.3, 1.0  # of which the firmware must take the first
+        firmware.vcc, firmware.aref = 3.3, 0.5  # of which the firmware must take the first
         self.device.load_firmware(firmware)
         self._probe = core.DeviceDebugProbe(self.device)
         self._sda, self._scl = core.Wire(), core.Wire()
