@@ -41,7 +41,7 @@ wheelhouse: $(VENV)/host.stamp  ## build/wheelhouse: what boards install from, f
 	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
 
 deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
-	@for tier in lint namespace foreign booted; do \
+	@for tier in lint namespace hand foreign booted; do \
 	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 

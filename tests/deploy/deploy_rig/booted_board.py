@@ -65,6 +65,7 @@ class BootedBoard:
 
     def run(self, *words: str, check: bool = True, patience_s: float = PATIENCE_S) -> str | None:
         """A command on the board, as root; None where it fails and may."""
+        end_s = time.monotonic() + patience_s
         command = ["ssh", *self._ssh(), *words]
         try:
             answer = subprocess.run(
@@ -78,6 +79,10 @@ class BootedBoard:
         except subprocess.TimeoutExpired:
             assert not check, f"{words}: no answer in {patience_s} s: {self.last_words()}"
             return None
+        if "during banner exchange" in answer.stderr and time.monotonic() < end_s:
+            return self.run(
+                *words, check=check, patience_s=end_s - time.monotonic()
+            )  # it was too busy to answer
         if answer.returncode != 0:
             assert not check, f"{words}: {answer.stdout}{answer.stderr}"
             return None

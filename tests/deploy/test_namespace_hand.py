@@ -1,0 +1,184 @@
+"""A hand's host and a fingertip from bare Debian by one run of the playbooks, in namespaces.
+
+On their bus, the local hub, are simulated drives and two more fingertips from these sources. All of it shares
+this machine's cores, so the host's watchdog waits longer. The tests go on from each other, in this order.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from types import SimpleNamespace
+
+import pytest
+
+from deploy_rig.image import PROJECT, wheelhouse
+from deploy_rig.namespace_board import namespace_board
+from deploy_rig.playbooks import Playbooks
+
+pytestmark = pytest.mark.deploy_hand
+
+EDGE, HOST = "palpate_edge.cli", "palpate_host.cli"
+SERVICE = "palpate-host.service"
+SERVICES = {"finger-1": "palpate-fingertip.service", "hand": SERVICE}
+PATIENCE_S = 60.0
+MOST_EXPOSED = 1.5  # of 10
+BUSY = "[Service]\nWatchdogSec=10s\n"
+BUS = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def hand(bare_board, drawn_dataset, drawn_calibration_file, tmp_path_factory):
+    """The two boards, what stands on their bus beside them, and the playbooks."""
+    folder = tmp_path_factory.mktemp("hand")
+    wheels = wheelhouse(folder / "wheelhouse", parts=("edge", "host"))
+    table_4 = (PROJECT / "host/palpate_host/models/table4.toml").read_text()
+    with ExitStack() as stack:
+        boards = {
+            name: stack.enter_context(namespace_board(bare_board / "tree", folder / name))
+            for name in SERVICES
+        }
+        (boards["hand"].outside / "busy.conf").write_text(BUSY)
+        busy = f"/etc/systemd/system/{SERVICE}.d/busy.conf"
+        boards["hand"].run("install", "-D", "-m", "644", "/run/outside/busy.conf", busy)
+        shutil.copytree(drawn_dataset, boards["finger-1"].outside / "presses")
+        hub = folder / "hub.sock"
+
+        def outside(program, *words):
+            command = [sys.executable, "-m", program, *words]
+            log = folder / f"{len(list(folder.glob('*.log')))}.log"
+            process = stack.enter_context(
+                subprocess.Popen(command, stderr=stack.enter_context(log.open("w")))
+            )
+            stack.callback(process.terminate)
+            return SimpleNamespace(process=process, log=log)
+
+        outside(HOST, "bus", "hub", "--socket", str(hub))
+        wait_for(hub.exists)
+        hub.chmod(0o666)  # the boards' user is another
+        for board in boards.values():
+            os.link(hub, board.outside / "hub.sock")
+        hand_toml, drives_toml = folder / "hand.toml", folder / "drives.toml"
+        for file, socket in ((hand_toml, "/run/outside/hub.sock"), (drives_toml, hub)):
+            text = BUS.sub(f'[bus]\ninterface = "palpate"\nchannel = "{socket}"\n\n', table_4)
+            file.write_text(text.replace('start = "auto"', 'start = "command"'))
+        drives = outside(HOST, "drives", "--config", str(drives_toml))
+        for node in (0x11, 0x12):
+            config = folder / f"{node}.toml"
+            config.write_text(
+                f'name = "outside-{node}"\n[capture]\nsource = "recorded"\npath = "{drawn_dataset}"\n'
+                f'loop = true\n[estimator]\ncalibration = "{drawn_calibration_file}"\n[node]\nid = {node}\n'
+                f'[bus]\ninterface = "palpate"\nchannel = "{hub}"\n'
+            )
+            outside(EDGE, "run", "--config", str(config))
+        finger = {
+            **boards["finger-1"].ssh,
+            "fingertip_calibration": str(drawn_calibration_file),
+            "fingertip_capture": {"source": "recorded", "path": "/run/outside/presses", "loop": True},
+            "fingertip_bus": {"interface": "palpate", "channel": "/run/outside/hub.sock"},
+        }
+        host = {**boards["hand"].ssh, "ansible_host": "127.0.0.2", "host_hand_file": str(hand_toml)}
+        playbooks = Playbooks(
+            folder, bare_board / "key", {"fingertips": {"finger-1": finger}, "hands": {"hand": host}}
+        )
+        yield SimpleNamespace(boards=boards, playbooks=playbooks, wheels=wheels, drives=drives)
+
+
+def wait_for(condition, patience_s=PATIENCE_S):
+    end_s = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+
+
+def play(hand, book):
+    begin_s = time.monotonic()
+    played = hand.playbooks.play(book, release_wheelhouse=str(hand.wheels))
+    print(f"{book} on a fingertip and a host: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
+    return played.well()
+
+
+def as_user(hand, user, *words):
+    """`palpate-host command` as a person on the host types it: its exit status and its words."""
+    command = f"palpate-host command {' '.join(words)} 2>&1; echo exit status $?"
+    said = hand.boards["hand"].run("runuser", "--login", user, "--command", command)
+    text, _, status = said.rpartition("exit status ")
+    return int(status), text.strip()
+
+
+def test_a_hand_is_provisioned(hand):
+    play(hand, "site")
+    for name, service in SERVICES.items():
+        assert hand.boards[name].run("systemctl", "is-active", service) == "active"
+    wait_for(lambda: as_user(hand, "root", "status")[1].startswith("ready: "))
+    print(as_user(hand, "root", "status")[1])
+
+
+def test_a_second_run_changes_nothing(hand):
+    assert play(hand, "site").changed == 0
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_what_a_board_is(hand, name):
+    board = hand.boards[name]
+    rows = board.run("ss", "--no-header", "--listening", "--tcp", "--udp", "--processes", "--numeric")
+    assert rows
+    assert all('"sshd"' in row and re.search(r":22\s", row) for row in rows.splitlines()), rows
+    assert board.run("systemctl", "--failed", "--no-legend") == ""
+    unsafe = board.run("find", "/etc/palpate", "/opt/palpate", "-perm", "/022", "-not", "-type", "l")
+    assert unsafe == ""
+
+
+@pytest.mark.parametrize(("name", "service"), SERVICES.items())
+def test_the_services_as_the_board_has_them(hand, name, service):
+    board = hand.boards[name]
+    said = board.run("sh", "-c", f"systemd-analyze verify {service} palpate.target 2>&1")
+    assert [line for line in said.splitlines() if "palpate" in line] == []
+    overall = board.run("systemd-analyze", "security", "--no-pager", service)
+    exposure = float(re.findall(r"Overall exposure level for \S+: ([\d.]+)", overall)[0])
+    print(f"{service}: exposure {exposure}")
+    assert exposure <= MOST_EXPOSED
+
+
+def test_the_group_commands_the_hand_and_others_do_not(hand):
+    board = hand.boards["hand"]
+    board.run("useradd", "--create-home", "--groups", "palpate", "pilot")
+    board.run("useradd", "--create-home", "stranger")
+    mode = board.run("stat", "--format=%U:%G %a", "/run/palpate-host", "/run/palpate-host/palpate-host.sock")
+    assert mode.splitlines() == ["palpate:palpate 750", "palpate:palpate 660"]
+    assert as_user(hand, "pilot", "status")[0] == 0
+    status, said = as_user(hand, "stranger", "status")
+    assert status == 9
+    assert "Permission denied" in said
+
+
+def test_an_operator_lets_the_hand_grasp_and_stops_it(hand):
+    assert as_user(hand, "pilot", "grasp") == (0, "")
+    wait_for(lambda: re.match("grasp|manipulate|hold|blind", as_user(hand, "pilot", "status")[1]))
+    print(as_user(hand, "pilot", "status")[1])
+    assert as_user(hand, "pilot", "stop") == (0, "")
+    wait_for(lambda: as_user(hand, "pilot", "status")[1].startswith("stop: "))
+
+
+def test_a_hung_host_is_ended_by_its_watchdog(hand):
+    board = hand.boards["hand"]
+    begin_s = time.monotonic()
+    pid = board.run("systemctl", "show", "--value", "--property=MainPID", SERVICE)
+    assert pid != "0"
+    board.run("kill", f"-{signal.SIGSTOP.value}", pid)
+    wait_for(lambda: board.failures(SERVICE) == ["watchdog"])
+    wait_for(lambda: as_user(hand, "pilot", "status")[1].startswith("ready: "))
+    print(f"hang to ready: {time.monotonic() - begin_s:.1f} s, 10 s of them the watchdog's")
+
+
+def test_the_drives_are_off_when_the_host_is_stopped(hand):
+    hand.boards["hand"].run("systemctl", "stop", "palpate.target")
+    hand.drives.process.terminate()
+    hand.drives.process.wait()
+    assert "9 switch on disabled" in hand.drives.log.read_text()
