@@ -41,6 +41,8 @@ def calibrate(
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = measure(dataset, presses, lambda done: progress(done, total))
     model, stiffness_scale = b"", None
+    if dome is not None and not dataset.sensor.markers.rings:
+        measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
         model, stiffness_scale = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
@@ -77,6 +79,17 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
         spread_px=np.array([contact.spread_px for contact in raw]),
         force_N=np.array([press.normal_force_N for press, _ in firm]),
     )
+
+
+def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
+    """With the camera's roll, which a learned layout does not tell, from the presses."""
+    from palpate_edge.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
+    from palpate_edge.training.samples import training_presses  # noqa: PLC0415
+
+    radius_mm = sensor.markers.radius_mm
+    reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
+    roll_rad = camera_roll(reader, training_presses(measured), dome.for_markers(radius_mm))
+    return turned(measured, sensor, roll_rad)
 
 
 def _train(

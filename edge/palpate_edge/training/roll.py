@@ -1,0 +1,60 @@
+"""How far the camera is rolled about its axis, from presses of known place, where the layout was learned.
+
+Beads of a known layout tell the camera's roll. Beads of a learned one do not: the layout is turned with the
+camera, and all contacts with it, by up to a millimetre on the paper's dome. What the sensor itself learns
+cannot mend that, as its presses are taken with their mirror images. A press of known place tells the roll:
+the dome model says where it is, and the azimuth between the two is the roll and the model's error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import msgspec
+import numpy as np
+
+from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.measured import Measured
+from palpate_edge.sensor import Sensor, View
+from palpate_edge.training.dome_model import DomeModel
+from palpate_edge.training.kernel_ridge import fit
+from palpate_edge.training.samples import TrainingPress
+
+ROLL_SIGMA_RAD = 0.02  # of assembly, as in camera_fit.PRIOR_SIGMA
+MODEL_SIGMA = 0.03  # of the dome model's error across the meridian, over the dome's radius
+
+
+def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], dome: DomeModel) -> float:
+    """The likeliest angle, rad, about z from what the view says to what is true; 0 without presses.
+
+    dome: of the size of the reader's sphere of beads.
+    """
+    if not presses:
+        return 0.0
+    fields = [reader.read(press.beads) for press in presses]
+    given, _, _ = fit(None, dome, 1.0).predict(
+        np.array([field.values for field in fields]), np.zeros(len(fields))
+    )
+    along = across = 0.0
+    for field, direction, press in zip(fields, given, presses, strict=True):
+        x, y, _ = about_z(field.azimuth_rad) @ direction
+        along += float(x * press.direction[0] + y * press.direction[1])
+        across += float(x * press.direction[1] - y * press.direction[0])
+    told = max(0.0, along) / MODEL_SIGMA**2
+    return math.atan2(across, along) * told / (told + ROLL_SIGMA_RAD**-2)
+
+
+def turned(measured: Measured, sensor: Sensor, roll_rad: float) -> Measured:
+    """The same pictures with camera and layout turned about z."""
+    turn, pose = about_z(roll_rad), measured.sight.pose
+    rotation, _ = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
+    rodrigues, _ = cv2.Rodrigues(turn @ rotation)
+    nominal_mm = np.asarray(sensor.camera.position_mm)
+    x, y, z = (turn @ (nominal_mm + pose.offset_mm) - nominal_mm).tolist()
+    a, b, c = rodrigues.ravel().tolist()
+    pose = msgspec.structs.replace(pose, offset_mm=(x, y, z), rotation_rad=(a, b, c))
+    sight = replace(measured.sight, pose=pose, layout_mm=measured.sight.layout_mm @ turn.T)
+    return replace(measured, sight=sight, view=View(sensor.camera, pose))

@@ -1,0 +1,75 @@
+"""The camera's roll, which a learned layout does not tell, from presses of known place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate_edge.calibrate import calibrate
+from palpate_edge.dataset import read_dataset
+from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.measured import measure
+from palpate_edge.training.dome_model import load_dome_model
+from palpate_edge.training.roll import camera_roll, turned
+from palpate_edge.training.samples import training_presses
+
+ROLL_RAD = 0.03
+PRESSES = 30
+
+
+@pytest.fixture(scope="module")
+def sample(shared_data):
+    """The press sample's first presses; its layout is known, and so is the camera's roll."""
+    dataset = read_dataset(shared_data("press-sample"))
+    touches = [press for press in dataset.split("train") if press.position_mm is not None]
+    return replace(dataset, presses=tuple(touches[:PRESSES]))
+
+
+@pytest.fixture(scope="module")
+def measured(sample):
+    return measure(sample, sample.presses)
+
+
+def found_roll(sample, measured):
+    radius_mm = sample.sensor.markers.radius_mm
+    reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
+    return camera_roll(reader, training_presses(measured), load_dome_model().for_markers(radius_mm))
+
+
+def test_a_camera_whose_layout_is_known_has_none(sample, measured):
+    assert abs(found_roll(sample, measured)) < 0.005
+
+
+def test_a_camera_turned_by_hand_is_turned_back(sample, measured):
+    wrong = turned(measured, sample.sensor, -ROLL_RAD)
+    assert found_roll(sample, wrong) == pytest.approx(ROLL_RAD, abs=0.005)
+
+
+def test_turning_changes_no_picture(sample, measured):
+    before = measured.view.project(measured.sight.layout_mm)
+    after = turned(measured, sample.sensor, ROLL_RAD)
+    np.testing.assert_allclose(after.view.project(after.sight.layout_mm), before, atol=1e-9)
+
+
+def test_no_press_tells_no_roll(sample, measured):
+    assert found_roll(sample, replace(measured, touches=())) == 0.0
+
+
+def test_a_calibration_with_a_learned_layout_has_the_roll_of_its_presses(sample):
+    """The probe's frame is turned against the camera: without rings only the presses know it."""
+    turn = about_z(ROLL_RAD)
+    presses = tuple(
+        replace(
+            press,
+            position_mm=tuple((turn @ press.position_mm).tolist()),
+            force_N=tuple((turn @ press.force_N).tolist()),
+        )
+        for press in sample.presses
+    )
+    markers = msgspec.structs.replace(sample.sensor.markers, rings=())
+    sensor = msgspec.structs.replace(sample.sensor, markers=markers)
+    found = calibrate(replace(sample, sensor=sensor, presses=presses), dome=load_dome_model())
+    assert found.pose.rotation_rad[2] == pytest.approx(ROLL_RAD, abs=0.006)
