@@ -6,6 +6,7 @@ nodes, host and contacts can be broken and mended while it runs.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,7 +82,8 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             pairs = zip(config.joints, self.motors, strict=True)
             self.drives = [Cia402Device(joint.drive_node, one) for joint, one in pairs]
             self._due_us: dict[int, int] = {}
-            self.doubts = [Doubt() for _ in config.fingers]
+            self.doubts: list[list[Doubt]] = [[] for _ in config.fingers]
+            self.faults: Counter[tuple[int, int]] = Counter()
             self.rng = np.random.default_rng(seed)
             self._last: list[Contact | None] = [None] * len(config.fingers)
             self._pending: list[tuple[int, int, Contact]] = []
@@ -120,9 +122,6 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             ]
             self._due_us.pop(node_id, None)
 
-        def kill_host(self) -> None:
-            self.silent.add(self.host_id)
-
         def start_host(self) -> None:
             """A new process: nothing of the old one is known."""
             self.silent.discard(self.host_id)
@@ -159,7 +158,7 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
                 self._sequence[finger] += 1
                 contact = self._felt(finger, touches[finger], pose, now_us)
                 if contact is not None:
-                    late_us = self.doubts[finger].late_us
+                    late_us = max((doubt.late_us for doubt in self.doubts[finger]), default=0)
                     self._pending.append((now_us + bench.DELAY_US + late_us, finger, contact))
             ready = [item for item in self._pending if now_us >= item[0]]
             self._pending = [item for item in self._pending if now_us < item[0]]
@@ -174,15 +173,15 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
                 point = tuple(1e3 * self.config.control.tip_radius_m * arm / np.linalg.norm(arm))
             made = bench.contact_at(point, self._sequence[finger], now_us)
             made = replace(made, normal_force_N=0.0 if touch is None else min(touch.normal_force_N, 32.0))
-            kind = self.doubts[finger].kind
+            kinds = {doubt.kind for doubt in self.doubts[finger]}
             last = self._last[finger]
-            if kind == "camera stalled":
+            if "camera stalled" in kinds:
                 return None
-            if kind == "camera gone":
+            if "camera gone" in kinds:
                 return replace(made, valid=False, in_contact=False, position_mm=None, normal_force_N=0.0)
-            if kind == "frozen" and last is not None:
+            if "frozen" in kinds and last is not None:
                 return replace(last, sequence=made.sequence, exposed_at_us=now_us)
-            if kind == "wild":
+            if "wild" in kinds:
                 direction = self.rng.normal(size=3)
                 point = tuple(30.0 * np.abs(direction) / np.linalg.norm(direction))
                 force_N = float(self.rng.uniform(0.0, 30.0))

@@ -26,19 +26,37 @@ def load(name):
 
 Doubt = load("closed_loop").Doubt
 
-# A fault takes the rig and a random generator, breaks something and returns what mends it.
+# A fault takes the rig and a random generator, breaks something and returns what mends it. What two faults
+# have broken is whole when both are mended.
+
+
+def broken_until_mended(rig, nodes, node, mend):
+    """`node` is one of `nodes` (rig.silent, rig.cut_off) until the last fault that put it there is mended."""
+    nodes.add(node)
+    rig.faults[id(nodes), node] += 1
+
+    def mend_one():
+        rig.faults[id(nodes), node] -= 1
+        if not rig.faults[id(nodes), node]:
+            mend()
+
+    return mend_one
+
+
+def kill(rig, node):
+    return broken_until_mended(rig, rig.silent, node, lambda: rig.power_up(node))
+
+
+def cut(rig, node):
+    return broken_until_mended(rig, rig.cut_off, node, lambda: rig.cut_off.discard(node))
 
 
 def kill_drive(rig, rng):
-    node = int(rng.integers(1, 10))
-    rig.silent.add(node)
-    return lambda: rig.power_up(node)
+    return kill(rig, int(rng.integers(1, 10)))
 
 
 def cut_drive(rig, rng):
-    node = int(rng.integers(1, 10))
-    rig.cut_off.add(node)
-    return lambda: rig.cut_off.discard(node)
+    return cut(rig, int(rng.integers(1, 10)))
 
 
 def drive_fault(rig, rng):
@@ -48,32 +66,26 @@ def drive_fault(rig, rng):
 
 
 def kill_host(rig, rng):
-    rig.kill_host()
-    return rig.start_host
+    return broken_until_mended(rig, rig.silent, rig.host_id, rig.start_host)
 
 
 def cut_host(rig, rng):
-    rig.cut_off.add(rig.host_id)
-    return lambda: rig.cut_off.discard(rig.host_id)
+    return cut(rig, rig.host_id)
 
 
 def kill_fingertip(rig, rng):
-    node = 0x10 + int(rng.integers(0, 3))
-    rig.silent.add(node)
-    return lambda: rig.power_up(node)
+    return kill(rig, 0x10 + int(rng.integers(0, 3)))
 
 
 def cut_fingertip(rig, rng):
-    node = 0x10 + int(rng.integers(0, 3))
-    rig.cut_off.add(node)
-    return lambda: rig.cut_off.discard(node)
+    return cut(rig, 0x10 + int(rng.integers(0, 3)))
 
 
 def doubt(kind, late_us=0):
     def break_(rig, rng):
-        finger = int(rng.integers(0, 3))
-        rig.doubts[finger] = Doubt(kind, late_us)
-        return lambda: rig.doubts.__setitem__(finger, Doubt())
+        doubts, one = rig.doubts[int(rng.integers(0, 3))], Doubt(kind, late_us)
+        doubts.append(one)
+        return lambda: doubts.remove(one)
 
     break_.__name__ = kind.replace(" ", "_") if kind else "stale"
     return break_

@@ -151,17 +151,9 @@ def schedule(bench, hand_of_commands, seed):
     return broken
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(200))
 def test_a_random_schedule_of_faults(bench, hand_of_commands, seed):
-    schedule(bench, hand_of_commands, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("block", range(10))
-def test_two_hundred_random_schedules(bench, hand_of_commands, block):
-    for seed in range(100 + 20 * block, 120 + 20 * block):
-        broken = schedule(bench, hand_of_commands, seed)
-        assert broken, seed
+    assert schedule(bench, hand_of_commands, seed)
 
 
 def squeezed_N(bench, table_4, force_law, limit_N=1000.0, for_s=1.5):
