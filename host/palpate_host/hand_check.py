@@ -12,15 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate_edge.errors import BusError
 from palpate_host.bus.device import Device, Key, devices_of_hand
 from palpate_host.bus.node_check import differences
-from palpate_host.drives.cia402 import CST_SUPPORTED_BIT
+from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.rotation import Array
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
 DRIVE_PROFILE, FINGERTIP_PROFILE = 402, 404
-MODES, RATED_TORQUE, TORQUE_CAP = (0x6502, 0), (0x6076, 0), (0x6072, 0)
+MODES, RATED_TORQUE = (0x6502, 0), (0x6076, 0)
 FEED, ANGLE, WATCHDOG = (0x6092, 1), (0x6064, 0), (0x1400, 5)
 MODE_NAMES = {1: "pp", 3: "pv", 4: "tq", 6: "hm", 7: "ip", 8: "csp", 9: "csv", 10: "cst"}
 """CiA 402-2: the modes of 6502h, bit number + 1 as in 6060h."""
@@ -50,8 +51,10 @@ def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iter
         yield _missing(tip, who) if tip.node_id in silent else _fingertip(tip, who, read)
         for joint in finger.joints:
             drive = devices[joint.drive_node]
-            who = f"drive of {joint.name}"
-            yield _missing(drive, who) if drive.node_id in silent else _drive(drive, who, joint, read)
+            if drive.node_id in silent:
+                yield _missing(drive, f"drive of {joint.name}")
+            else:
+                yield _drive(config, drive, joint, read)
 
 
 def _missing(device: Device, who: str) -> NodeReport:
@@ -66,22 +69,29 @@ def _fingertip(device: Device, who: str, read: Read) -> NodeReport:
     return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
 
 
-def _drive(device: Device, who: str, joint: JointConfig, read: Read) -> NodeReport:
+def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -> NodeReport:
     def number(key: Key) -> int | None:
         return read(device.node_id, device, key)
 
+    who = f"drive of {joint.name}"
     problems = list(_identity(device, DRIVE_PROFILE, read))
     if problems:
         return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
     modes, rated_mNm, feed = number(MODES) or 0, number(RATED_TORQUE) or 0, number(FEED) or 0
-    if not modes & CST_SUPPORTED_BIT:
-        problems.append(f"lacks cyclic synchronous torque (6502h {modes:08X}h): use a drive that has it")
+    try:
+        choose_mode(modes, config.control.drives_follow)
+    except BusError as exc:
+        problems.append(str(exc))
+    if config.homing is not None and not modes & OperationMode.HOMING.supported_bit:
+        problems.append(
+            "lacks homing (6502h, bit 5): take [homing] out of hand.toml or use a drive that has it"
+        )
     if not rated_mNm or not feed:
         problems.append(f"6076h is {rated_mNm}, 6092h:01 is {feed}: configure the drive, neither can be 0")
-    cap_Nm = rated_mNm * (number(TORQUE_CAP) or 0) * 1e-6
-    if rated_mNm and cap_Nm < joint.torque_limit_Nm:
+    rated_Nm = rated_mNm * 1e-3  # the host writes 6072h itself
+    if rated_mNm and rated_Nm < joint.torque_limit_Nm:
         problems.append(
-            f"gives {cap_Nm:.3g} N m at most (6072h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
+            f"gives {rated_Nm:.3g} N m at most (6076h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
             " raise the one or lower the other"
         )
     if not number(WATCHDOG):
@@ -98,7 +108,7 @@ def _drive(device: Device, who: str, joint: JointConfig, read: Read) -> NodeRepo
                 " correct zero_offset_rad or direction, or move it"
             )
     names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
-    found = f"{_who(device, read)}, {names or 'no mode'}, {cap_Nm:.3g} N m"
+    found = f"{_who(device, read)}, {names or 'no mode'}, {rated_Nm:.3g} N m"
     return NodeReport(device.node_id, who, found, tuple(problems), angle)
 
 

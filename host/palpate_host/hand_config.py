@@ -10,6 +10,7 @@ import msgspec
 
 from palpate_edge.bus import BusConfig
 from palpate_edge.errors import ConfigError
+from palpate_host.drives.joint_command import Follows
 from palpate_host.hand_geometry import GeometryConfig
 from palpate_host.toml_file import read_toml
 from palpate_host.twin_config import TwinConfig
@@ -54,7 +55,10 @@ class ModelConfig(_Strict, frozen=True):
 
 
 class JointConfig(_Strict, frozen=True):
-    """One joint and its drive: q = direction * drive's angle + zero_offset_rad."""
+    """One joint and its drive: q = direction * drive's angle + zero_offset_rad.
+
+    home_rad: q where homing finds its switch.
+    """
 
     name: Name
     drive_node: NodeId
@@ -64,6 +68,7 @@ class JointConfig(_Strict, frozen=True):
     max_rad: float
     B_Nms_rad: NotNegative
     torque_limit_Nm: Positive
+    home_rad: float | None = None
 
 
 class FingerConfig(_Strict, frozen=True):
@@ -84,7 +89,9 @@ class ControlConfig(_Strict, frozen=True):
     paper, whose object has no weight. release_ms: how long the fingers open when told to let go.
     velocity_joints: the drives turn with torque / B_d: u has then neither gravity nor damping.
     force_law, force_per_s: regulate the contact force, and how fast. soft_limit_rad: before the end of a
-    joint's range the torque outwards fades.
+    joint's range the torque outwards fades. drives_follow: what the drives are told; B_d_Nms_rad,
+    speed_limit_rad_s, acceleration_limit_rad_s2: of velocity and position; torque_rate_Nm_s: of torque
+    (drives/joint_orders.py).
     """
 
     mode: ControlMode
@@ -99,6 +106,11 @@ class ControlConfig(_Strict, frozen=True):
     release_ms: Milliseconds = 500
     soft_limit_rad: NotNegative = 0.05
     velocity_joints: bool = False
+    drives_follow: Follows = Follows.TORQUE
+    B_d_Nms_rad: Positive = 0.4
+    speed_limit_rad_s: Positive = 2.0
+    acceleration_limit_rad_s2: Positive = 50.0
+    torque_rate_Nm_s: Positive = 50.0
     force_law: ForceLaw = ForceLaw.OPEN
     force_per_s: NotNegative = 2.0
     integral_per_s: NotNegative = 0.0
@@ -155,6 +167,20 @@ class RunConfig(_Strict, frozen=True):
     real_time: bool = False
 
 
+class HomingConfig(_Strict, frozen=True):
+    """How drives without a zero of their own find it, one after another, before the hand is ready.
+
+    method: 6098h; 17 and 18 seek the lower and the upper limit switch, 37 is here, -1 the drive's own way.
+    search_rad_s, zero_rad_s: towards the switch and off it. timeout_s: of each joint.
+    """
+
+    method: Annotated[int, msgspec.Meta(ge=-128, le=37)]
+    timeout_s: Positive = 20.0
+    search_rad_s: Positive = 0.3
+    zero_rad_s: Positive = 0.05
+    acceleration_rad_s2: Positive = 10.0
+
+
 class NetworkConfig(_Strict, frozen=True):
     """The host as a CANopen node, and how long a node's heartbeat may be away."""
 
@@ -175,6 +201,7 @@ class HandConfig(_Strict, frozen=True):
     network: NetworkConfig = NetworkConfig()
     run: RunConfig = RunConfig()
     limits: LimitsConfig = LimitsConfig()
+    homing: HomingConfig | None = None
     geometry: GeometryConfig | None = None
     twin: TwinConfig | None = None
 
@@ -249,6 +276,19 @@ def _check_ranges(path: Path, config: HandConfig) -> None:
                 f"{path}: fingers.joints.min_rad of {joint.name} is not below its max_rad:"
                 " exchange or correct them"
             )
+    control = config.control
+    if control.drives_follow is not Follows.TORQUE and control.force_law is not ForceLaw.ADMITTANCE:
+        raise ConfigError(
+            f"{path}: control.drives_follow = {control.drives_follow.value!r} needs control.force_law ="
+            " 'admittance': without the sensor's force such joints go on closing"
+        )
+    if config.homing is not None and config.homing.method > 0:
+        for joint in config.joints:
+            if joint.home_rad is None:
+                raise ConfigError(
+                    f"{path}: [homing] with method {config.homing.method} needs fingers.joints.home_rad of"
+                    f" {joint.name}: give its angle at the home position"
+                )
     s = config.staleness
     if not s.warn_ms < s.freeze_ms < s.hold_ms < s.stop_ms:
         raise ConfigError(

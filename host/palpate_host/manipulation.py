@@ -21,6 +21,7 @@ from palpate_host.control import (
     limit_torque_Nm,
     target_step,
 )
+from palpate_host.drives.joint_command import Follows
 from palpate_host.fingertips import TipContact, contact_normal
 from palpate_host.hand import HandPose
 from palpate_host.hand_config import ControlMode, HandConfig
@@ -159,5 +160,5 @@ def gains_of(config: HandConfig) -> Gains:
         object_weight_N=control.object_weight_N,
         position_stiffness_N_m=control.position_stiffness_N_m,
         soft_limit_rad=control.soft_limit_rad,
-        velocity_joints=control.velocity_joints,
+        velocity_joints=control.velocity_joints or control.drives_follow is not Follows.TORQUE,
     )

@@ -98,7 +98,7 @@ class HostCore:
             release_us=config.control.release_ms * 1000,
         )
         self._waits_for_commands = config.run.start is StartMode.COMMAND
-        self._drives = DriveGroup(config.joints)
+        self._drives = DriveGroup(config)
         self._fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
         self._finger_by_id = {
             can_id: i for i, finger in enumerate(self._fingers) for can_id in finger.tip.receive_ids
@@ -307,6 +307,8 @@ class HostCore:
             torque = np.zeros_like(self._command_Nm)
         else:
             torque = self._control.torque_Nm(decision.mode, pose, angles[1], R_vir, self._tick_us * 1e-6)
+        if decision.mode is Mode.HOME:
+            return DriveGoal.HOME, torque
         is_off = decision.mode in (Mode.INIT, Mode.CHECK)
         return (DriveGoal.OFF if is_off else DriveGoal.TORQUE), torque
 
@@ -319,7 +321,7 @@ class HostCore:
             fault=self._fault or self._fault_now(tick_us, last.mode, qdot_rad_s),
             missing=", ".join(self._network.missing()),
             unchecked=", ".join(self._network.not_operating()),
-            homing="",
+            homing=self._drives.homing.waiting,
             drives_waiting=self._drives.waiting(),
             no_virtual_frame=no_virtual_frame,
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
@@ -335,11 +337,16 @@ class HostCore:
 
     def _fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
         """Why the hand must stop in a mode that moves joints; empty: it need not."""
-        if mode not in MOVING:
+        if mode not in (*MOVING, Mode.HOME):
             return ""
         for drive in self._drives.drives:
             if self._network.is_silent(drive.node_id, tick_us):
                 return f"{self._network.name(drive.node_id)}: heartbeat lost"
+        if mode is Mode.HOME:
+            self._history = JointHistory(self._config.control.tick_Hz)  # the drives' zeros move
+            self._drives.homing.step(tick_us)
+            problem = self._drives.homing.problem
+            return problem and f"{problem}; {self._last_emergency or 'no EMCY'}"
         waiting = self._drives.waiting()
         if waiting:
             return f"{waiting} left operation enabled; {self._last_emergency or 'no EMCY'}"

@@ -2,7 +2,7 @@
 
 The controller never asks for that much (control.py clamps what it asks); these look at what comes back. A
 geared drive under velocity command goes on closing on a hard object whatever it was asked in torque: without
-the sensor's force the grasp passes 50 N within a second.
+the sensor's force the grasp passes 50 N within 3 s.
 """
 
 from __future__ import annotations

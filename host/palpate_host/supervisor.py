@@ -126,8 +126,9 @@ def _next_mode(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]
 
 
 def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
-    """One stage after the other; READY alone does not go back, its drives are enabled anew."""
-    if last is not Mode.READY:
+    """One stage after the other; READY goes back for a drive that booted anew and may have lost its zero, for
+    nothing else: its drives are enabled anew."""
+    if last is not Mode.READY or inputs.homing:
         if inputs.missing:
             return Mode.INIT, f"waiting for {inputs.missing}"
         if inputs.unchecked:

@@ -12,35 +12,44 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.contact_type import Contact
-from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.master import HostCore
 from palpate_host.twin.drive_plant import JointParameters
 from palpate_host.twin.hand.experiment import make_engine
+from palpate_host.twin.joint_servo import JointServo
+
+STANDING = (DriveGoal.OFF, DriveGoal.QUICK_STOP)
 
 
 class EngineMotor:
-    """Table 4's motor on a joint of the engine; a torque drive."""
+    """Table 4's motor on a joint of the engine; it follows torque, velocity and position."""
 
     damper_Nms_rad = 0.0
+    step_s = 0.0005
 
     def __init__(self, joint: JointConfig) -> None:
         assert joint.direction == 1 and joint.zero_offset_rad == 0.0
         self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
         self.state_now = MotorState(0.0, 0.0)
-        self.ordered_Nm = 0.0
+        self.ordered_Nm = 0.0  # the torque, or the most torque, that the drive may give
+        self.command = JointCommand(DriveGoal.OFF)
+        self.servo = JointServo()
 
     @property
     def joint_torque_Nm(self) -> float:
-        return self.ordered_Nm
+        state = self.state_now
+        return self.servo.torque_Nm(self.command, state.position_rad, state.velocity_rad_s, self.step_s)
 
     def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the loop keeps it up to date
         return self.state_now
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
-        self.ordered_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
+        self.command = command
+        self.ordered_Nm = command.torque_Nm if command.goal not in STANDING else 0.0
 
     def reset_fault(self) -> None:
         self.state_now = replace(self.state_now, error_code=0)
@@ -134,7 +143,7 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             super()._step()
             for one, drive in zip(self.motors, self.drives, strict=True):
                 if drive.slave.node_id in self.silent:
-                    one.ordered_Nm = 0.0  # a drive without power
+                    one.order(self.now_us, JointCommand(DriveGoal.OFF))  # a drive without power
             engine.step(np.array([one.joint_torque_Nm for one in self.motors]))
             self._watch()
 

@@ -3,13 +3,16 @@
 import math
 import struct
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
+from palpate_host import hand_config
 from palpate_host.drives.cia402 import (
+    CIA402_EDS,
     Cia402Drive,
     Controlword,
     DriveScale,
@@ -17,8 +20,11 @@ from palpate_host.drives.cia402 import (
     controlword_for,
     state_of,
 )
+from palpate_host.drives.cia402_modes import OperationMode
+from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.drives.joint_command import DriveGoal, Follows, JointCommand
+from palpate_host.hand_config import HomingConfig
 from palpate_host.network import Network
 
 TABLE_4_SCALE = DriveScale(rated_torque_mNm=1900, increments_per_turn=360_000)
@@ -102,42 +108,122 @@ def test_wrong_length_names_the_pdo():
         enabled_drive().receive(1, CanFrame(0x184, bytes(7)))
 
 
-def answer(identification, values):
-    """Serve the questions with expedited 4-byte uploads, or an abort where the value is None."""
+def needs(follows=Follows.TORQUE, homing=None):
+    """Of node 4, the joint abduction_2 of Table 4's hand."""
+    config = hand_config.load(CIA402_EDS.parents[1] / "models" / "table4.toml")
+    joint = msgspec.structs.replace(config.joints[3], home_rad=0.25 * math.pi)
+    control = msgspec.structs.replace(config.control, drives_follow=follows)
+    return DriveNeeds(4, joint, control, homing)
+
+
+def answer(identification, values, refused=()):
+    """Serve the questions with expedited 4-byte uploads, or an abort where the value is None; take what is
+    written, but for what is refused. Returns what was asked and what was written."""
     now_us = 0
-    asked = []
+    asked, written = [], []
     while (frame := identification.due(now_us)) is not None:
         now_us += 1000
-        index, sub = struct.unpack("<HB", frame.data[1:4])
-        asked.append((frame.can_id, frame.data[0], index, sub))
-        value = values[index]
-        head = (0x80, index, sub, 0x06020000) if value is None else (0x43, index, sub, value)
+        command, index, sub = struct.unpack("<BHB", frame.data[:4])
+        if command == 0x40:
+            asked.append((frame.can_id, command, index, sub))
+            value = values[index]
+            head = (0x80, index, sub, 0x06020000) if value is None else (0x43, index, sub, value)
+        else:
+            size = {0x2F: 1, 0x2B: 2, 0x23: 4}[command]
+            written.append((index, sub, size, int.from_bytes(frame.data[4 : 4 + size], "little")))
+            assert not any(frame.data[4 + size :])
+            head = (0x80, index, sub, 0x06020000) if index in refused else (0x60, index, sub, 0)
         identification.receive(CanFrame(0x584, struct.pack("<BHBI", *head)))
-    return asked
+    return asked, written
+
+
+TABLE_4_DRIVE = {0x6502: 0x3A5, 0x6076: 1900, 0x6092: 360_000}
 
 
 def test_identification_asks_and_scales():
-    identification = DriveIdentification(4, "drive of abduction_2")
-    asked = answer(identification, {0x6502: 0x280, 0x6076: 1900, 0x6092: 360_000})
+    identification = DriveIdentification(4, "drive of abduction_2", needs())
+    asked, written = answer(identification, {0x6502: 0x280, 0x6076: 1900, 0x6092: 360_000})
     assert asked == [(0x604, 0x40, 0x6502, 0), (0x604, 0x40, 0x6076, 0), (0x604, 0x40, 0x6092, 1)]
+    assert written == [(0x6072, 0, 2, math.floor(1000 * needs().joint.torque_limit_Nm / 1.9))]
     assert identification.scale == TABLE_4_SCALE
 
 
+def test_a_drive_that_limits_its_current_alone_gets_that_limit():
+    _, written = answer(DriveIdentification(4, "d", needs()), TABLE_4_DRIVE, refused=(0x6072,))
+    assert [(index, value) for index, _, _, value in written][1] == (0x6073, written[0][3])
+
+
+def test_a_drive_that_follows_velocity_gets_another_mapping():
+    """The five steps of CiA 301: invalid, no objects, the objects, how many, valid."""
+    identification = DriveIdentification(4, "d", needs(Follows.VELOCITY))
+    _, written = answer(identification, TABLE_4_DRIVE)
+    assert identification.mode is OperationMode.CYCLIC_VELOCITY
+    assert written[1:] == [
+        (0x1400, 1, 4, 0x80000204),
+        (0x1600, 0, 1, 0),
+        (0x1600, 1, 4, 0x60400010),
+        (0x1600, 2, 4, 0x60600008),
+        (0x1600, 3, 4, 0x60FF0020),
+        (0x1600, 0, 1, 3),
+        (0x1400, 1, 4, 0x204),
+    ]
+
+
+# CiA 402-2, 6502h: bits 0 pp, 2 pv, 3 tq, 7 csp, 8 csv, 9 cst.
 @pytest.mark.parametrize(
-    ("values", "says"),
+    ("follows", "bits", "mode"),
     [
-        ({0x6502: 0x08, 0x6076: 1900, 0x6092: 1}, "lacks cyclic synchronous torque"),
-        ({0x6502: 0x200, 0x6076: 0, 0x6092: 1}, "6076h = 0"),
-        ({0x6502: None}, "refuses to tell 6502h:00 .abort 06020000h"),
+        (Follows.TORQUE, 0x208, 10),
+        (Follows.TORQUE, 0x008, 4),
+        (Follows.VELOCITY, 0x104, 9),
+        (Follows.VELOCITY, 0x004, 3),
+        (Follows.POSITION, 0x081, 8),
+        (Follows.POSITION, 0x001, 1),
     ],
 )
-def test_identification_refuses(values, says):
+def test_the_mode_is_the_best_that_6502_has(follows, bits, mode):
+    identification = DriveIdentification(4, "d", needs(follows))
+    answer(identification, {**TABLE_4_DRIVE, 0x6502: bits})
+    assert identification.mode == mode
+
+
+def test_homing_writes_its_objects():
+    homing = HomingConfig(
+        method=17, search_rad_s=math.pi / 180, zero_rad_s=math.pi / 360, acceleration_rad_s2=1
+    )
+    _, written = answer(DriveIdentification(4, "d", needs(homing=homing)), TABLE_4_DRIVE)
+    degrees = needs().joint.direction * (45_000 - 1000 * math.degrees(needs().joint.zero_offset_rad))
+    assert written[1:] == [
+        (0x6098, 0, 1, 17),
+        (0x6099, 1, 4, 1000),
+        (0x6099, 2, 4, 500),
+        (0x609A, 0, 4, 57296),
+        (0x607C, 0, 4, round(degrees) & 0xFFFFFFFF),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("follows", "homing", "values", "refused", "says"),
+    [
+        ("torque", None, {0x6502: 0x100}, (), "lacks.*profile torque.*drives_follow to velocity$"),
+        ("velocity", None, {0x6502: 0x200}, (), "lacks.*profile velocity.*drives_follow to torque$"),
+        ("position", None, {0x6502: 0x020}, (), "use a drive that has one$"),
+        ("torque", HomingConfig(method=17), {0x6502: 0x200}, (), "lacks homing"),
+        ("torque", HomingConfig(method=17), {}, (0x6098,), "refuses 6098h:00 = 17.*the homing method"),
+        ("velocity", None, {}, (0x1600,), "refuses 1600h:00 = 0"),
+        ("torque", None, {}, (0x6072, 0x6073), "refuses 6073h.*no limit of its own"),
+        ("torque", None, {0x6076: 0}, (), "6076h = 0"),
+        ("torque", None, {0x6502: None}, (), "refuses to tell 6502h:00 .abort 06020000h"),
+    ],
+)  # fmt: skip
+def test_identification_refuses(follows, homing, values, refused, says):
+    identification = DriveIdentification(4, "drive of abduction_2", needs(Follows(follows), homing))
     with pytest.raises(BusError, match=f"drive of abduction_2 .node 0x04.*{says}"):
-        answer(DriveIdentification(4, "drive of abduction_2"), values)
+        answer(identification, {**TABLE_4_DRIVE, **values}, refused)
 
 
 def test_an_unanswered_question_is_asked_again_after_200_ms():
-    identification = DriveIdentification(4, "d")
+    identification = DriveIdentification(4, "d", needs())
     assert identification.due(0) is not None
     assert identification.due(199_999) is None
     assert identification.due(200_000) is not None

@@ -167,10 +167,10 @@ def test_6072_takes_the_rated_torque_and_refuses_more(drive: SimulatedDrive) -> 
 
 def test_a_mode_that_6502_lacks_gives_no_torque(drive: SimulatedDrive) -> None:
     for controlword in (0x06, 0x07, 0x0F):
-        drive.process(0, (rpdo(controlword, 500, mode=8),))
+        drive.process(0, (rpdo(controlword, 500, mode=4),))
     assert drive.slave.read(0x6061) == 0
     assert drive.slave.read(0x6077) == 0
-    assert int(drive.slave.read(0x6502)) == 1 << 9
+    assert int(drive.slave.read(0x6502)) == 1 << 0 | 1 << 2 | 1 << 5 | 1 << 7 | 1 << 8 | 1 << 9
 
 
 def test_silence_of_the_host_takes_the_torque_away(enabled: SimulatedDrive) -> None:

@@ -7,7 +7,7 @@ import pytest
 from palpate_edge.calibrate import calibrate
 from palpate_edge.dataset import read_dataset
 from palpate_edge.training.dome_model import load_dome_model
-from palpate_host.drives.cia402_device import MotorState
+from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.host import load_hand
 from palpate_host.supervisor import Mode
@@ -79,12 +79,12 @@ def test_a_touch_that_ends_is_no_more_turned_by():
 def test_a_reversed_drive_turns_its_joint_the_same_way(direction):
     joint = load_hand(TABLE_4)[0].joints[0]
     motor = HandMotor(msgspec.structs.replace(joint, direction=direction, zero_offset_rad=0.2))
-    motor.moved(0.5, 1.0)
-    assert motor.state(0) == MotorState(pytest.approx(direction * 0.3), direction * 1.0)
+    motor.moved(0.3, 1.0)
+    assert motor.state(0) == MotorState(pytest.approx(direction * 0.1), direction * 1.0)
     motor.order(0, JointCommand(DriveGoal.TORQUE, direction * 0.1))
-    assert motor.joint_torque_Nm == pytest.approx(0.1)
+    assert motor.joint_torque_Nm(0.0005) == pytest.approx(0.1)
     motor.order(0, JointCommand(DriveGoal.QUICK_STOP, 0.1))
-    assert motor.joint_torque_Nm == 0.0
+    assert motor.joint_torque_Nm(0.0005) == 0.0
 
 
 def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):

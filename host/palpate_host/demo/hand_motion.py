@@ -22,7 +22,8 @@ from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution
 from palpate_host.demo.programme import Given
-from palpate_host.drives.cia402 import CIA402_EDS, CONTROLWORD, TARGET_TORQUE, Controlword
+from palpate_host.drives.cia402 import CIA402_EDS, Controlword
+from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
@@ -93,7 +94,7 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
 
     Raises BusError for a frame that is not the EDS's, ConfigError when a drive was never identified.
     """
-    group = DriveGroup(config.joints)
+    group = DriveGroup(config)
     codecs = [
         pdo_codec(load_eds(CIA402_EDS, joint.drive_node), PdoDirection.RECEIVE, 1) for joint in config.joints
     ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Protocol
 
 from palpate_edge.can_frame import CanFrame
@@ -19,32 +19,29 @@ from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, Rpdo
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.object_dictionary import load_eds
 from palpate_edge.node.slave import Output, Slave
-from palpate_host.drives.cia402 import CIA402_EDS, CYCLIC_SYNCHRONOUS_TORQUE, DriveState
+from palpate_host.drives.cia402 import CIA402_EDS, DriveState
+from palpate_host.drives.cia402_modes import OperationMode
+from palpate_host.drives.cia402_motion import Motion, MotorState, Targets
 from palpate_host.drives.cia402_state_machine import STATE_BITS, DriveStateMachine
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
 ERROR_CODE, CONTROLWORD, STATUSWORD = 0x603F, 0x6040, 0x6041
 MODE, MODE_DISPLAY = 0x6060, 0x6061
 POSITION, VELOCITY = 0x6064, 0x606C
-TARGET_TORQUE, MAX_TORQUE, RATED_TORQUE, ACTUAL_TORQUE = 0x6071, 0x6072, 0x6076, 0x6077
-FEED_CONSTANT = 0x6092
+TARGET_TORQUE, MAX_TORQUE, MAX_CURRENT, RATED_TORQUE, ACTUAL_TORQUE = 0x6071, 0x6072, 0x6073, 0x6076, 0x6077
+TARGET_POSITION, HOME_OFFSET, TARGET_VELOCITY = 0x607A, 0x607C, 0x60FF
+PROFILE_VELOCITY, PROFILE_ACCELERATION = 0x6081, 0x6083
+HOMING_METHOD, HOMING_SPEEDS = 0x6098, 0x6099
+FEED_CONSTANT, SUPPORTED_MODES = 0x6092, 0x6502
 
 STATUS_TPDO = 2
 COMMUNICATION_LOST = 0x8100
 
-# Statusword, CiA 402-2; bit 12 as cyclic synchronous torque defines it.
-VOLTAGE_ENABLED, REMOTE, INTERNAL_LIMIT, FOLLOWS_COMMAND = 1 << 4, 1 << 9, 1 << 11, 1 << 12
+# Statusword, CiA 402-2.
+VOLTAGE_ENABLED, REMOTE, INTERNAL_LIMIT = 1 << 4, 1 << 9, 1 << 11
+LONGEST_STEP_US = 100_000  # a process that stood does not catch up
 
 _POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
-
-
-@dataclass(frozen=True, slots=True)
-class MotorState:
-    """What a motor tells of its joint; error_code is for 603Fh, 0 while all is well."""
-
-    position_rad: float
-    velocity_rad_s: float
-    error_code: int = 0
 
 
 class Motor(Protocol):
@@ -66,15 +63,25 @@ class Motor(Protocol):
 
 
 class Cia402Device:
-    """One drive with its motor. The joint's position is kept through NMT resets."""
+    """One drive with its motor. The joint's position and its zero are kept through NMT resets."""
 
-    def __init__(self, node_id: int, motor: Motor) -> None:
+    def __init__(
+        self, node_id: int, motor: Motor, modes: Sequence[OperationMode] = tuple(OperationMode)
+    ) -> None:
+        """modes: what it can, of the modes that the EDS names in 6502h."""
         self.slave = Slave(load_eds(CIA402_EDS, node_id))
+        self._modes = self._number(SUPPORTED_MODES) & sum(mode.supported_bit for mode in modes)
+        self.slave.write(SUPPORTED_MODES, 0, self._modes)
         self.slave.write(RATED_TORQUE, 0, motor.rated_torque_mNm)
         self.per_mille_Nm = motor.rated_torque_mNm * 1e-6
         self.increments_per_rad = self._number(FEED_CONSTANT, 1) / math.tau
         self._motor = motor
         self._machine = DriveStateMachine()
+        self._motion = Motion()
+        self._command_now = JointCommand(DriveGoal.OFF)
+        self._joint = MotorState(0.0, 0.0)
+        self._zero_rad = 0.0
+        self._now_us: int | None = None
 
     @property
     def state(self) -> DriveState:
@@ -82,19 +89,21 @@ class Cia402Device:
 
     @property
     def torque_per_mille(self) -> int:
-        """What the motor is asked now: the target within 6072h while enabled in torque mode, else 0."""
-        if self.state is not DriveState.OPERATION_ENABLED or not self._in_torque_mode:
+        """What a drive in torque mode asks of its motor now: the target within 6072h and 6073h; else 0."""
+        if self._command_now.goal is not DriveGoal.TORQUE:
             return 0
-        limit = self._number(MAX_TORQUE)
-        return max(-limit, min(limit, self._number(TARGET_TORQUE)))
+        return round(self._command_now.torque_Nm / self.per_mille_Nm)
 
     def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
         """Look at the joint, serve the frames, act on what they command."""
+        step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)
+        self._now_us = now_us
         self._measure(self._motor.state(now_us))
         served = self.slave.process(now_us, frames_in)
         for event in served.events:
             self._obey(event)
-        self._motor.order(now_us, self._joint_command())
+        self._command_now = self._joint_command(step_us * 1e-6)
+        self._motor.order(now_us, self._command_now)
         self._report()
         status = self.slave.process(now_us, ())
         return Output(
@@ -102,18 +111,43 @@ class Cia402Device:
         )
 
     @property
-    def _in_torque_mode(self) -> bool:
-        return self._number(MODE) == CYCLIC_SYNCHRONOUS_TORQUE
+    def _mode(self) -> int:
+        """6060h where the drive has that mode, else 0."""
+        mode = self._number(MODE)
+        return mode if mode > 0 and self._modes & 1 << (mode - 1) else 0
 
-    def _joint_command(self) -> JointCommand:
-        if self.state is DriveState.QUICK_STOP_ACTIVE:
-            return JointCommand(DriveGoal.QUICK_STOP)
+    def _joint_command(self, step_s: float) -> JointCommand:
         if self.state is not DriveState.OPERATION_ENABLED:
-            return JointCommand(DriveGoal.OFF)
-        return JointCommand(DriveGoal.TORQUE, self.torque_per_mille * self.per_mille_Nm)
+            self._motion.stand()
+            is_braked = self.state is DriveState.QUICK_STOP_ACTIVE
+            return JointCommand(DriveGoal.QUICK_STOP if is_braked else DriveGoal.OFF)
+        command, is_home = self._motion.order(self._mode, self._targets(), self._joint, step_s)
+        if is_home and self._number(HOMING_METHOD) > 0:
+            here_rad = self._joint.position_rad + self._zero_rad
+            self._zero_rad = here_rad - self._number(HOME_OFFSET) / self.increments_per_rad
+        if command.goal is DriveGoal.POSITION:
+            return replace(command, position_rad=command.position_rad + self._zero_rad)
+        return command
+
+    def _targets(self) -> Targets:
+        per_rad, limit = self.increments_per_rad, min(self._number(MAX_TORQUE), self._number(MAX_CURRENT))
+        return Targets(
+            controlword=self._number(CONTROLWORD),
+            torque_Nm=self._number(TARGET_TORQUE) * self.per_mille_Nm,
+            torque_limit_Nm=limit * self.per_mille_Nm,
+            velocity_rad_s=self._number(TARGET_VELOCITY) / per_rad,
+            position_rad=self._number(TARGET_POSITION) / per_rad,
+            profile_speed_rad_s=self._number(PROFILE_VELOCITY) / per_rad,
+            profile_rate_rad_s2=self._number(PROFILE_ACCELERATION) / per_rad,
+            homing_method=self._number(HOMING_METHOD),
+            search_rad_s=self._number(HOMING_SPEEDS, 1) / per_rad,
+            zero_rad_s=self._number(HOMING_SPEEDS, 2) / per_rad,
+        )
 
     def _measure(self, joint: MotorState) -> None:
-        """What TPDO 1 says at a SYNC; an error of the motor is a fault."""
+        """What TPDO 1 says at a SYNC; an error of the motor is a fault. The motor's own angle is not the
+        drive's: homing says where its zero is."""
+        joint = self._joint = replace(joint, position_rad=joint.position_rad - self._zero_rad)
         self.slave.write(POSITION, 0, round(joint.position_rad * self.increments_per_rad))
         self.slave.write(VELOCITY, 0, round(joint.velocity_rad_s * self.increments_per_rad))
         if joint.error_code and self.state is not DriveState.FAULT:
@@ -157,16 +191,17 @@ class Cia402Device:
     def _report(self) -> None:
         """What TPDO 2 says; a change of the statusword sends it."""
         torque_per_mille = self.torque_per_mille
-        in_torque_mode = self._in_torque_mode
-        statusword = STATE_BITS[self.state] | VOLTAGE_ENABLED | REMOTE
-        if self.state is DriveState.OPERATION_ENABLED and in_torque_mode:
-            statusword |= FOLLOWS_COMMAND
+        statusword = STATE_BITS[self.state] | VOLTAGE_ENABLED | REMOTE | self._motion.status_bits
+        if self._command_now.goal is DriveGoal.TORQUE and self._mode == OperationMode.CYCLIC_TORQUE:
             if torque_per_mille != self._number(TARGET_TORQUE):
                 statusword |= INTERNAL_LIMIT
-        if statusword != self._number(STATUSWORD):
+        elif self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION):
+            torque_per_mille = round(self._joint.torque_Nm / self.per_mille_Nm)
+        mode = self._mode
+        if (statusword, mode) != (self._number(STATUSWORD), self._number(MODE_DISPLAY)):
             self.slave.write(STATUSWORD, 0, statusword)
             self.slave.trigger((STATUS_TPDO,))
-        self.slave.write(MODE_DISPLAY, 0, CYCLIC_SYNCHRONOUS_TORQUE if in_torque_mode else 0)
+        self.slave.write(MODE_DISPLAY, 0, mode)
         self.slave.write(ACTUAL_TORQUE, 0, torque_per_mille)
 
     def _number(self, index: int, subindex: int = 0) -> int:

@@ -8,9 +8,12 @@ import numpy as np
 
 from palpate_edge.can_frame import CanFrame
 from palpate_host.drives.cia402 import Cia402Drive, DriveState
+from palpate_host.drives.drive_settings import needs_of
+from palpate_host.drives.homing import HomingRun
 from palpate_host.drives.identify import DriveIdentification
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
-from palpate_host.hand_config import JointConfig
+from palpate_host.drives.joint_orders import JointOrders
+from palpate_host.hand_config import HandConfig
 from palpate_host.rotation import Array
 from palpate_host.status import JointStatus
 
@@ -20,12 +23,19 @@ _POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
 class DriveGroup:
     """The hand's drives as one; `receive` understands the identifiers `receive_ids`."""
 
-    def __init__(self, joints: Sequence[JointConfig]) -> None:
+    def __init__(self, config: HandConfig) -> None:
+        joints, follows = config.joints, config.control.drives_follow
         self._names = [joint.name for joint in joints]
         self.drives = tuple(
-            Cia402Drive(j.drive_node, f"drive of {j.name}", j.direction, j.zero_offset_rad) for j in joints
+            Cia402Drive(j.drive_node, f"drive of {j.name}", j.direction, j.zero_offset_rad, follows)
+            for j in joints
         )
-        self._identifications = {d.node_id: DriveIdentification(d.node_id, d.name) for d in self.drives}
+        self.homing = HomingRun(config.homing, self.drives)
+        self._orders = JointOrders(joints, config.control)
+        self._identifications = {
+            drive.node_id: DriveIdentification(drive.node_id, drive.name, needs)
+            for drive, needs in zip(self.drives, needs_of(config), strict=True)
+        }
         self._by_id = {can_id: drive for drive in self.drives for can_id in drive.receive_ids}
         self._by_reply = {i.reply_id: i for i in self._identifications.values()}
         self.receive_ids = frozenset((*self._by_id, *self._by_reply))
@@ -39,6 +49,7 @@ class DriveGroup:
         identification.receive(frame)
         for drive in self.drives:
             drive.scale = self._identifications[drive.node_id].scale
+            drive.mode = self._identifications[drive.node_id].mode
 
     def booted(self, node_id: int) -> None:
         """A node booted anew; nothing happens when it is no drive."""
@@ -47,6 +58,7 @@ class DriveGroup:
                 drive.forget()
                 self._identifications[node_id].restart()
                 drive.scale = None
+                self.homing.booted(node_id)
 
     def questions(self, now_us: int, is_up: Sequence[bool]) -> list[CanFrame]:
         """SDO requests to the drives that are up and not identified."""
@@ -93,10 +105,22 @@ class DriveGroup:
         return any(drive.state in _POWERED for drive in self.drives)
 
     def commands(self, goal: DriveGoal, torque_Nm: Array) -> list[CanFrame]:
-        """RPDO 1 to each identified drive; `torque_Nm` (nq,) counts with the goal TORQUE."""
+        """RPDO 1 to each identified drive.
+
+        `torque_Nm` (nq,) counts with the goal TORQUE, which each drive follows in its own way. HOME moves the
+        one drive that has its turn, the others have no power.
+        """
+        if goal is DriveGoal.TORQUE:
+            angles = self.angles()
+            orders = self._orders.moving(torque_Nm, None if angles is None else angles[0])
+        else:
+            self._orders.rest()
+            turn = self.homing.turn if goal is DriveGoal.HOME else None
+            off = DriveGoal.OFF if goal is DriveGoal.HOME else goal
+            orders = [JointCommand(goal if i == turn else off) for i in range(len(self.drives))]
         return [
-            drive.command(JointCommand(goal, float(torque)))
-            for drive, torque in zip(self.drives, torque_Nm, strict=True)
+            drive.command(order)
+            for drive, order in zip(self.drives, orders, strict=True)
             if drive.scale is not None
         ]
 

@@ -1,16 +1,19 @@
-"""Asks a drive at start-up by SDO what it is: supported modes, rated torque, increments a turn.
+"""Asks a drive at start-up by SDO what it is, and tells it its limits: one transfer at a time.
 
-A pure client of one transfer at a time (CiA 301, 7.2.4.3.5): requests go out when they are due, replies come
-in.
+Questions: supported modes, rated torque, increments a turn. Then what the hand needs of it is written
+(drive_settings.py). A pure client (CiA 301, 7.2.4.3): requests go out when they are due, replies come in.
 """
 
 from __future__ import annotations
 
 import struct
+from collections import deque
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_host.drives.cia402 import CST_SUPPORTED_BIT, DriveScale
+from palpate_host.drives.cia402 import DriveScale
+from palpate_host.drives.cia402_modes import OperationMode, choose_mode
+from palpate_host.drives.drive_settings import DriveNeeds, Write, settings
 
 SUPPORTED_MODES = (0x6502, 0)
 RATED_TORQUE = (0x6076, 0)
@@ -24,41 +27,51 @@ REPEAT_US = 200_000
 UPLOAD_REQUEST = 0x40
 ABORT = 0x80
 EXPEDITED_4_BYTES = 0x43
+WRITTEN = 0x60
 
 
 class DriveIdentification:
-    """The three questions to one drive; `scale` is there once all are answered."""
+    """The transfers with one drive; `scale` and `mode` are there once all are done."""
 
-    def __init__(self, node_id: int, name: str) -> None:
+    def __init__(self, node_id: int, name: str, needs: DriveNeeds) -> None:
         self.reply_id = SDO_REPLY_ID + node_id
-        self.scale: DriveScale | None = None
+        self.mode = OperationMode.CYCLIC_TORQUE
         self._node_id = node_id
         self._name = f"{name} (node 0x{node_id:02X})"
-        self._answers: dict[tuple[int, int], int] = {}
-        self._asked_us: int | None = None
+        self._needs = needs
+        self.restart()
 
     def restart(self) -> None:
         """The drive booted anew: ask again."""
-        self.scale = None
-        self._answers.clear()
-        self._asked_us = None
+        self.scale: DriveScale | None = None
+        self._questions = deque(QUESTIONS)
+        self._writes: deque[Write] = deque()
+        self._answers: dict[tuple[int, int], int] = {}
+        self._asked_us: int | None = None
 
     def due(self, now_us: int) -> CanFrame | None:
         """The next request, or the last one again after 200 ms without an answer."""
         if self.scale is not None or (self._asked_us is not None and now_us < self._asked_us + REPEAT_US):
             return None
         self._asked_us = now_us
-        index, subindex = self._open_question()
-        data = struct.pack("<BHB4x", UPLOAD_REQUEST, index, subindex)
+        if self._questions:
+            data = struct.pack("<BHB4x", UPLOAD_REQUEST, *self._questions[0])
+        else:
+            data = self._writes[0].request()
         return CanFrame(SDO_REQUEST_ID + self._node_id, data)
 
     def receive(self, frame: CanFrame) -> None:
-        """Take a reply in; BusError when the drive refuses, lacks CST, or names a zero scale."""
-        if self.scale is not None or len(frame.data) != 8:
+        """Take a reply in; BusError when the drive refuses, lacks a mode, or names a zero scale."""
+        if self.scale is not None or len(frame.data) != 8 or self._asked_us is None:
             return
         command, index, subindex, value = struct.unpack("<BHBI", frame.data)
-        if (index, subindex) != self._open_question():
-            return
+        if self._questions and (index, subindex) == self._questions[0]:
+            self._take_answer(command, value)
+        elif not self._questions and (index, subindex) == self._writes[0].key:
+            self._take_receipt(command, value)
+
+    def _take_answer(self, command: int, value: int) -> None:
+        index, subindex = self._questions[0]
         if command == ABORT:
             raise BusError(
                 f"{self._name} refuses to tell {index:04X}h:{subindex:02X}"
@@ -69,21 +82,41 @@ class DriveIdentification:
                 f"{self._name} answers {index:04X}h:{subindex:02X} with SDO command"
                 f" {command:02X}h, not with 4 bytes: give both sides the same cia402.eds"
             )
-        self._answers[(index, subindex)] = value
+        self._answers[self._questions.popleft()] = value
         self._asked_us = None
-        if len(self._answers) == len(QUESTIONS):
+        if not self._questions:
+            self._writes = self._needed_writes()
+
+    def _take_receipt(self, command: int, value: int) -> None:
+        write = self._writes[0]
+        if command == ABORT and write.otherwise is None:
+            raise BusError(
+                f"{self._name} refuses {write.index:04X}h:{write.subindex:02X} = {write.value}"
+                f" (abort {value:08X}h), {write.purpose}"
+            )
+        if command not in (ABORT, WRITTEN):
+            return
+        self._asked_us = None
+        self._writes.popleft()
+        if command == ABORT and write.otherwise is not None:
+            self._writes.appendleft(write.otherwise)
+        if not self._writes:
             self.scale = self._checked_scale()
 
-    def _open_question(self) -> tuple[int, int]:
-        return next(question for question in QUESTIONS if question not in self._answers)
+    def _needed_writes(self) -> deque[Write]:
+        modes = self._answers[SUPPORTED_MODES]
+        try:
+            self.mode = choose_mode(modes, self._needs.follows)
+        except BusError as exc:
+            raise BusError(f"{self._name} {exc}") from None
+        if self._needs.homing is not None and not modes & OperationMode.HOMING.supported_bit:
+            raise BusError(
+                f"{self._name} lacks homing (6502h is {modes:08X}h, bit 5 is clear):"
+                " take [homing] out of hand.toml, or use a drive that has it"
+            )
+        return deque(settings(self._needs, self._checked_scale(), self.mode))
 
     def _checked_scale(self) -> DriveScale:
-        modes = self._answers[SUPPORTED_MODES]
-        if not modes & CST_SUPPORTED_BIT:
-            raise BusError(
-                f"{self._name} lacks cyclic synchronous torque (6502h is {modes:08X}h,"
-                " bit 9 is clear): use a drive that has it"
-            )
         rated, feed = self._answers[RATED_TORQUE], self._answers[FEED]
         if rated == 0 or feed == 0:
             raise BusError(

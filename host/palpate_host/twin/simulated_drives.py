@@ -5,28 +5,45 @@ It differs from a real drive in its motor alone, so that hardware takes its plac
 
 from __future__ import annotations
 
-from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
-from palpate_host.twin.drive_plant import JointParameters, JointPlant
+from palpate_host.twin.drive_plant import LONGEST_ADVANCE_US, LONGEST_STEP_US, JointParameters, JointPlant
+from palpate_host.twin.joint_servo import JointServo
 
 
 class PlantMotor:
-    """A simulated joint under the torque that it was asked for last."""
+    """A simulated joint under the order that came last, with a limit switch at each end of its range."""
 
     def __init__(self, plant: JointPlant) -> None:
         self.plant = plant
         self.rated_torque_mNm = round(plant.parameters.rated_torque_Nm * 1000)
+        self._servo = JointServo()
+        self._command = JointCommand(DriveGoal.OFF)
         self._torque_Nm = 0.0
         self._now_us: int | None = None
 
     def state(self, now_us: int) -> MotorState:
-        if self._now_us is not None:
-            self.plant.advance(now_us - self._now_us, self._torque_Nm)
+        left_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_ADVANCE_US)
         self._now_us = now_us
-        return MotorState(self.plant.position_rad, self.plant.velocity_rad_s)
+        plant, parameters = self.plant, self.plant.parameters
+        if self._command.goal not in (DriveGoal.VELOCITY, DriveGoal.POSITION):
+            self._torque_Nm = self._servo.torque_Nm(self._command, 0.0, 0.0, 0.0)
+            plant.advance(left_us, self._torque_Nm)
+            left_us = 0
+        while left_us > 0:
+            step_us = min(LONGEST_STEP_US, left_us)
+            left_us -= step_us
+            self._torque_Nm = self._servo.torque_Nm(
+                self._command, plant.position_rad, plant.velocity_rad_s, step_us * 1e-6
+            )
+            plant.advance(step_us, self._torque_Nm)
+        q_rad = plant.position_rad
+        at_limit = int(q_rad >= parameters.max_rad) - int(q_rad <= parameters.min_rad)
+        return MotorState(q_rad, plant.velocity_rad_s, torque_Nm=self._torque_Nm, at_limit=at_limit)
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - the plant has no delay
-        self._torque_Nm = command.torque_Nm if command.goal is DriveGoal.TORQUE else 0.0
+        self._command = command
 
     def reset_fault(self) -> None:
         """A simulated joint has no fault of its own."""

@@ -16,8 +16,8 @@ from palpate_host.drives.az import alarms
 from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import AzPort
-from palpate_host.drives.az.registers import Input
-from palpate_host.drives.cia402_device import MotorState
+from palpate_host.drives.az.registers import Input, Status
+from palpate_host.drives.cia402_motion import MotorState, OwnHoming
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
 ORDER_LIMIT_US = 200_000
@@ -98,11 +98,14 @@ class AzAxis:
                 port.command(self.settings.device_id, Input.ALM_RST)
                 self._inputs = None
             words = self._carry_out(command, port)
-            alarm = port.health(self.settings.device_id).alarm if ask_health or reset else None
+            is_homing = command.goal is DriveGoal.HOME
+            health = port.health(self.settings.device_id) if ask_health or reset or is_homing else None
         except BusError as exc:
             self._failed(str(exc))
             return
-        self._answered(words, alarm)
+        self._answered(words, health.alarm if health else None)
+        if is_homing and health is not None:
+            self._look_home(health.status)
 
     def release(self, port: AzPort) -> None:
         """Let the joint go at the end; a drive that does not hear it stops by its own timeout."""
@@ -111,6 +114,9 @@ class AzAxis:
 
     def _carry_out(self, command: JointCommand, port: AzPort) -> list[int]:
         device_id, motor = self.settings.device_id, self.settings.motor
+        if command.goal is DriveGoal.HOME:
+            return self._go_home(port)
+        self._set_homing(OwnHoming.NONE)
         inputs = {DriveGoal.OFF: Input.FREE, DriveGoal.QUICK_STOP: Input.STOP}.get(command.goal, Input(0))
         if inputs != self._inputs:
             self._inputs = None
@@ -119,11 +125,41 @@ class AzAxis:
         if inputs:
             return list(port.motion(device_id))
         limit_Nm = self.settings.torque_limit_Nm
+        if command.goal is DriveGoal.VELOCITY:
+            most_Nm = min(limit_Nm, command.torque_Nm)
+            return list(port.move(device_id, az.velocity_operation(motor, command.velocity_rad_s, most_Nm)))
+        if command.goal is DriveGoal.POSITION:
+            most_Nm = min(limit_Nm, command.torque_Nm)
+            return list(port.move(device_id, az.position_operation(motor, command.position_rad, most_Nm)))
         torque_Nm = max(-limit_Nm, min(limit_Nm, command.torque_Nm))
         if self.settings.torque_by is TorqueBy.CURRENT:
             return list(port.move(device_id, az.torque_operation(motor, torque_Nm)))
         velocity_rad_s = torque_Nm / self.settings.B_d_Nms_rad
         return list(port.move(device_id, az.velocity_operation(motor, velocity_rad_s, limit_Nm)))
+
+    def _go_home(self, port: AzPort) -> list[int]:
+        """ZHOME, the drive's return to its own zero: told once. Should that be lost, homing has failed:
+        whether the drive moves is not known, and the trigger is not repeated."""
+        if self._state.homing is OwnHoming.NONE:
+            self._set_homing(OwnHoming.FAILED)
+            self._inputs = None
+            port.command(self.settings.device_id, Input(0))  # ZHOME counts when it rises
+            port.command(self.settings.device_id, Input.ZHOME)
+            self._inputs = Input.ZHOME
+            self._set_homing(OwnHoming.RUNNING)
+        return list(port.motion(self.settings.device_id))
+
+    def _look_home(self, status: Status) -> None:
+        if (
+            self._state.homing is OwnHoming.RUNNING
+            and Status.HOME_END in status
+            and Status.MOVE not in status
+        ):
+            self._set_homing(OwnHoming.ATTAINED)
+
+    def _set_homing(self, homing: OwnHoming) -> None:
+        with self._lock:
+            self._state = replace(self._state, homing=homing)
 
     def _answered(self, words: list[int], alarm: int | None) -> None:
         motion = az.motion(self.settings.motor, words)
@@ -135,7 +171,13 @@ class AzAxis:
                 self.problem, error_code = alarms.text(alarm), MANUFACTURER_ERROR | alarm
             elif not error_code:
                 self.problem = ""
-            self._state = MotorState(motion.position_rad, motion.velocity_rad_s, error_code)
+            self._state = replace(
+                self._state,
+                position_rad=motion.position_rad,
+                velocity_rad_s=motion.velocity_rad_s,
+                torque_Nm=motion.torque_Nm,
+                error_code=error_code,
+            )
 
     def _failed(self, problem: str) -> None:
         with self._lock:

@@ -1,7 +1,7 @@
 """An AZ drive and its joint as a register file: pure, on the time it is given.
 
 Served at the wire by az_server. Modelled: the three operation types a joint uses, acceleration and current
-limits, the STOP, FREE and ALM-RST inputs, the communication timeout with alarm 85h,
+limits, the STOP, FREE, ZHOME and ALM-RST inputs, the communication timeout with alarm 85h,
 and alarms that a test raises. Registers outside the table do not exist.
 """
 
@@ -47,6 +47,8 @@ class SimulatedAz:
         self.motor = motor or AzMotor()
         self.plant = JointPlant(joint or JointParameters())
         self.alarm = 0
+        self._is_home = False
+        self._held = Input(0)
         self.values = {register.address: 0 for register in _REGISTERS}
         self._operation: Mapping[int, int] | None = None
         self._target_rad_s = 0.0
@@ -118,6 +120,14 @@ class SimulatedAz:
             self.alarm = 0
         if self._inputs & (Input.FREE | Input.STOP):
             self._operation = None
+        if self._inputs & ~self._held & Input.ZHOME and self._may_move:
+            self._is_home = False
+            self._operation = {
+                az.OPERATION_TYPE.address: OperationType.ABSOLUTE_POSITIONING,
+                az.POSITION.address: 0,
+                az.SPEED.address: self.motor.to_steps(self.motor.speed_rad_s),
+            }
+        self._held = self._inputs
 
     def _motor_torque(self, step_s: float) -> float:
         """Torque of the operation under way; without one the joint is held, but for FREE or alarm."""
@@ -162,7 +172,10 @@ class SimulatedAz:
         self.values[az.PRESENT_ALARM.address] = self.alarm
         for temperature in (az.DRIVER_TEMPERATURE, az.MOTOR_TEMPERATURE):
             self.values[temperature.address] = round(AMBIENT_degC / temperature.scale)
-        status = Status.HOME_END
+        is_at_zero = self.values[az.FEEDBACK_POSITION.address] == 0
+        if is_at_zero and Input.ZHOME in self._held and self._operation is not None:
+            self._is_home, self._operation = True, None
+        status = Status.HOME_END if self._is_home else Status(0)
         if self.alarm:
             status |= Status.ALM_A
         elif self._operation is not None:

@@ -1,18 +1,22 @@
 """A hand with a CiA 402 drive on each joint: what stands between the bus and the physics.
 
 A joint without power stands: gear and detent torque of Table 4's motor (20:1) hold the finger's weight. Here
-that is a brake, which the drive lets go while it commands torque.
+that is a brake, which the drive lets go while it moves the joint.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from palpate_host.drives.cia402_device import Cia402Device, MotorState
+from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.twin.drive_plant import JointParameters
 from palpate_host.twin.hand.engine import Engine
+from palpate_host.twin.joint_servo import JointServo
 
 
 class HandMotor:
@@ -22,25 +26,39 @@ class HandMotor:
         self._joint = joint
         self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
         self.is_powered = False
-        self._torque_Nm = 0.0
+        self._servo = JointServo()
+        self._command = JointCommand(DriveGoal.OFF)
         self._state = MotorState(0.0, 0.0)
 
     @property
-    def joint_torque_Nm(self) -> float:
-        """On the joint, in the direction of q."""
-        return self._joint.direction * self._torque_Nm
+    def is_servoing(self) -> bool:
+        """Its torque depends on where the joint is now."""
+        return self._command.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION, DriveGoal.HOME)
+
+    def joint_torque_Nm(self, step_s: float) -> float:
+        """On the joint over the next step, in the direction of q."""
+        state = self._state
+        torque = self._servo.torque_Nm(self._command, state.position_rad, state.velocity_rad_s, step_s)
+        self._state = replace(state, torque_Nm=torque)
+        return self._joint.direction * torque
 
     def moved(self, q_rad: float, qdot_rad_s: float) -> None:
         """Where the engine brought the joint."""
-        direction = self._joint.direction
-        self._state = MotorState(direction * (q_rad - self._joint.zero_offset_rad), direction * qdot_rad_s)
+        joint, direction = self._joint, self._joint.direction
+        at_limit = direction * (int(q_rad >= joint.max_rad) - int(q_rad <= joint.min_rad))
+        self._state = replace(
+            self._state,
+            position_rad=direction * (q_rad - joint.zero_offset_rad),
+            velocity_rad_s=direction * qdot_rad_s,
+            at_limit=at_limit,
+        )
 
     def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the hand keeps it up to date
         return self._state
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
-        self.is_powered = command.goal is DriveGoal.TORQUE
-        self._torque_Nm = command.torque_Nm if self.is_powered else 0.0
+        self.is_powered = command.goal not in (DriveGoal.OFF, DriveGoal.QUICK_STOP)
+        self._command = command
 
     def reset_fault(self) -> None:
         """Has none."""
@@ -70,7 +88,9 @@ class DrivenHand:
         if powered != self._powered:
             self._powered = powered
             self.engine.brake(np.logical_not(powered))
-        self.engine.step(np.array([motor.joint_torque_Nm for motor in self._motors]))
+        if any(motor.is_servoing for motor in self._motors):
+            self.look()
+        self.engine.step(np.array([motor.joint_torque_Nm(self.engine.step_s) for motor in self._motors]))
 
     def look(self) -> None:
         """The drives see where their joints are: to be called before they are served."""

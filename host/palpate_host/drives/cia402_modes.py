@@ -1,0 +1,71 @@
+"""Modes of operation of a CiA 402 drive (6060h, 6502h), which of them a hand uses, and what RPDO 1 carries.
+
+RPDO 1 is controlword, mode and the target that the hand's drives follow; the EDS maps the target torque, for
+the two others the master maps it anew at start-up, so that each drive has one command PDO and one watchdog.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from palpate_edge.errors import BusError
+from palpate_host.drives.joint_command import Follows
+
+CONTROLWORD = (0x6040, 0)
+MODE = (0x6060, 0)
+TARGET_TORQUE = (0x6071, 0)
+TARGET_POSITION = (0x607A, 0)
+TARGET_VELOCITY = (0x60FF, 0)
+
+
+class OperationMode(enum.IntEnum):
+    """Values of 6060h (CiA 402-2)."""
+
+    PROFILE_POSITION = 1
+    PROFILE_VELOCITY = 3
+    PROFILE_TORQUE = 4
+    HOMING = 6
+    CYCLIC_POSITION = 8
+    CYCLIC_VELOCITY = 9
+    CYCLIC_TORQUE = 10
+
+    @property
+    def supported_bit(self) -> int:
+        """Its bit of 6502h, which counts the modes from 1."""
+        return 1 << (self.value - 1)
+
+
+TARGETS = {
+    Follows.TORQUE: TARGET_TORQUE,
+    Follows.VELOCITY: TARGET_VELOCITY,
+    Follows.POSITION: TARGET_POSITION,
+}
+COMMAND_MAPPING = {
+    Follows.TORQUE: (0x60400010, 0x60600008, 0x60710010),
+    Follows.VELOCITY: (0x60400010, 0x60600008, 0x60FF0020),
+    Follows.POSITION: (0x60400010, 0x60600008, 0x607A0020),
+}
+"""Mapping words of RPDO 1."""
+
+_BEST_FIRST = {
+    Follows.TORQUE: (OperationMode.CYCLIC_TORQUE, OperationMode.PROFILE_TORQUE),
+    Follows.VELOCITY: (OperationMode.CYCLIC_VELOCITY, OperationMode.PROFILE_VELOCITY),
+    Follows.POSITION: (OperationMode.CYCLIC_POSITION, OperationMode.PROFILE_POSITION),
+}
+
+
+def choose_mode(supported: int, follows: Follows) -> OperationMode:
+    """The mode in which a drive with this 6502h follows; BusError, to be completed with its name, when it
+    has none."""
+    for mode in _BEST_FIRST[follows]:
+        if supported & mode.supported_bit:
+            return mode
+    cyclic, profile = _BEST_FIRST[follows]
+    others = [
+        other.value for other in Follows if any(supported & m.supported_bit for m in _BEST_FIRST[other])
+    ]
+    way_out = f"set control.drives_follow to {' or '.join(others)}" if others else "use a drive that has one"
+    raise BusError(
+        f"lacks cyclic synchronous and profile {follows.value} (6502h is {supported:08X}h, bits"
+        f" {cyclic - 1} and {profile - 1} are clear): {way_out}"
+    )

@@ -1,0 +1,186 @@
+"""What a drive's motor is ordered in each mode of operation, and what its statusword says of it (CiA 402-2).
+
+The device's side, pure, on the time it is given. Profile modes ramp by 6083h, profile position takes one set
+point after the other with its handshake; homing seeks a limit switch (methods 17, 18), takes the joint where
+it is (35, 37), or leaves it to the motor's own way (-1).
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from palpate_host.drives.cia402 import (
+    HOMING_ATTAINED,
+    HOMING_ERROR,
+    NEW_SET_POINT,
+    SET_POINT_TAKEN,
+    START_HOMING,
+)
+from palpate_host.drives.cia402_modes import OperationMode
+from palpate_host.drives.joint_command import DriveGoal, JointCommand
+
+TARGET_REACHED, FOLLOWS_COMMAND = 1 << 10, 1 << 12
+NEGATIVE_SWITCH, POSITIVE_SWITCH, HERE, HERE_OLD, OWN_WAY = 17, 18, 37, 35, -1
+REACHED_RAD = 2e-3
+
+
+class OwnHoming(enum.Enum):
+    """What a motor says of the homing that it does itself."""
+
+    NONE = "none"
+    RUNNING = "running"
+    ATTAINED = "attained"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """What a motor tells of its joint.
+
+    error_code: for 603Fh, 0 while all is well. torque_Nm: what it gives where it follows no torque. at_limit:
+    -1 or 1 at the limit switch of that direction. homing: of its own way home.
+    """
+
+    position_rad: float
+    velocity_rad_s: float
+    error_code: int = 0
+    torque_Nm: float = 0.0
+    at_limit: int = 0
+    homing: OwnHoming = OwnHoming.NONE
+
+
+@dataclass(frozen=True, slots=True)
+class Targets:
+    """The objects that a mode goes by, in rad, s and N m; the controlword as it came."""
+
+    controlword: int
+    torque_Nm: float
+    torque_limit_Nm: float
+    velocity_rad_s: float
+    position_rad: float
+    profile_speed_rad_s: float
+    profile_rate_rad_s2: float
+    homing_method: int
+    search_rad_s: float
+    zero_rad_s: float
+
+
+class Motion:
+    """One enabled drive's way: `order` once a call of the device, then `status_bits`."""
+
+    def __init__(self) -> None:
+        self.is_homed = False
+        self._failed = False
+        self.stand()
+
+    def stand(self) -> None:
+        """Not enabled, or another mode: ramps and set points begin anew. What homing found stays."""
+        self._mode = 0
+        self._velocity_rad_s = 0.0
+        self._set_point_rad: float | None = None
+        self._taken = self._last_new = self._started = self._found_switch = False
+        self._bits = 0
+
+    @property
+    def status_bits(self) -> int:
+        return self._bits
+
+    def order(
+        self, mode: int, targets: Targets, joint: MotorState, step_s: float
+    ) -> tuple[JointCommand, bool]:
+        """What the motor does in `mode` for the next while, and whether the joint is at home just now."""
+        if mode != self._mode:
+            self.stand()
+            self._mode = mode
+        if mode == OperationMode.HOMING:
+            return self._homing(targets, joint)
+        return self._following(targets, joint, step_s), False
+
+    def _following(self, targets: Targets, joint: MotorState, step_s: float) -> JointCommand:
+        limit_Nm = targets.torque_limit_Nm
+        command = JointCommand(DriveGoal.TORQUE)
+        self._bits = FOLLOWS_COMMAND
+        match self._mode:
+            case OperationMode.CYCLIC_TORQUE:
+                command = JointCommand(DriveGoal.TORQUE, max(-limit_Nm, min(limit_Nm, targets.torque_Nm)))
+            case OperationMode.CYCLIC_VELOCITY:
+                command = JointCommand(DriveGoal.VELOCITY, limit_Nm, targets.velocity_rad_s)
+            case OperationMode.PROFILE_VELOCITY:
+                self._ramp(targets.velocity_rad_s, targets.profile_rate_rad_s2, step_s)
+                self._bits = TARGET_REACHED if self._velocity_rad_s == targets.velocity_rad_s else 0
+                command = JointCommand(DriveGoal.VELOCITY, limit_Nm, self._velocity_rad_s)
+            case OperationMode.CYCLIC_POSITION:
+                command = JointCommand(DriveGoal.POSITION, limit_Nm, position_rad=targets.position_rad)
+            case OperationMode.PROFILE_POSITION:
+                command = self._to_set_point(targets, joint, step_s)
+            case _:
+                self._bits = 0
+        return command
+
+    def _ramp(self, wanted_rad_s: float, rate_rad_s2: float, step_s: float) -> None:
+        step = rate_rad_s2 * step_s
+        change = wanted_rad_s - self._velocity_rad_s
+        self._velocity_rad_s = (
+            wanted_rad_s if abs(change) <= step else self._velocity_rad_s + (step if change > 0.0 else -step)
+        )
+
+    def _to_set_point(self, targets: Targets, joint: MotorState, step_s: float) -> JointCommand:
+        """A rising bit 4 takes the target; bit 12 answers until bit 4 falls."""
+        is_new = bool(targets.controlword & NEW_SET_POINT)
+        if is_new and not self._last_new:
+            self._taken = True
+            if self._set_point_rad is None:
+                self._on_the_way_rad = joint.position_rad
+            self._set_point_rad = targets.position_rad
+        self._taken = self._taken and is_new
+        self._last_new = is_new
+        if self._set_point_rad is None:
+            self._bits = 0
+            return JointCommand(DriveGoal.POSITION, targets.torque_limit_Nm, position_rad=joint.position_rad)
+        most = targets.profile_speed_rad_s * step_s
+        left = self._set_point_rad - self._on_the_way_rad
+        self._on_the_way_rad += max(-most, min(most, left))
+        reached = abs(self._set_point_rad - joint.position_rad) < REACHED_RAD
+        self._bits = (TARGET_REACHED if reached else 0) | (SET_POINT_TAKEN if self._taken else 0)
+        return JointCommand(DriveGoal.POSITION, targets.torque_limit_Nm, position_rad=self._on_the_way_rad)
+
+    def _homing(self, targets: Targets, joint: MotorState) -> tuple[JointCommand, bool]:
+        stands = JointCommand(DriveGoal.VELOCITY, targets.torque_limit_Nm)
+        is_asked = bool(targets.controlword & START_HOMING)
+        if is_asked and not self._last_new:
+            self._started, self._found_switch = True, False
+            self.is_homed = self._failed = False
+        self._last_new = is_asked
+        is_home = False
+        command = stands
+        if self._started and is_asked:
+            command, is_home = self._way_home(targets, joint, stands)
+        if is_home:
+            self.is_homed, self._started = True, False
+        if self._failed:
+            self._started = False
+        self._bits = (
+            HOMING_ERROR if self._failed else TARGET_REACHED | HOMING_ATTAINED if self.is_homed else 0
+        )
+        return command, is_home
+
+    def _way_home(
+        self, targets: Targets, joint: MotorState, stands: JointCommand
+    ) -> tuple[JointCommand, bool]:
+        method = targets.homing_method
+        if method in (HERE, HERE_OLD):
+            return stands, True
+        if method == OWN_WAY:
+            self._failed = joint.homing is OwnHoming.FAILED
+            return JointCommand(DriveGoal.HOME, stands.torque_Nm), joint.homing is OwnHoming.ATTAINED
+        side = {NEGATIVE_SWITCH: -1, POSITIVE_SWITCH: 1}.get(method)
+        if side is None or joint.at_limit == -side:
+            self._failed = True  # a method that is not there, or the wrong switch
+            return stands, False
+        if joint.at_limit == side:
+            self._found_switch = True
+            return JointCommand(DriveGoal.VELOCITY, stands.torque_Nm, -side * targets.zero_rad_s), False
+        if self._found_switch:
+            return stands, True
+        return JointCommand(DriveGoal.VELOCITY, stands.torque_Nm, side * targets.search_rad_s), False

@@ -1,0 +1,108 @@
+"""What a hand writes into a drive at start-up: its torque limit, what RPDO 1 carries, rates, homing. Pure."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from palpate_host.drives.cia402 import DriveScale
+from palpate_host.drives.cia402_modes import COMMAND_MAPPING, OperationMode
+from palpate_host.drives.joint_command import Follows
+from palpate_host.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
+
+FULL_SCALE_PER_MILLE = 1000
+RPDO_1, RPDO_1_MAPPING, RPDO_ID, INVALID = 0x1400, 0x1600, 0x200, 1 << 31
+_DOWNLOAD = {1: 0x2F, 2: 0x2B, 4: 0x23}  # expedited download request by size, CiA 301, 7.2.4.3.3
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """One expedited download. purpose: what cannot be without it, and the way out, for the message when the
+    drive refuses. otherwise: what to try then."""
+
+    index: int
+    subindex: int
+    size: int
+    value: int
+    purpose: str
+    otherwise: Write | None = None
+
+    @property
+    def key(self) -> tuple[int, int]:
+        return self.index, self.subindex
+
+    def request(self) -> bytes:
+        """The SDO request."""
+        data = (self.value & (1 << 8 * self.size) - 1).to_bytes(4, "little")
+        return struct.pack("<BHB", _DOWNLOAD[self.size], self.index, self.subindex) + data
+
+
+@dataclass(frozen=True, slots=True)
+class DriveNeeds:
+    """What the hand asks of one drive."""
+
+    node_id: int
+    joint: JointConfig
+    control: ControlConfig
+    homing: HomingConfig | None
+
+    @property
+    def follows(self) -> Follows:
+        return self.control.drives_follow
+
+
+def needs_of(config: HandConfig) -> list[DriveNeeds]:
+    """Joint by joint, in the order of q."""
+    return [DriveNeeds(joint.drive_node, joint, config.control, config.homing) for joint in config.joints]
+
+
+def settings(needs: DriveNeeds, scale: DriveScale, mode: OperationMode) -> Iterator[Write]:
+    """What is written into the drive, in order."""
+    yield _torque_cap(needs.joint, scale)
+    if needs.follows is not Follows.TORQUE:
+        yield from _mapping(needs)
+    control = needs.control
+    if mode in (OperationMode.PROFILE_VELOCITY, OperationMode.PROFILE_POSITION):
+        purpose = "by which its speed changes: use a drive that has it"
+        yield Write(0x6083, 0, 4, scale.to_increments(control.acceleration_limit_rad_s2), purpose)
+    if mode is OperationMode.PROFILE_POSITION:
+        purpose = "its speed on the way to a set point: use a drive that has it"
+        yield Write(0x6081, 0, 4, scale.to_increments(control.speed_limit_rad_s), purpose)
+    if needs.homing is not None:
+        yield from _homing(needs.joint, needs.homing, scale)
+
+
+def _torque_cap(joint: JointConfig, scale: DriveScale) -> Write:
+    """6072h, or 6073h of a drive that has the current alone; rounded down."""
+    share = joint.torque_limit_Nm * 1000.0 / scale.rated_torque_mNm
+    per_mille = min(FULL_SCALE_PER_MILLE, int(share * FULL_SCALE_PER_MILLE))
+    purpose = "nor took it 6072h: its torque would have no limit of its own, use a drive with one of them"
+    current = Write(0x6073, 0, 2, per_mille, purpose)
+    return Write(0x6072, 0, 2, per_mille, "", otherwise=current)
+
+
+def _mapping(needs: DriveNeeds) -> Iterator[Write]:
+    """RPDO 1 anew, as CiA 301 has it: off, no objects, the objects, how many, on."""
+    purpose = (
+        f"which carries its {needs.follows.value}: set control.drives_follow to torque, or map RPDO 1 by hand"
+    )
+    words = COMMAND_MAPPING[needs.follows]
+    cob_id = RPDO_ID + needs.node_id
+    yield Write(RPDO_1, 1, 4, cob_id | INVALID, purpose)
+    yield Write(RPDO_1_MAPPING, 0, 1, 0, purpose)
+    for slot, word in enumerate(words, start=1):
+        yield Write(RPDO_1_MAPPING, slot, 4, word, purpose)
+    yield Write(RPDO_1_MAPPING, 0, 1, len(words), purpose)
+    yield Write(RPDO_1, 1, 4, cob_id, purpose)
+
+
+def _homing(joint: JointConfig, homing: HomingConfig, scale: DriveScale) -> Iterator[Write]:
+    purpose = "which homing needs: correct [homing], or home the drive with the maker's tool"
+    yield Write(0x6098, 0, 1, homing.method, f"the homing method: choose one of the drive's for {joint.name}")
+    yield Write(0x6099, 1, 4, scale.to_increments(homing.search_rad_s), purpose)
+    yield Write(0x6099, 2, 4, scale.to_increments(homing.zero_rad_s), purpose)
+    yield Write(0x609A, 0, 4, scale.to_increments(homing.acceleration_rad_s2), purpose)
+    if joint.home_rad is not None:
+        at_home_rad = joint.direction * (joint.home_rad - joint.zero_offset_rad)
+        yield Write(0x607C, 0, 4, scale.to_increments(at_home_rad), purpose)

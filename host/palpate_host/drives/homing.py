@@ -1,0 +1,64 @@
+"""Brings the drives home at start-up, one after another. Pure, on the time it is given.
+
+A drive that was homed since it has power says so (statusword bit 12 in homing mode) and is not moved. Nothing
+is tried again: a drive that reports an error, faults or takes too long is a fault of the hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate_host.drives.cia402 import Cia402Drive, DriveState, Homing
+from palpate_host.hand_config import HomingConfig
+
+
+class HomingRun:
+    """Which drive has its turn; `step` once a tick in the mode HOME."""
+
+    def __init__(self, config: HomingConfig | None, drives: Sequence[Cia402Drive]) -> None:
+        self._config = config
+        self._drives = drives
+        self._homed = [config is None] * len(drives)
+        self._since_us: int | None = None
+        self._was_enabled = False
+        self.problem = ""
+
+    def booted(self, node_id: int) -> None:
+        """The drive may have lost its power, and its zero with it: it is asked again."""
+        if self._config is not None:
+            for i, drive in enumerate(self._drives):
+                if drive.node_id == node_id:
+                    self._homed[i] = False
+        self._since_us = None
+        self.problem = ""
+
+    @property
+    def turn(self) -> int | None:
+        """The drive that has to go home now; None: all are."""
+        return self._homed.index(False) if False in self._homed else None
+
+    @property
+    def waiting(self) -> str:
+        """Who has no zero yet; empty: all have."""
+        return "" if self.turn is None else self._drives[self.turn].name
+
+    def step(self, now_us: int) -> None:
+        """Look at the drive that has its turn; `problem` says what went wrong."""
+        turn = self.turn
+        if turn is None or self._config is None:
+            return
+        drive = self._drives[turn]
+        if self._since_us is None:
+            self._since_us, self._was_enabled = now_us, False
+        is_enabled = drive.state is DriveState.OPERATION_ENABLED
+        if is_enabled and drive.homing is Homing.ATTAINED:
+            self._homed[turn] = True
+            self._since_us = None
+        elif drive.homing is Homing.ERROR:
+            self.problem = f"{drive.name}: homing error (method {self._config.method}): see to its way home"
+        elif self._was_enabled and not is_enabled:
+            state = "no status" if drive.state is None else drive.state.value
+            self.problem = f"{drive.name}: {state} while homing"
+        elif now_us - self._since_us > self._config.timeout_s * 1e6:
+            self.problem = f"{drive.name}: not home within homing.timeout_s = {self._config.timeout_s:g} s"
+        self._was_enabled = self._was_enabled or is_enabled
