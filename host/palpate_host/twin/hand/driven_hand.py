@@ -6,8 +6,6 @@ that is a brake, which the drive lets go while it moves the joint.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from palpate_host.drives.cia402_device import Cia402Device
@@ -28,6 +26,7 @@ class HandMotor:
         self.is_powered = False
         self._servo = JointServo()
         self._command = JointCommand(DriveGoal.OFF)
+        self._torque_Nm = 0.0
         self._state = MotorState(0.0, 0.0)
 
     @property
@@ -38,18 +37,19 @@ class HandMotor:
     def joint_torque_Nm(self, step_s: float) -> float:
         """On the joint over the next step, in the direction of q."""
         state = self._state
-        torque = self._servo.torque_Nm(self._command, state.position_rad, state.velocity_rad_s, step_s)
-        self._state = replace(state, torque_Nm=torque)
-        return self._joint.direction * torque
+        self._torque_Nm = self._servo.torque_Nm(
+            self._command, state.position_rad, state.velocity_rad_s, step_s
+        )
+        return self._joint.direction * self._torque_Nm
 
     def moved(self, q_rad: float, qdot_rad_s: float) -> None:
         """Where the engine brought the joint."""
         joint, direction = self._joint, self._joint.direction
         at_limit = direction * (int(q_rad >= joint.max_rad) - int(q_rad <= joint.min_rad))
-        self._state = replace(
-            self._state,
+        self._state = MotorState(
             position_rad=direction * (q_rad - joint.zero_offset_rad),
             velocity_rad_s=direction * qdot_rad_s,
+            torque_Nm=self._torque_Nm,
             at_limit=at_limit,
         )
 
