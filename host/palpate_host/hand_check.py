@@ -16,12 +16,13 @@ from palpate_edge.errors import BusError
 from palpate_host.bus.device import Device, Key, devices_of_hand
 from palpate_host.bus.node_check import differences
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
+from palpate_host.drives.joint_command import Follows
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.rotation import Array
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
 DRIVE_PROFILE, FINGERTIP_PROFILE = 402, 404
-MODES, RATED_TORQUE = (0x6502, 0), (0x6076, 0)
+MODES, RATED_TORQUE, TORQUE_CAP = (0x6502, 0), (0x6076, 0), (0x6072, 0)
 FEED, ANGLE, WATCHDOG = (0x6092, 1), (0x6064, 0), (0x1400, 5)
 MODE_NAMES = {1: "pp", 3: "pv", 4: "tq", 6: "hm", 7: "ip", 8: "csp", 9: "csv", 10: "cst"}
 """CiA 402-2: the modes of 6502h, bit number + 1 as in 6060h."""
@@ -88,10 +89,12 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
         )
     if not rated_mNm or not feed:
         problems.append(f"6076h is {rated_mNm}, 6092h:01 is {feed}: configure the drive, neither can be 0")
-    rated_Nm = rated_mNm * 1e-3  # the host writes 6072h itself
-    if rated_mNm and rated_Nm < joint.torque_limit_Nm:
+    cap_Nm = rated_mNm * (number(TORQUE_CAP) or 0) * 1e-6
+    # Into drives that follow something else the host writes 6072h itself.
+    is_torque = config.control.drives_follow is Follows.TORQUE and config.homing is None
+    if rated_mNm and is_torque and cap_Nm < joint.torque_limit_Nm:
         problems.append(
-            f"gives {rated_Nm:.3g} N m at most (6076h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
+            f"gives {cap_Nm:.3g} N m at most (6072h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
             " raise the one or lower the other"
         )
     if not number(WATCHDOG):
@@ -108,7 +111,7 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
                 " correct zero_offset_rad or direction, or move it"
             )
     names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
-    found = f"{_who(device, read)}, {names or 'no mode'}, {rated_Nm:.3g} N m"
+    found = f"{_who(device, read)}, {names or 'no mode'}, {cap_Nm:.3g} N m"
     return NodeReport(device.node_id, who, found, tuple(problems), angle)
 
 

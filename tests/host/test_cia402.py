@@ -144,12 +144,14 @@ def test_identification_asks_and_scales():
     identification = DriveIdentification(4, "drive of abduction_2", needs())
     asked, written = answer(identification, {0x6502: 0x280, 0x6076: 1900, 0x6092: 360_000})
     assert asked == [(0x604, 0x40, 0x6502, 0), (0x604, 0x40, 0x6076, 0), (0x604, 0x40, 0x6092, 1)]
-    assert written == [(0x6072, 0, 2, math.floor(1000 * needs().joint.torque_limit_Nm / 1.9))]
+    assert written == []
     assert identification.scale == TABLE_4_SCALE
 
 
 def test_a_drive_that_limits_its_current_alone_gets_that_limit():
-    _, written = answer(DriveIdentification(4, "d", needs()), TABLE_4_DRIVE, refused=(0x6072,))
+    identification = DriveIdentification(4, "d", needs(Follows.VELOCITY))
+    _, written = answer(identification, TABLE_4_DRIVE, refused=(0x6072,))
+    assert written[0] == (0x6072, 0, 2, math.floor(1000 * needs().joint.torque_limit_Nm / 1.9))
     assert [(index, value) for index, _, _, value in written][1] == (0x6073, written[0][3])
 
 
@@ -211,7 +213,7 @@ def test_homing_writes_its_objects():
         ("torque", HomingConfig(method=17), {0x6502: 0x200}, (), "lacks homing"),
         ("torque", HomingConfig(method=17), {}, (0x6098,), "refuses 6098h:00 = 17.*the homing method"),
         ("velocity", None, {}, (0x1600,), "refuses 1600h:00 = 0"),
-        ("torque", None, {}, (0x6072, 0x6073), "refuses 6073h.*no limit of its own"),
+        ("velocity", None, {}, (0x6072, 0x6073), "refuses 6073h.*no limit of its own"),
         ("torque", None, {0x6076: 0}, (), "6076h = 0"),
         ("torque", None, {0x6502: None}, (), "refuses to tell 6502h:00 .abort 06020000h"),
     ],

@@ -50,7 +50,7 @@ def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
         (2, (0x6502, 0), 1 << 8, "lacks cyclic synchronous and profile torque (6502h is 00000100h"),
         (2, (0x6076, 0), 0, "6076h is 0"),
         (2, (0x6092, 1), 0, "6092h:01 is 0"),
-        (3, (0x6076, 0), 380, "gives 0.38 N m at most (6076h), torque_limit_Nm is 0.5"),
+        (3, (0x6072, 0), 200, "gives 0.38 N m at most (6072h), torque_limit_Nm is 0.5"),
         (4, (0x1400, 5), 0, "has no deadline for RPDO 1"),
         (5, (0x6064, 0), 900_000, "outside min_rad"),
         (6, (0x1A00, 1), 0x60640010, "the EDS says 0x60640020"),

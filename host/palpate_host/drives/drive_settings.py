@@ -58,8 +58,12 @@ def needs_of(config: HandConfig) -> list[DriveNeeds]:
 
 
 def settings(needs: DriveNeeds, scale: DriveScale, mode: OperationMode) -> Iterator[Write]:
-    """What is written into the drive, in order."""
-    yield _torque_cap(needs.joint, scale)
+    """What is written into the drive, in order.
+
+    Nothing into one that follows torque and knows its zero: the host itself bounds what it asks of that.
+    """
+    if needs.follows is not Follows.TORQUE or needs.homing is not None:
+        yield _torque_cap(needs.joint, scale)
     if needs.follows is not Follows.TORQUE:
         yield from _mapping(needs)
     control = needs.control

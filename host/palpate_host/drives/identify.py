@@ -86,6 +86,7 @@ class DriveIdentification:
         self._asked_us = None
         if not self._questions:
             self._writes = self._needed_writes()
+            self._finish()
 
     def _take_receipt(self, command: int, value: int) -> None:
         write = self._writes[0]
@@ -100,6 +101,9 @@ class DriveIdentification:
         self._writes.popleft()
         if command == ABORT and write.otherwise is not None:
             self._writes.appendleft(write.otherwise)
+        self._finish()
+
+    def _finish(self) -> None:
         if not self._writes:
             self.scale = self._checked_scale()
 
