@@ -62,7 +62,7 @@ class DriveIdentification:
 
     def receive(self, frame: CanFrame) -> None:
         """Take a reply in; BusError when the drive refuses, lacks a mode, or names a zero scale."""
-        if self.scale is not None or len(frame.data) != 8 or self._asked_us is None:
+        if self.scale is not None or len(frame.data) != 8:
             return
         command, index, subindex, value = struct.unpack("<BHBI", frame.data)
         if self._questions and (index, subindex) == self._questions[0]:
