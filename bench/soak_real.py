@@ -1,0 +1,68 @@
+"""Minutes of the demo in real time: the memory of each of its processes, the host's ticks by its SYNCs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from bench.soak_virtual import resident_bytes
+from palpate_host.bus.candump import read_log
+from palpate_host.network import SYNC
+
+LOOK_S = 10.0
+
+
+def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarray]:
+    """(seconds since the start, resident bytes) of each process by its name and pid; the host's SYNCs in
+    seconds of the bus. Raises CalledProcessError when the demo fails."""
+    with tempfile.TemporaryDirectory() as name:
+        words = ["demo", "--no-view", "--duration", str(duration_s), "--output", name]
+        command = [sys.executable, "-m", "palpate_host.cli", *words]
+        memory: dict[str, list[tuple[float, int]]] = defaultdict(list)
+        begin_s = time.monotonic()
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as demo:
+            while demo.poll() is None:
+                for pid, part in _descendants(demo.pid).items():
+                    try:
+                        memory[f"{part} {pid}"].append((time.monotonic() - begin_s, resident_bytes(pid)))
+                    except OSError:  # it has just ended
+                        continue
+                time.sleep(LOOK_S)
+        if demo.returncode:
+            raise subprocess.CalledProcessError(demo.returncode, command)
+        records = read_log(Path(name) / "run" / "bus.log").records
+        return memory, np.array([record.stamp_us for record in records if record.frame == SYNC]) * 1e-6
+
+
+def _descendants(root: int) -> dict[int, str]:
+    """pid -> what it is, of all processes below `root`."""
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parents[int(entry.name)] = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except OSError:  # it has just ended
+                continue
+    found: dict[int, str] = {}
+    below = [root]
+    while below:
+        parent = below.pop()
+        for pid in [pid for pid, its_parent in parents.items() if its_parent == parent]:
+            found[pid] = _part(pid)
+            below.append(pid)
+    return found
+
+
+def _part(pid: int) -> str:
+    """The program and its command: "palpate_edge run", "palpate_host bus"."""
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
+    except OSError:
+        return "ended"
+    return " ".join(words[2:4]).replace(".cli", "") if words[1] == "-m" else "helper of its parent"
