@@ -50,7 +50,7 @@ def test_our_files_are_without_a_finding(path):
     [
         ("FileInfo", "CreationDate=11-21-2026", "CreationDate=21.11.2026", "is '21.11.2026'"),
         ("FileInfo", "EDSVersion=4.0", "EDSVersion=four", "is 'four'"),
-        ("FileInfo", "FileRevision=0", "FileRevision=256", "is 256"),
+        ("FileInfo", "FileRevision=1", "FileRevision=256", "is 256"),
         ("DeviceInfo", "BaudRate_125=1", "BaudRate_125=yes", "'yes' is no number"),
         ("DeviceInfo", "NrOfTXPDO=2", "NrOfTXPDO=3", "says 3, 2 are described"),
         ("DeviceInfo", "LSS_Supported=0", "LSS_Supported=2", "is 2"),
