@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Kernel = Callable[[Array, Array], Array]
 
-ROUNDING = 2e-7  # of each term of a sum in float32
+JITTER = 1e-8  # of the normal equations
 UNTOLD = 1e-10  # variance left at a centre that needs no pivot of its own
 
 
@@ -24,16 +24,12 @@ def compressed(
     points: Array, values: Array, kernel: Kernel, count: int, importance: Array
 ) -> tuple[Array, Array]:
     """Centres (m, p), m <= count of the `points` (n, p), and weights (m, k) whose kernel sum comes nearest to
-    `values` (n, k) at all points; importance (n,) of each point.
-
-    What rounding adds to a sum grows with its weights: it counts as an error at every point beside the fit's.
-    """
+    `values` (n, k) at all points; importance (n,) of each point."""
     pivots, factor = pivoted_cholesky(points, kernel, count)
-    weighted = (factor @ factor[pivots].T) * importance[:, None]
-    variance, vectors = np.linalg.eigh(weighted.T @ weighted)
-    rounding = ROUNDING**2 * float(importance @ importance)
-    seen = vectors.T @ (weighted.T @ (values * importance[:, None]))
-    return points[pivots], vectors @ (seen / (np.maximum(variance, 0.0) + rounding)[:, None])
+    weighted = factor * importance[:, None]
+    normal = weighted.T @ weighted + JITTER * np.eye(len(pivots))
+    hidden = np.linalg.solve(normal, weighted.T @ (values * importance[:, None]))
+    return points[pivots], np.linalg.solve(factor[pivots].T, hidden)
 
 
 def pivoted_cholesky(points: Array, kernel: Kernel, count: int) -> tuple[NDArray[np.intp], Array]:

@@ -35,7 +35,7 @@ DOME_LENGTH, DOME_RIDGE = 2.2, 1e-4
 SETTINGS = tuple((length, ridge) for length in (1.5, 4.0) for ridge in (1e-4, 1e-3, 1e-2, 1.0))
 FORCE_IN_MM = 0.2  # 1 % of the largest force weighs like 0.2 mm when settings are compared
 MOST_CENTRES = 900
-COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
+COMMON_LENGTH = 2.2  # of the kernel about the centres that are kept
 OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
