@@ -136,9 +136,32 @@ def test_homing_finds_the_lower_switch_and_makes_it_the_home_position(table_4, f
     assert pair.plant.position_rad == pytest.approx(-0.3, abs=0.003)
 
 
-def test_the_wrong_switch_is_a_homing_error(table_4):
-    at_upper_end = JointParameters(load_stiffness_Nm_rad=0.0, min_rad=-0.3, max_rad=0.0)
-    pair = Pair(table_4[0], Follows.TORQUE, HomingConfig(method=17), parameters=at_upper_end)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_homing_by_method_18_seeks_the_upper_switch(table_4, direction):
+    homing = HomingConfig(method=18, search_rad_s=0.5)
+    shifted = JointParameters(load_stiffness_Nm_rad=0.0, min_rad=-0.7, max_rad=0.3)
+    pair = Pair(table_4[0], Follows.TORQUE, homing, parameters=shifted, direction=direction)
+    pair.run(1.5, JointCommand(DriveGoal.HOME))
+    assert pair.drive.homing is Homing.ATTAINED
+    assert pair.plant.position_rad == pytest.approx(0.3, abs=0.003)
+    assert pair.drive.joint.position_rad == pytest.approx(-0.5 * direction, abs=0.003)
+
+
+@pytest.mark.parametrize("method", [35, 37])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_homing_where_the_joint_is_moves_nothing(table_4, method, direction):
+    pair = Pair(table_4[0], Follows.TORQUE, HomingConfig(method=method), direction=direction)
+    pair.plant.position_rad = 0.2
+    pair.run(0.3, JointCommand(DriveGoal.HOME))
+    assert pair.drive.homing is Homing.ATTAINED
+    assert pair.plant.position_rad == pytest.approx(0.2, abs=0.003)
+    assert pair.drive.joint.position_rad == pytest.approx(-0.5 * direction, abs=0.003)
+
+
+@pytest.mark.parametrize(("method", "reach_rad"), [(17, (-0.3, 0.0)), (18, (0.0, 0.3))])
+def test_the_wrong_switch_is_a_homing_error(table_4, method, reach_rad):
+    at_other_end = JointParameters(load_stiffness_Nm_rad=0.0, min_rad=reach_rad[0], max_rad=reach_rad[1])
+    pair = Pair(table_4[0], Follows.TORQUE, HomingConfig(method=method), parameters=at_other_end)
     pair.run(0.3, JointCommand(DriveGoal.HOME))
     assert pair.drive.homing is Homing.ERROR
 

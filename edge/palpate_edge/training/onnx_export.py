@@ -1,9 +1,9 @@
 """Regression -> ONNX: one graph, compared with numpy before it is given out.
 
-Its numbers are float32 where that moves a contact by a few hundredths of a millimetre at most: half the memory
-to read for every frame. A kernel expansion of many centres is a sum of terms that nearly cancel; where its
-weights are so large that float32 does not do, they are float64. Each step costs more than its arithmetic, so
-that offsets and levels stand in the matrices.
+Its numbers are float32 where that moves a contact by a few hundredths of a millimetre at most: half the
+memory to read for every frame. A kernel expansion of many centres is a sum of terms that nearly cancel; where
+its weights are so large that float32 does not do, they are float64. Each step costs more than its arithmetic,
+so that offsets and levels stand in the matrices.
 """
 
 from __future__ import annotations

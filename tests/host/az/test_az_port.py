@@ -60,6 +60,20 @@ def test_torque_bends_the_load_by_its_own_stiffness(port: AzPort) -> None:
     assert position == pytest.approx(-0.1, abs=0.005)
 
 
+def test_the_drive_returns_to_its_own_zero(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
+    """ZHOME (HM-60262E, driver input command): HOME-END and no MOVE when it is there."""
+    drives[1].plant.position_rad = 0.2
+    assert Status.HOME_END not in port.health(1).status
+    port.command(1, Input.ZHOME)
+    assert Status.MOVE in port.health(1).status
+    deadline = time.monotonic() + 5.0
+    while Status.HOME_END not in port.health(1).status and time.monotonic() < deadline:
+        time.sleep(0.01)
+    health = port.health(1)
+    assert Status.HOME_END in health.status and Status.MOVE not in health.status
+    assert motor.motion(MOTOR, port.motion(1)).position_rad == pytest.approx(0.0, abs=0.002)
+
+
 def test_own_watchdog_stops_a_drive_that_hears_nothing(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
     port.watch(1, 100)
     port.move(1, motor.velocity_operation(MOTOR, 1.0, 1.0))

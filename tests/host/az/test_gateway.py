@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import struct
 import threading
 import time
 import uuid
@@ -21,6 +23,8 @@ from palpate_host.twin.az.az_server import AzServer, simulated_port
 
 NODE = 5
 WAIT_S = 20.0
+CYCLIC_POSITION, CYCLIC_VELOCITY, CYCLIC_TORQUE, HOMING = 8, 9, 10, 6  # 6060h
+RAD = math.tau / 360_000  # an increment of the node, its 6092h: a thousandth of a degree
 AZ_TOML = """
 [bus]
 interface = "virtual"
@@ -85,19 +89,26 @@ def eventually(holds: Callable[[], bool]) -> bool:
     return holds()
 
 
-def feed(node: BaseNode402, controlword: int, torque_per_mille: int) -> None:
-    data = controlword.to_bytes(2, "little") + b"\x0a" + torque_per_mille.to_bytes(2, "little", signed=True)
+def feed(node: BaseNode402, controlword: int, torque_per_mille: int, mode: int = CYCLIC_TORQUE) -> None:
+    data = struct.pack("<HBh", controlword, mode, torque_per_mille)
     node.network.send_message(0x200 + NODE, data)
 
 
-def enable(node: BaseNode402, torque_per_mille: int, seconds: float) -> None:
-    """Command every 20 ms, as a host does, through the state machine and then with a torque."""
-    for controlword in (0x06, 0x07, 0x0F):
-        feed(node, controlword, 0)
+def enable(
+    node: BaseNode402,
+    torque_per_mille: int,
+    seconds: float,
+    mode: int = CYCLIC_TORQUE,
+    controlword: int = 0x0F,
+    arrived: Callable[[], bool] = lambda: False,
+) -> None:
+    """Command every 20 ms, as a host does: through the state machine, then in the mode, until `arrived`."""
+    for word in (0x06, 0x07, 0x0F):
+        feed(node, word, 0, mode)
         time.sleep(0.02)
     until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        feed(node, 0x0F, torque_per_mille)
+    while time.monotonic() < until and not arrived():
+        feed(node, controlword, torque_per_mille, mode)
         time.sleep(0.02)
 
 
@@ -114,6 +125,38 @@ def test_a_foreign_master_moves_an_az_joint(node: BaseNode402, line: AzServer) -
     assert 0.04 < position_rad < 0.13
     assert statusword(node) & 0x6F == 0x27
     assert eventually(lambda: abs(node.sdo[0x6064].raw) > 0)
+
+
+def test_a_foreign_master_turns_an_az_joint_with_a_velocity(node: BaseNode402, line: AzServer) -> None:
+    assert node.sdo[0x6092][1].raw == 360_000
+    node.nmt.state = "OPERATIONAL"
+    node.sdo[0x60FF].raw = velocity = 3_600  # 0.063 rad/s; the load, 4 N m/rad, stops it at 0.12 rad
+    enable(node, 0, 0.3, CYCLIC_VELOCITY)
+    begin, position = time.monotonic(), node.sdo[0x6064].raw
+    enable(node, 0, WAIT_S, CYCLIC_VELOCITY, arrived=lambda: node.sdo[0x6064].raw > position + velocity)
+    assert time.monotonic() - begin > 0.8  # a second, but for the age of the answers
+    with line.lock:
+        assert line.drives[1].plant.velocity_rad_s == pytest.approx(velocity * RAD, rel=0.05)
+
+
+def test_a_foreign_master_sends_an_az_joint_to_a_position(node: BaseNode402, line: AzServer) -> None:
+    node.nmt.state = "OPERATIONAL"
+    node.sdo[0x607A].raw = target = -3_600  # 0.063 rad; the load, 4 N m/rad, takes 0.25 of the 0.5 N m
+    enable(node, 0, WAIT_S, CYCLIC_POSITION, arrived=lambda: abs(node.sdo[0x6064].raw - target) <= 50)
+    with line.lock:
+        assert line.drives[1].plant.position_rad == pytest.approx(target * RAD, abs=0.002)
+
+
+def test_homing_by_the_drive_itself(node: BaseNode402, line: AzServer) -> None:
+    """Method -1 is the maker's own: ZHOME, to the zero of the drive's absolute encoder."""
+    with line.lock:
+        line.drives[1].plant.position_rad = 0.1
+    node.nmt.state = "OPERATIONAL"
+    node.sdo[0x6098].raw = -1
+    enable(node, 0, WAIT_S, HOMING, 0x1F, arrived=lambda: bool(statusword(node) & 1 << 12))
+    assert statusword(node) & (1 << 12 | 1 << 13) == 1 << 12
+    with line.lock:
+        assert line.drives[1].plant.position_rad == pytest.approx(0.0, abs=0.002)
 
 
 def test_silence_of_the_master_lets_the_joint_go(node: BaseNode402, line: AzServer) -> None:

@@ -141,10 +141,13 @@ class AzAxis:
         """ZHOME, the drive's return to its own zero: told once. Should that be lost, homing has failed:
         whether the drive moves is not known, and the trigger is not repeated."""
         if self._state.homing is OwnHoming.NONE:
-            self._set_homing(OwnHoming.FAILED)
             self._inputs = None
-            port.command(self.settings.device_id, Input(0))  # ZHOME counts when it rises
-            port.command(self.settings.device_id, Input.ZHOME)
+            try:
+                port.command(self.settings.device_id, Input(0))  # ZHOME counts when it rises
+                port.command(self.settings.device_id, Input.ZHOME)
+            except BusError:
+                self._set_homing(OwnHoming.FAILED)
+                raise
             self._inputs = Input.ZHOME
             self._set_homing(OwnHoming.RUNNING)
         return list(port.motion(self.settings.device_id))
