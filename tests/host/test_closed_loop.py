@@ -185,3 +185,32 @@ def test_the_limit_of_force_stops_a_runaway_long_before_50_N(bench, table_4):
     force_N, status = squeezed_N(bench, table_4, ForceLaw.OPEN, limit_N=10.0)
     assert status.mode is Mode.FAULT and "limits.contact_force_N is 10" in status.reason
     assert force_N < 30.0
+
+
+class WeakMotor(closed_loop.EngineMotor):
+    """A drive that gives four fifths of what it is asked for: a worn gear, a wrong torque constant."""
+
+    @property
+    def joint_torque_Nm(self) -> float:
+        return 0.8 * super().joint_torque_Nm
+
+
+def grasped_N(bench, hand_of_commands, force_law, motor):
+    """Mean contact force of the three fingers after 2 s of grasp, (3,) N."""
+    config, hand = hand_of_commands
+    config = changed(config, "control", force_law=force_law)
+    rig = closed_loop.make_closed_loop(bench, config, hand, motor)
+    until(rig, Mode.READY)
+    rig.core.command(Grasp())
+    rig.run(2.0)
+    assert rig.statuses[-1].mode in (Mode.GRASP, Mode.MANIPULATE), rig.statuses[-1].reason
+    check_limits(rig)
+    return np.array([touch.normal_force_N for touch in rig.engine.touches()])
+
+
+def test_the_integral_of_the_sensors_force_makes_up_for_weak_drives(bench, hand_of_commands):
+    sound_N = grasped_N(bench, hand_of_commands, ForceLaw.OPEN, closed_loop.EngineMotor)
+    weak_N = grasped_N(bench, hand_of_commands, ForceLaw.OPEN, WeakMotor)
+    trimmed_N = grasped_N(bench, hand_of_commands, ForceLaw.INTEGRAL, WeakMotor)
+    assert np.all(weak_N <= 0.8 * sound_N)  # less, since the fingers' own weight takes its share first
+    assert trimmed_N == pytest.approx(sound_N, rel=0.03)
