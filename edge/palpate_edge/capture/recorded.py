@@ -174,12 +174,13 @@ class RealTimeSource:
         if sequence >= self._recording.count and not self._loop:
             return None
         exposed_at_us = self._start_us + round(sequence * period_us)
-        if exposed_at_us > now:
-            self._sleep_s((exposed_at_us - now) / 1e6)
-        try:
+        try:  # decoded before it is exposed: what that takes is not a camera's
             image, name = self._recording.read(sequence % self._recording.count)
         except DatasetError as error:
             raise CaptureError(f"recorded source stopped: {error}") from error
+        now = self._clock_us()
+        if exposed_at_us > now:
+            self._sleep_s((exposed_at_us - now) / 1e6)
         self._next = sequence + 1
         return Frame(image, exposed_at_us, sequence, name)
 

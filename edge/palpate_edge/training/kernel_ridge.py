@@ -32,7 +32,9 @@ Array = NDArray[np.float64]
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
 KEPT_VARIANCE = 0.998  # of the shapes by their principal components
 DOME_LENGTH, DOME_RIDGE = 2.2, 1e-4
-SETTINGS = tuple((length, ridge) for length in (1.5, 4.0) for ridge in (1e-4, 1e-3, 1e-2, 1.0))
+RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+# Length and ridge of the sensor's own part. The shortest with the least would follow each press's own noise.
+SETTINGS = (*((1.0, ridge) for ridge in RIDGES[1:]), *((length, r) for length in (1.5, 4.0) for r in RIDGES))
 FORCE_IN_MM = 0.2  # 1 % of the largest force weighs like 0.2 mm when settings are compared
 MOST_CENTRES = 900
 COMMON_LENGTH = 2.2  # of the kernel about the centres that are kept
@@ -180,14 +182,19 @@ def _fit_own(
     radius_mm: float,
     progress: Callable[[int, int], None],
 ) -> tuple[_Expansion, Spread]:
-    """The sensor's own expansion, and how far left-out presses were missed."""
+    """The sensor's own expansion, and how far left-out presses were missed.
+
+    The ridge is the noise of a firm press; that of a faint one is as many times as large as its error may be
+    (motion.faintness), squared.
+    """
     points = projection.points(samples.fields)
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
+    noise = samples.faintness**2
     best: tuple[float, _Expansion, Array] | None = None
     for number, (length, ridge) in enumerate(SETTINGS, start=2):
-        gram = gauss(points, points, length) + ridge * np.eye(len(points))
+        gram = gauss(points, points, length) + ridge * np.diag(noise)
         inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
         weights = inverse @ (target - known)
         held_out = target - left_out_residuals(inverse, weights, groups)
@@ -207,14 +214,16 @@ def _targets(fields: Array, directions: Array, forces: Array) -> Array:
 
 
 def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array, float]:
-    """Position errors (s,) in mm, and how bad position and force are on the plain samples."""
+    """Position errors (s,) in mm, and how bad position, in firm presses above all, and force are on the plain
+    samples."""
     direction = prediction[:, :3] / np.linalg.norm(prediction[:, :3], axis=1, keepdims=True)
     error_mm = radius_mm * np.linalg.norm(direction - samples.directions, axis=1)
     size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
     force_error = np.linalg.norm(prediction[:, 3:6] * size - samples.forces_N, axis=1)[samples.plain]
     largest = float(np.linalg.norm(samples.forces_N, axis=1).max())
     relative = float(np.sqrt((force_error**2).mean())) / largest
-    return error_mm, float(error_mm[samples.plain].mean()) + FORCE_IN_MM * 100 * relative
+    position_mm = float(np.average(error_mm[samples.plain], weights=1.0 / samples.faintness[samples.plain]))
+    return error_mm, position_mm + FORCE_IN_MM * 100 * relative
 
 
 def _joined(

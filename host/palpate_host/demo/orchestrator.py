@@ -38,11 +38,12 @@ class DemoInterruptedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One process of the demo, by name, with what a person would type."""
+    """One process of the demo, by name, with what a person would type; real_time: Children.start."""
 
     name: str
     program: Program
     arguments: tuple[str, ...]
+    real_time: bool = False
 
     @property
     def text(self) -> str:
@@ -50,7 +51,12 @@ class Command:
 
 
 def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
-    """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin."""
+    """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin.
+
+    What runs on boards in the real-time class does so here beside a recording. The twin's pictures cost more
+    than all else: ahead of them, the others would only wait longer for the next one.
+    """
+    real_time = recording is not None
     header = log_header(hand, "palpate demo")
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
@@ -68,13 +74,18 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
         moves = Command("drives", Program.HOST, ("drives", *config))
     return [
         first,
-        Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries)),
+        Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries), real_time),
         moves,
         *(
-            Command(finger.name, Program.EDGE, ("run", "--config", str(folder.finger_toml(finger.name))))
+            Command(
+                finger.name,
+                Program.EDGE,
+                ("run", "--config", str(folder.finger_toml(finger.name))),
+                real_time,
+            )
             for finger in hand.fingers
         ),
-        Command("host", Program.HOST, ("run", *config, *sockets)),
+        Command("host", Program.HOST, ("run", *config, *sockets), real_time),
     ]
 
 
@@ -152,7 +163,7 @@ class _Watch:
         self._stopped = stopped
 
     def start(self, command: Command) -> None:
-        self._children.start(command.name, command.program, command.arguments)
+        self._children.start(command.name, command.program, command.arguments, real_time=command.real_time)
 
     def finish(self, command: Command, say: Callable[[str], None]) -> None:
         """Run a process to its end and pass on what it says."""

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -23,6 +24,7 @@ from palpate_edge.errors import PalpateError
 STOP_TIMEOUT_S = 10.0
 POLL_S = 0.02
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+REAL_TIME_PRIORITY = 10
 
 _libc = ctypes.CDLL(None)
 
@@ -79,8 +81,10 @@ class Children:
             _end(child)
         self._running.clear()
 
-    def start(self, name: str, program: Program, arguments: Sequence[str]) -> Child:
-        """Start `program` with `arguments`."""
+    def start(
+        self, name: str, program: Program, arguments: Sequence[str], *, real_time: bool = False
+    ) -> Child:
+        """Start `program` with `arguments`; real_time: ahead of everything else, where that is allowed."""
         path = self._folder / f"{name}.stderr"
         with path.open("wb") as stderr:
             process = subprocess.Popen(
@@ -89,7 +93,7 @@ class Children:
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - the demo has one thread
+                preexec_fn=_ahead_of_all if real_time else _end_with_parent,  # noqa: PLW1509 - one thread
             )
         child = Child(name, process, path)
         self._running.append(child)
@@ -143,3 +147,9 @@ def _status_text(status: int) -> str:
 
 def _end_with_parent() -> None:
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _ahead_of_all() -> None:
+    _end_with_parent()
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME_PRIORITY))
