@@ -179,8 +179,8 @@ def _sensor(seed: int, folder: Path) -> Line:
     cv2.setNumThreads(1)
     twin = random_sensor(seed)
     view = CameraView(twin, load_library())
-    shots = single_presses(view, PLAN, 0)
-    write_dataset(folder, view, shots, PLAN.references, 0)
+    shots = single_presses(view, PLAN, seed)
+    write_dataset(folder, view, shots, PLAN.references, seed)
     dataset = read_dataset(folder)
     name = f"{seed}: {NAMES[seed % len(NAMES)]}"
     try:

@@ -32,7 +32,7 @@ PIXEL_STEP = 0.5
 @dataclass(frozen=True, slots=True)
 class CanonicalField:
     """One frame's motion: values (2 g,) in mm, the meridional components of all canonical directions, then
-    the azimuthal ones; azimuth_rad of the canonical frame's x axis in F; hidden: share of beads not found."""
+    the azimuthal ones; azimuth_rad of the canonical frame's x axis in F; hidden: the reader's blind spot."""
 
     values: Array
     azimuth_rad: float
@@ -88,7 +88,7 @@ class DisplacementReader:
         covariance = kernel(_DIRECTIONS_32 @ turn.T, self._beads_32)
         field = covariance @ weights.astype(np.float32) @ turn
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
-        return CanonicalField(values, azimuth, 0.0 if whole else 1.0 - float(seen.mean()))
+        return CanonicalField(values, azimuth, self.blind_spot(beads))
 
     def blind_spot(self, beads: Beads) -> float:
         """How little the found beads tell at the worst hidden one: variance there, 0 (known) to 1 (nothing).

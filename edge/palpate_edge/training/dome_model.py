@@ -30,8 +30,9 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZip
 
 @dataclass(frozen=True, slots=True)
 class DomeModel:
-    """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), hidden (n,) shares of
-    beads, all in the canonical frame, of a dome whose beads lie on a sphere of markers_radius_mm."""
+    """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), hidden (n,) as
+    of samples.Samples, all in the canonical frame, of a dome whose beads lie on a sphere of
+    markers_radius_mm."""
 
     fields: Array
     directions: Array

@@ -61,7 +61,7 @@ class Regression:
     """A fitted model.
 
     centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
-    N/mm, log radius; hidden_slope: log radius a hidden share of beads. stiffness_scale: forces of this
+    N/mm, log radius; hidden_slope: log radius a blind spot. stiffness_scale: forces of this
     sensor over the dome model's; None when no press was there to tell, and then forces are the dome's.
     answer_field: what field an answer would make.
     """

@@ -36,7 +36,7 @@ class TrainingPress:
 @dataclass(frozen=True, slots=True)
 class Samples:
     """s samples: fields (s, 2 g) mm, directions (s, 3), forces_N (s, 3) in the canonical frame, hidden (s,)
-    shares, faintness (s,), press (s,) index of the press each comes from, plain (s,): neither turned nor
+    blind spots, faintness (s,), press (s,) index of the press each comes from, plain (s,): neither turned nor
     hidden."""
 
     fields: Array

@@ -23,7 +23,7 @@ COVERAGE = 0.95
 RIDGE = 0.3  # times the root of the number of samples
 FLOOR = 1 / 1500  # of the dome's radius; a luckily small error says nothing
 UNTAUGHT = 1 / 40  # 95 % radius over the dome's without presses of the sensor itself, nothing hidden
-UNTAUGHT_HIDDEN_SLOPE = 2.0
+UNTAUGHT_HIDDEN_SLOPE = 1.3
 STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice as large
 # Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses:
 # median and deviation, and how many presses' worth the choice of settings by the same presses flatters.
@@ -36,7 +36,7 @@ PRIOR_PRESSES = 10  # how many the deviation weighs
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden share of beads."""
+    """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden beads' blind spot."""
 
     level: float
     weights: Array
