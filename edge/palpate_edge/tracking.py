@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.growth import Growth
 from palpate_edge.markers import Plane, find_blobs
 from palpate_edge.refine import Refiner
 
@@ -85,8 +86,9 @@ class Tracker:
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._most_uneven = np.broadcast_to(unevenness + MORE_UNEVEN, self._spacing.shape)
         self._unevener = 0.0
-        apart = distances(reference.position_px, reference.position_px) / self._spacing[:, None]
-        self._farness = 0.5 * apart**2
+        distance = distances(reference.position_px, reference.position_px)
+        self._farness = 0.5 * (distance / self._spacing[:, None]) ** 2
+        self._growth = Growth(reference.position_px, self._spacing, distance)
         self._pairs = _neighbours(reference.position_px, self._spacing)
         self._pair_limit = (0.5 * reference.diameter_px[self._pairs[0]]) ** 2
         gap = self._spacing - 0.5 * reference.diameter_px
@@ -105,6 +107,10 @@ class Tracker:
             rest, found_from_rest = self._from(self._reference.position_px)
             if self._disorder(rest, found_from_rest) < self._disorder(position, found):
                 position, found = rest, found_from_rest
+            if self._growth.is_torn(position, found):
+                grown, found_grown = self._complete(*self._growth.grow(position, found, self._windows))
+                if self._disorder(grown, found_grown) < self._disorder(position, found):
+                    position, found = grown, found_grown
         searched, whole = False, bool(found.all())
         if not whole and found.mean() < SEARCH_AGAIN_BELOW:
             searched = True
@@ -122,11 +128,14 @@ class Tracker:
 
     def _from(self, start_px: Array) -> tuple[Array, Mask]:
         """Every bead refined from `start_px`, the missing ones again from where their neighbours went."""
-        position, found = self._windows(start_px)
+        return self._complete(*self._windows(start_px))
+
+    def _complete(self, position_px: Array, found: Mask) -> tuple[Array, Mask]:
+        """With the missing looked for again and doubles dropped; changes both arrays."""
         if not found.all():
-            self._retry(position, found)
-        self._drop_doubles(position, found)
-        return position, found
+            self._retry(position_px, found)
+        self._drop_doubles(position_px, found)
+        return position_px, found
 
     def _retry(self, position_px: Array, found: Mask) -> None:
         """Look for the missing again, from where their neighbours went; changes both arrays."""
