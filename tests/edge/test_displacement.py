@@ -197,7 +197,7 @@ def test_canonical_directions_are_whole_rings_of_unit_vectors():
     assert np.linalg.norm(directions, axis=1) == pytest.approx(1)
     theta_deg = np.degrees(np.arccos(directions[:, 2]))
     expected = [theta for theta, count in CANONICAL_RINGS for _ in range(count)]
-    assert theta_deg == pytest.approx(expected, abs=FLOAT32_MM)
+    assert theta_deg == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_kernel_is_matern_three_halves():
@@ -205,4 +205,4 @@ def test_the_kernel_is_matern_three_halves():
     distance = np.linalg.norm(BEADS[:, None] - DENSE[None], axis=2)
     scaled = np.maximum(math.sqrt(3) * distance / 0.45, 1e-12)
     by_bessel = 2 ** (1 - 1.5) / math.gamma(1.5) * scaled**1.5 * kv(1.5, scaled)
-    assert kernel(BEADS, DENSE) == pytest.approx(by_bessel, abs=FLOAT32_MM)
+    assert kernel(BEADS, DENSE) == pytest.approx(by_bessel, abs=1e-6)
