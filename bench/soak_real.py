@@ -20,13 +20,13 @@ LOOK_S = 10.0
 
 def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarray]:
     """(seconds since the start, resident bytes) of each process by its name and pid; the host's SYNCs in
-    seconds of the bus. Raises CalledProcessError when the demo fails."""
+    seconds of the bus. Raises CalledProcessError when the demo fails, which has said why."""
     with tempfile.TemporaryDirectory() as name:
         words = ["demo", "--no-view", "--duration", str(duration_s), "--output", name]
         command = [sys.executable, "-m", "palpate_host.cli", *words]
         memory: dict[str, list[tuple[float, int]]] = defaultdict(list)
         begin_s = time.monotonic()
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as demo:
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as demo:
             while demo.poll() is None:
                 for pid, part in _descendants(demo.pid).items():
                     try:

@@ -21,12 +21,12 @@ from palpate_host.demo.run_folder import make_run_folder
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.status import HostStatus
+from palpate_host.twin.hand.cli import CONTACT_NOISE_MM
 from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.fingertip_feel import DirectFeel
 from palpate_host.twin.hand.lockstep import LockstepLoop
 
 LOOK_S = 0.1
-NOISE_MM = 0.25  # of a contact an axis, as the whole chain has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator
     with tempfile.TemporaryDirectory() as name:
         folder = make_run_folder(Path(name) / "run", None, 1_000_000)
         config, hand = load_hand(folder.hand_toml)
-        feel = DirectFeel(1e3 * config.control.tip_radius_m, NOISE_MM, seed)
+        feel = DirectFeel(1e3 * config.control.tip_radius_m, CONTACT_NOISE_MM, seed)
         loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), feel)
         host = loop.host = TimedHost(loop.host)  # type: ignore[assignment]
 

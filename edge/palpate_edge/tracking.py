@@ -104,13 +104,11 @@ class Tracker:
         self._refiner.look(dark)
         position, found = self._from(self._last)
         if self._jumped(position, found):
-            rest, found_from_rest = self._from(self._reference.position_px)
-            if self._disorder(rest, found_from_rest) < self._disorder(position, found):
-                position, found = rest, found_from_rest
+            rest = self._from(self._reference.position_px)
+            position, found = self._tidier((position, found), rest)
             if self._growth.is_torn(position, found):
-                grown, found_grown = self._complete(*self._growth.grow(position, found, self._windows))
-                if self._disorder(grown, found_grown) < self._disorder(position, found):
-                    position, found = grown, found_grown
+                grown = self._complete(*self._growth.grow(position, found, self._windows))
+                position, found = self._tidier((position, found), grown)
         searched, whole = False, bool(found.all())
         if not whole and found.mean() < SEARCH_AGAIN_BELOW:
             searched = True
@@ -154,6 +152,10 @@ class Tracker:
         moved = position_px - self._last
         far = np.vecdot(moved, moved) > self._jump
         return bool((far & found).any())
+
+    def _tidier(self, one: tuple[Array, Mask], other: tuple[Array, Mask]) -> tuple[Array, Mask]:
+        """Of two readings of a frame that of less disorder; the first where they are alike."""
+        return other if self._disorder(*other) < self._disorder(*one) else one
 
     def _disorder(self, position_px: Array, found: Mask) -> float:
         """How differently neighbours moved from their rest, mean square in px; a bead taken for its

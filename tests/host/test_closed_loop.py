@@ -196,7 +196,7 @@ class WeakMotor(closed_loop.EngineMotor):
 
 
 def grasped_N(bench, hand_of_commands, force_law, motor):
-    """Mean contact force of the three fingers after 2 s of grasp, (3,) N."""
+    """Contact force of each finger after 2 s of grasp, (3,) N."""
     config, hand = hand_of_commands
     config = changed(config, "control", force_law=force_law)
     rig = closed_loop.make_closed_loop(bench, config, hand, motor)

@@ -13,6 +13,7 @@ from palpate_edge.measured import measure
 from palpate_edge.sensor import View
 from palpate_edge.tracking import Beads
 from palpate_edge.training.samples import (
+    MAX_HIDDEN,
     MOST_COPIES,
     MOST_SAMPLES,
     TrainingPress,
@@ -77,6 +78,19 @@ def test_a_press_is_as_far_from_the_pole_as_it_was_and_as_strong(samples):
 def test_vary_all_leaves_no_plain_one(reader, presses):
     varied = make_samples(reader, presses, copies=2, vary_all=True)
     assert not varied.plain.any()
+
+
+def test_no_more_beads_are_hidden_than_stated(drawn_dome, drawn_calibration, presses):
+    shares = []
+
+    class Noted(DisplacementReader):
+        def read(self, beads, turn_rad=0.0):
+            shares.append(1.0 - beads.found.mean())
+            return super().read(beads, turn_rad)
+
+    view = View(drawn_calibration.sensor.camera, drawn_calibration.pose)
+    make_samples(Noted(drawn_dome.project(drawn_dome.beads_mm()), view, 26.5), presses)
+    assert 0.0 < max(shares) <= MAX_HIDDEN
 
 
 def test_one_seed_gives_the_same_samples_and_another_others(reader, presses):

@@ -191,10 +191,10 @@ def _fit_own(
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
-    noise = samples.faintness**2
+    noise = np.diag(samples.faintness**2)
     best: tuple[float, _Expansion, Array] | None = None
     for number, (length, ridge) in enumerate(SETTINGS, start=2):
-        gram = gauss(points, points, length) + ridge * np.diag(noise)
+        gram = gauss(points, points, length) + ridge * noise
         inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
         weights = inverse @ (target - known)
         held_out = target - left_out_residuals(inverse, weights, groups)

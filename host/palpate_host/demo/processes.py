@@ -150,6 +150,7 @@ def _end_with_parent() -> None:
 
 
 def _ahead_of_all() -> None:
+    """In turns, as several share a core here; what a machine has to itself asks for more (real_time.py)."""
     _end_with_parent()
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME_PRIORITY))
