@@ -45,11 +45,14 @@ class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     channel: its channel; empty for the usual one (``can0`` for socketcan, the hub's default socket).
     bitrate: bit/s. SocketCAN takes its rate from the link's configuration, the hub refuses another rate
         than its own.
+    clock: file of a simulated hand's time (twin_clock.py), by which everything on its bus goes; empty for the
+        machine's own clock, as on every real bus.
     """
 
     interface: Annotated[str, msgspec.Meta(min_length=1)] = "socketcan"
     channel: str = ""
     bitrate: Annotated[int, msgspec.Meta(ge=10_000, le=1_000_000)] = 1_000_000
+    clock: str = ""
 
 
 @dataclass(slots=True)

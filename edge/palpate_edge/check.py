@@ -29,8 +29,8 @@ from palpate_edge.health import (
 from palpate_edge.health_report import clock_health, light_health
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import LightState
-from palpate_edge.local_clock import LocalClock
 from palpate_edge.open_source import open_source
+from palpate_edge.twin_clock import clock_of
 
 TRY_S = 1.5
 FEW_BEADS_SHARE = 0.9
@@ -196,7 +196,7 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         return [Row("camera", "not tried", "", Verdict.WARN, "needs a calibration, see below")]
     notes: list[str] = []
     try:
-        source = open_source(config, calibration, LocalClock(), notes.append)
+        source = open_source(config, calibration, clock_of(config.bus), notes.append)
         try:
             estimator = Estimator(calibration)
             begin_s = time.monotonic()
@@ -233,9 +233,9 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
 
 def _try_bus(config: FingertipConfig) -> list[Row]:
     """Listen for a second; nothing is sent."""
-    clock, local = BusClock(), LocalClock()
-    received = 0
+    clock, received = BusClock(), 0
     try:
+        local = clock_of(config.bus)
         with open_bus(config.bus, f"{config.name}-check") as bus:
             end_s = time.monotonic() + TRY_S
             while (left_s := end_s - time.monotonic()) > 0:

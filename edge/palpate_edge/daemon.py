@@ -45,6 +45,7 @@ from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.record_on_demand import RecordOnDemand
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
+from palpate_edge.twin_clock import clock_of
 
 LONGEST_WAIT_S = 0.5
 HEALTH_EVERY_US = 1_000_000
@@ -62,7 +63,7 @@ def run(
     DatasetError, CaptureError or BusError for what cannot be used, BusError when another node has our id.
     """
     cv2.setNumThreads(1)
-    clock = clock or LocalClock()
+    clock = clock or clock_of(config.bus)
     with ExitStack() as stack:
         notifier = stack.enter_context(closing(Notifier()))
         daemon = _Daemon(config, report, clock, notifier, stack)

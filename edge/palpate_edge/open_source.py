@@ -31,7 +31,9 @@ def open_source(
         return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
     path = Path(config.capture.path)
     if config.capture.source == "shared_memory":
-        return ReopeningSource(lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us))
+        return ReopeningSource(
+            lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us, clock.now_us)
+        )
     recording = open_recording(path, grey=is_grey(calibration))
     check_recording(calibration, calibration_path, recording.sensor, path)
     return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock.now_us)

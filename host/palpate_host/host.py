@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
-from palpate_edge.bus import Bus, open_bus
+from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.errors import BusError
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
+from palpate_edge.twin_clock import clock_of
 from palpate_host import hand_config
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig, StartMode
@@ -44,6 +46,11 @@ def now_us() -> int:
     return time.time_ns() // 1000
 
 
+def bus_time(bus: BusConfig) -> Callable[[], int]:
+    """Epoch time in us as this bus stamps it. Raises ConfigError as `clock_of`."""
+    return clock_of(bus).now_us if bus.clock else now_us
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """How to run, beside hand.toml. duration_s: None: until told to stop. status_target: takes every tick's
@@ -65,6 +72,7 @@ def run(config_path: Path, options: Options) -> None:
     config, hand = load_hand(config_path)
     if options.start is not None:
         config = msgspec.structs.replace(config, run=msgspec.structs.replace(config.run, start=options.start))
+    now_us = bus_time(config.bus)
     core = HostCore(config, hand)
     with ExitStack() as stack:
         stream = None
@@ -78,7 +86,7 @@ def run(config_path: Path, options: Options) -> None:
         for refusal in become_real_time() if config.run.real_time else ():
             print(f"warning: {refusal}", file=sys.stderr)
         notifier.ready(f"on {config.bus.interface}")
-        failure = _loop(core, bus, stream, control, options.duration_s, notifier)
+        failure = _loop(core, bus, stream, control, options.duration_s, notifier, now_us)
         notifier.stopping()
     if failure:
         raise BusError(failure)
@@ -91,6 +99,7 @@ def _loop(
     control: OperatorSocket,
     duration_s: float | None,
     notifier: Notifier,
+    now_us: Callable[[], int],
 ) -> str:
     """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on."""
     gate, ticks = WatchdogGate(notifier.watchdog_us), 0

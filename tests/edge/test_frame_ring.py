@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ from palpate_edge.capture import shared_memory
 from palpate_edge.capture.frame_ring import RingFormat, RingReader, RingWriter
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.errors import CaptureError
+from palpate_edge.local_clock import monotonic_us
 from palpate_edge.sensor import Camera, Dome, Markers, Sensor
 
 FORM = RingFormat(64, 48, 3, slots=2)
@@ -225,5 +227,22 @@ def test_exposure_is_on_the_daemon_s_clock_and_gaps_are_dropped_frames(tmp_path:
         assert (frame.sequence, frame.exposed_at_us) == (sequence, 1_000_000 + 10 * sequence)
         assert frame.name == f"ring#{sequence}"
     assert source.dropped == 4
+    source.close()
+    writer.close()
+
+
+def test_a_stall_is_one_of_the_daemons_clock(tmp_path: Path) -> None:
+    """A clock that goes 50 times slower than the machine's: what is silent for 0.6 s has not stalled yet."""
+    path = tmp_path / "ring"
+    writer = RingWriter(path, FORM)
+    begin_us = monotonic_us()
+    source = SharedMemorySource(
+        path, SENSOR, lambda stamp_us: stamp_us, lambda: begin_us + (monotonic_us() - begin_us) // 50
+    )
+    late = threading.Timer(0.6, lambda: writer.write(np.full(FORM.shape, 7, np.uint8), 7, 7_000))
+    late.start()
+    frame = source.read()
+    assert frame is not None and frame.sequence == 7
+    late.join()
     source.close()
     writer.close()

@@ -136,7 +136,9 @@ def test_turns_are_told_apart_by_what_was_asked():
     slip_mm = np.zeros((8, 3))
     slip_mm[5:, 1] = 1.1
     force_N = np.full((8, 3), 2.0)
-    motion = Motion(stamps_us.astype(float), np.zeros((8, 9)), pose, slip_mm, force_N, 0.2 * force_N)
+    motion = Motion(
+        stamps_us.astype(float), np.zeros(8), np.zeros((8, 9)), pose, slip_mm, force_N, 0.2 * force_N
+    )
     asked = [(begin_us, (10.0, 0.0, 0.0)), (begin_us + 4 * tick_us - 10, (-10.0, 0.0, 0.0))]
     turned = turn_of(moments, motion, begin_us, asked)
     assert turned is not None
@@ -256,9 +258,10 @@ def test_a_live_hand_waits_for_a_picture(turning):
 
 
 def test_a_live_hand_waits_for_contacts(turning):
-    """Contacts 120 ms late: as much of the hand's time never goes by between exposure and contact."""
+    """Contacts 120 ms late: a camera takes its next picture when the last one was felt."""
     turning.felt_ms = 120
     turning.run(500)
-    before_us = turning.hand.own_us
-    turning.run(1000)
-    assert 400_000 < turning.hand.own_us - before_us < 800_000  # 60 of 120 ms, and the frame that ends it
+    before_us, before = turning.hand.own_us, len(turning.cameras.exposures)
+    turning.run(1200)
+    assert turning.hand.own_us - before_us == pytest.approx(10 * 1e6 / 30, abs=20_000)
+    assert len(turning.cameras.exposures) - before == pytest.approx(3 * 10, abs=3)

@@ -9,6 +9,7 @@ from pathlib import Path
 from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.frame_ring import RingFormat, RingReader
 from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.local_clock import monotonic_us
 from palpate_edge.sensor import Sensor
 
 POLL_S = 0.001
@@ -19,11 +20,17 @@ STALLED_AFTER_S = 0.5
 class SharedMemorySource:
     """The newest frame each time; those that were overtaken count as dropped.
 
-    at_monotonic_us: from CLOCK_MONOTONIC to the daemon's clock. A writer that stops, or starts again, is
-    noticed as a stall: open the source again.
+    at_monotonic_us: from CLOCK_MONOTONIC to the daemon's clock; now_us: that clock. A writer that stops, or
+    starts again, is noticed as a stall: open the source again.
     """
 
-    def __init__(self, path: Path, sensor: Sensor, at_monotonic_us: Callable[[int], int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        sensor: Sensor,
+        at_monotonic_us: Callable[[int], int],
+        now_us: Callable[[], int] = monotonic_us,
+    ) -> None:
         """Raises CameraLostError where there is no ring, CaptureError for another sensor or image size."""
         try:
             self._reader = RingReader(path)
@@ -36,7 +43,7 @@ class SharedMemorySource:
         except CaptureError:
             self._reader.close()
             raise
-        self._path, self._at_monotonic_us = path, at_monotonic_us
+        self._path, self._at_monotonic_us, self._now_us = path, at_monotonic_us, now_us
         self._next_sequence: int | None = None
         self._last_exposed_us = 0
         self._shortest_us = 0
@@ -46,9 +53,9 @@ class SharedMemorySource:
 
     def read(self) -> Frame | None:
         """Wait for the next frame. Raises CameraStalledError when none comes for STALLED_AFTER_S."""
-        deadline_s = time.monotonic() + STALLED_AFTER_S
+        deadline_us = self._now_us() + round(1e6 * STALLED_AFTER_S)
         while (frame := self._reader.newest()) is None:
-            if time.monotonic() > deadline_s:
+            if self._now_us() > deadline_us:
                 raise CameraStalledError(
                     f"{self._path}: no frame for {STALLED_AFTER_S:g} s: look whether its writer still runs"
                 )

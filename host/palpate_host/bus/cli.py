@@ -11,6 +11,7 @@ import click
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import ConfigError
 from palpate_edge.stop_signals import on_stop_signal, stop_event
+from palpate_edge.twin_clock import make_clock
 from palpate_host.bus.budget_cli import budget
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask
@@ -75,8 +76,19 @@ def bus() -> None:
     help="Frames each client may have waiting; one more is refused with ENOBUFS.",
 )
 @click.option("--log", "log_path", type=FILE, help="Write all traffic to this candump log.")
+@click.option(
+    "--clock",
+    "clock_path",
+    type=FILE,
+    help="Make this clock and go by it: a simulated hand holds it back where the machine is too slow.",
+)
 def hub(
-    socket_path: Path, header_entries: tuple[str, ...], bitrate: int, txqueuelen: int, log_path: Path | None
+    socket_path: Path,
+    header_entries: tuple[str, ...],
+    bitrate: int,
+    txqueuelen: int,
+    log_path: Path | None,
+    clock_path: Path | None,
 ) -> None:
     """Run the hub until SIGTERM or SIGINT, then print one line of counters.
 
@@ -84,7 +96,8 @@ def hub(
     palpate-host bus hub
     palpate-host bus hub --socket /run/user/1000/hand.sock --bitrate 500000 --log hand.log
     """
-    server = Hub(socket_path, bitrate, txqueuelen)
+    clock = None if clock_path is None else make_clock(clock_path)
+    server = Hub(socket_path, bitrate, txqueuelen, clock)
     try:
         signal.set_wakeup_fd(server.wake_descriptor)
         with on_stop_signal(server.stop):

@@ -7,11 +7,11 @@ import fcntl
 import os
 import selectors
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from palpate_edge.errors import BusError
+from palpate_edge.local_clock import LocalClock
 from palpate_host.bus import protocol
 from palpate_host.bus.candump import LogRecord, LogWriter
 from palpate_host.bus.control import Statistics
@@ -27,30 +27,17 @@ LOG_FLUSH_US = 500_000
 QUANTUM_US = 200
 
 
-class EpochClock:
-    """Unix time in us that never jumps: set once, then counted by the monotonic clock.
-
-    A step of the system's clock would otherwise halt the wire, or make it race, by the size of the step.
-    """
-
-    def __init__(self) -> None:
-        self._offset_ns = time.time_ns() - time.monotonic_ns()
-
-    def now_us(self) -> int:
-        """The time now."""
-        return (time.monotonic_ns() + self._offset_ns) // 1000
-
-
 class Hub:
     """A running hub. `run` serves until `stop`; `close` removes the socket file.
 
-    log: all traffic is written to it when set; `close` closes it.
+    log: all traffic is written to it when set; `close` closes it. clock: of the wire; one that
+    follows steps of the system's clock would halt it, or make it race.
 
     Raises BusError when another hub listens on the socket or the socket cannot be made.
     """
 
-    def __init__(self, path: Path, bitrate: int, txqueuelen: int) -> None:
-        self._clock = EpochClock()
+    def __init__(self, path: Path, bitrate: int, txqueuelen: int, clock: LocalClock | None = None) -> None:
+        self._clock = clock or LocalClock()
         self.core = HubCore(bitrate, txqueuelen, self._clock.now_us())
         self.path = path
         self.log: LogWriter | None = None

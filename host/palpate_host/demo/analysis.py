@@ -39,9 +39,6 @@ from palpate_host.replay import check_contract
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.motion import Motion, read_motion
 
-SLOW_PACE = 0.7
-"""Below, the ramp of 2 s is too short for the hand: it lasts less than 1.4 s of its time."""
-
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -126,14 +123,6 @@ def write_summary(path: Path, summary: Summary) -> None:
     path.write_bytes(msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n")
 
 
-def pace_line(pace: float) -> str:
-    """How fast the hand went, and what to do when that was too slow."""
-    line = f"the hand's time went at {pace:.2f} of the clock's"
-    if pace < SLOW_PACE:
-        line += ": this machine is too slow or too busy; palpate-host demo --lockstep suits any"
-    return line
-
-
 def summary_lines(summary: Summary) -> list[str]:
     """The short summary for the terminal."""
     lines = []
@@ -157,7 +146,7 @@ def summary_lines(summary: Summary) -> list[str]:
             + (f": {step.verdict}" if step.verdict else "")
         )
     if summary.turn is not None:
-        lines.append(pace_line(summary.turn.pace))
+        lines.append(f"the hand's time went at {summary.turn.pace:.2f} of the machine's")
     modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
     lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -45,8 +46,9 @@ class Sight:
 class Monitor:
     """Listens on the hub of `hand.bus`; the host connects to `status_socket`."""
 
-    def __init__(self, hand: HandConfig, status_socket: Path) -> None:
-        """Raises BusError when there is no hub."""
+    def __init__(self, hand: HandConfig, status_socket: Path, now_us: Callable[[], int]) -> None:
+        """now_us: Unix time as the bus stamps it. Raises BusError when there is no hub."""
+        self._now_us = now_us
         self._hub = Path(hand.bus.channel)
         self._fingertips = [Fingertip(finger.fingertip_node, finger.name) for finger in hand.fingers]
         self._finger_of = {
@@ -78,8 +80,9 @@ class Monitor:
     ) -> None:
         self._resources.close()
 
-    def poll(self, now_us: int) -> Sight:
+    def poll(self) -> Sight:
         """Take in all that came since the last call. Raises BusError when the bus is gone."""
+        now_us = self._now_us()
         while frames := self._bus.receive(0):
             for stamp_us, frame in frames:
                 if frame.can_id in self._finger_of:

@@ -22,6 +22,7 @@ from palpate_host.demo.processes import Children, DemoError, Program
 from palpate_host.demo.programme import Programme, ask_by_socket
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
+from palpate_host.host import bus_time
 from palpate_host.replay import contract_header
 from palpate_host.supervisor import STARTING
 
@@ -60,6 +61,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
     header = log_header(hand, "palpate demo")
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
+    clock = ("--clock", hand.bus.clock) if hand.bus.clock else ()
     config = ("--config", str(folder.hand_toml))
     sockets = ("--status", str(folder.status_socket), "--socket", str(folder.control_socket))
     if recording is None:
@@ -74,7 +76,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
         moves = Command("drives", Program.HOST, ("drives", *config))
     return [
         first,
-        Command("hub", Program.HOST, (*hub, "--log", str(folder.log), *entries), real_time),
+        Command("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), real_time),
         moves,
         *(
             Command(
@@ -124,7 +126,8 @@ def run(
         say("starting the hub, nine drives, three fingertips and the host")
         watch.start(hub)
         watch.until(lambda: _answers(folder.hub_socket), "the hub to answer")
-        with Monitor(hand, folder.status_socket) as monitor:
+        now_us = bus_time(hand.bus)
+        with Monitor(hand, folder.status_socket, now_us) as monitor:
             watch.start(moves)
             if recording is None:
                 rings = [folder.ring(finger.name) for finger in hand.fingers]
@@ -137,17 +140,22 @@ def run(
             programme = None
             if recording is None:
                 programme = Programme(ask_by_socket(folder.control_socket), folder.commands, duration_s)
-            _watch_for(duration_s, watch, monitor, show, programme)
+            _watch_for(duration_s, now_us, watch, monitor, show, programme)
             children.stop(host.name)
         children.stop(moves.name, *(command.name for command in tips))
         children.stop(hub.name)
 
 
 def _watch_for(
-    duration_s: float, watch: _Watch, monitor: Monitor, show: Show, programme: Programme | None
+    duration_s: float,
+    now_us: Callable[[], int],
+    watch: _Watch,
+    monitor: Monitor,
+    show: Show,
+    programme: Programme | None,
 ) -> None:
-    begin_s = time.monotonic()
-    while (elapsed_s := time.monotonic() - begin_s) < duration_s:
+    begin_us = now_us()
+    while (elapsed_s := 1e-6 * (now_us() - begin_us)) < duration_s:
         sight = watch.look(monitor)
         if programme is not None:
             programme.look(sight.status)
@@ -188,7 +196,7 @@ class _Watch:
         """One look at the hand, all processes being alive."""
         self._children.check()
         try:
-            return monitor.poll(_now_us())
+            return monitor.poll()
         except BusError:
             self._children.blame()
             raise
@@ -235,7 +243,3 @@ def _machine() -> dict[str, str]:
         "machine": f"{os.cpu_count()} cores, {cpu}, {platform.system()} {platform.release()}",
         "python": platform.python_version(),
     }
-
-
-def _now_us() -> int:
-    return time.time_ns() // 1000

@@ -20,13 +20,6 @@ SHARED_MEMORY = Path("/dev/shm")
 TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # open by 4 mm: the hand closes on the object first
     "rpy_deg": str(list(TURNS_DEG[0])),
-    # The twin waits for what a busy machine brings late, so that lateness is no danger to it.
-    "heartbeat_timeout_ms": "2000",
-    "warn_ms": "400",
-    "freeze_ms": "900",
-    "hold_ms": "2000",
-    "stop_ms": "5000",
-    "joint_stop_ms": "1500",
 }
 TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
 """Where the demo's hand differs from the packaged one, and what it has in [control] besides."""
@@ -52,6 +45,11 @@ class RunFolder:
     @property
     def hub_socket(self) -> Path:
         return self.path / "hub.sock"
+
+    @property
+    def clock(self) -> Path:
+        """The time of the twin's hand."""
+        return self.path / "clock"
 
     @property
     def control_socket(self) -> Path:
@@ -133,6 +131,7 @@ def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFold
     hand = folder.hand()
     if recording is not None:
         _check_recording(recording, hand)
+    bus = _bus_section(folder, bitrate, recording is None).rstrip()
     for finger in hand.fingers:
         if recording is None:
             capture = f'source = "shared_memory"\npath = {_quoted(folder.ring(finger.name))}\n'
@@ -145,7 +144,7 @@ def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFold
         text = (
             f"name = {_quoted(finger.name)}\n\n[capture]\n{capture}\n"
             f"[estimator]\ncalibration = {_quoted(calibration)}\n\n"
-            f"[node]\nid = 0x{finger.fingertip_node:02X}\n\n" + _bus_section(folder, bitrate).rstrip() + "\n"
+            f"[node]\nid = 0x{finger.fingertip_node:02X}\n\n{bus}\n"
         )
         folder.finger_toml(finger.name).write_text(text, encoding="utf-8")
     return folder
@@ -160,13 +159,15 @@ def _check_recording(recording: Path, hand: HandConfig) -> None:
             )
 
 
-def _bus_section(folder: RunFolder, bitrate: int) -> str:
-    return f'[bus]\ninterface = "palpate"\nchannel = {_quoted(folder.hub_socket)}\nbitrate = {bitrate}\n\n'
+def _bus_section(folder: RunFolder, bitrate: int, is_twin: bool) -> str:
+    clock = f"clock = {_quoted(folder.clock)}\n" if is_twin else ""
+    channel = _quoted(folder.hub_socket)
+    return f'[bus]\ninterface = "palpate"\nchannel = {channel}\nbitrate = {bitrate}\n{clock}\n'
 
 
 def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
     """The packaged hand on this run's bus; with the twin, turning its object."""
-    section = _bus_section(folder, bitrate)
+    section = _bus_section(folder, bitrate, is_twin)
     text, count = _BUS_SECTION.subn(lambda _match: section, MODEL.read_text(encoding="utf-8"))
     if count != 1:
         raise ConfigError(f"{MODEL}: has {count} [bus] sections: restore it, it must have one")

@@ -11,7 +11,7 @@ from palpate_edge.bus import open_bus
 from palpate_edge.errors import ConfigError
 from palpate_edge.stop_signals import stop_event
 from palpate_host.bus.candump import LogRecord
-from palpate_host.host import load_hand, now_us
+from palpate_host.host import bus_time, load_hand
 from palpate_host.operator_socket import default_control_socket
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.run_cli import CONFIG
@@ -73,6 +73,7 @@ def record(
         raise ConfigError(f"record needs {exc.name}: pip install 'palpate[record]'") from exc
 
     config, hand = load_hand(config_path)
+    now_us = bus_time(config.bus)
     bounds = Bounds(piece_bytes=round(piece_mb * MB), folder_bytes=round(keep_mb * MB))
     socket = socket_path or default_control_socket()
     end_s = None if duration_s is None else time.monotonic() + duration_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import click
@@ -81,12 +81,14 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     """
     from palpate_edge.bus import open_bus  # noqa: PLC0415 (as below: what --help need not wait for)
     from palpate_edge.errors import ConfigError  # noqa: PLC0415
+    from palpate_edge.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
     from palpate_edge.stop_signals import stop_event  # noqa: PLC0415
+    from palpate_edge.twin_clock import ClockKeeper  # noqa: PLC0415
     from palpate_host.host import load_hand  # noqa: PLC0415
     from palpate_host.twin.camera.look import TWIN_FILE  # noqa: PLC0415
     from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
     from palpate_host.twin.hand.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
-    from palpate_host.twin.hand.live_hand import LiveHand, now_us  # noqa: PLC0415
+    from palpate_host.twin.hand.live_hand import LiveHand  # noqa: PLC0415
     from palpate_host.twin.hand.motion import MotionFile  # noqa: PLC0415
 
     config, kinematics = load_hand(config_path)
@@ -99,17 +101,20 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
         for name, ring in zip(names, rings, strict=True)
     ]
     engine = make_engine(config, "mujoco", has_B=False)
-    with stop_event() as stop, MotionFile(truth / "motion.csv", [j.name for j in config.joints]) as motion:
-        cameras = LiveCameras(files, seed)
-        try:
-            hand = LiveHand(config, kinematics, engine, cameras, motion, now_us(), time.time_ns() // 1000)
-            with open_bus(config.bus, "twin", hand.accept_ids, echo=True) as bus:
-                click.echo(f"simulated hand: {len(config.joints)} drives, {len(names)} cameras", err=True)
-                hand.serve(bus, stop)
-        finally:
-            cameras.close()
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_event())
+        motion = stack.enter_context(MotionFile(truth / "motion.csv", [j.name for j in config.joints]))
+        cameras = stack.enter_context(closing(LiveCameras(files, seed)))
+        keeper = None
+        if config.bus.clock:
+            keeper = stack.enter_context(closing(ClockKeeper(Path(config.bus.clock))))
+        now_us = monotonic_us() if keeper is None else keeper.now_us()
+        hand = LiveHand(config, kinematics, engine, cameras, motion, now_us, now_us + unix_ahead_us())
+        bus = stack.enter_context(open_bus(config.bus, "twin", hand.accept_ids, echo=True))
+        click.echo(f"simulated hand: {len(config.joints)} drives, {len(names)} cameras", err=True)
+        hand.serve(bus, stop, keeper)
     click.echo(
-        f"simulated hand stopped: {hand.exposures} exposures; {hand.own_us / 1e6:.2f} s of its own time in "
-        f"{(hand.own_us + hand.waited_us) / 1e6:.2f} s: {hand.pace:.3f} of real time",
+        f"simulated hand stopped: {hand.exposures} exposures; {hand.own_us / 1e6:.2f} s of its own time, "
+        f"{hand.pace:.3f} of real time",
         err=True,
     )

@@ -1,15 +1,15 @@
 """Hand, object and drives in real time on a bus; the fingertips' cameras beside them.
 
 The hand's time goes with the clock's, but never ahead of what it is served: it waits for a picture that is
-not drawn yet, for contacts, and for commands that know where its joints are. Late commands would end the
-grasp: B of Eq. (10) acts through the bus, on links that come to rest within 15 ms. A machine that is too slow
-therefore slows the hand down, and changes nothing else.
+not drawn yet, for the last picture's contact before it takes the next, and for commands that know where its
+joints are. Late commands would end the grasp: B of Eq. (10) acts through the bus, on links that come to rest
+within 15 ms. While it waits, the time of everything on its bus nearly stands still (twin_clock.py). A machine
+that is too slow therefore slows the hand down, and changes nothing else.
 """
 
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -18,7 +18,9 @@ from typing import Protocol
 from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
+from palpate_edge.local_clock import monotonic_us, unix_ahead_us
 from palpate_edge.node.events import NodeIdConflict
+from palpate_edge.twin_clock import ClockKeeper
 from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
@@ -31,12 +33,12 @@ from palpate_host.twin.hand.motion import PERIOD_US, MotionFile
 
 LOOK_US = 2_000
 """The hand moves on at least so often, in steps of the engine."""
+SLACK_US = 8_000
+"""The hand may be so far behind the clock and catch up: waiting that was over in time costs nothing."""
 LATE_US = 2_000
 """A command may be late by so much before the hand waits for it."""
 HEARD_US = 4_000
 """Angles that were on the wire so long before a SYNC are those that its commands were made from."""
-FELT_US = 60_000
-"""A contact reaches the bus within so much of the hand's time; before it has, the hand waits."""
 GONE_US = 1_000_000
 """What is silent for longer is not slow: the hand's time goes on, and who listens will notice."""
 TPDO_1, RPDO_1 = 0x180, 0x200
@@ -61,8 +63,10 @@ class Cameras(Protocol):
 class LiveHand:
     """`process` is one turn of it; `serve` does that on a bus until it is told to stop.
 
-    Times are of CLOCK_MONOTONIC in us. own_us: how far the hand's own time has gone; waited_us: what it
-    waited meanwhile; exposures: of all cameras. accept_ids: what it wants from the bus, with its own echoes.
+    Times are of the bus's clock in us, from CLOCK_MONOTONIC's zero. own_us: how far the hand's own time has
+    gone; waited_us: what it waited meanwhile; waits: whether it does so now; held_us: how far the clock is
+    behind CLOCK_MONOTONIC; exposures: of all cameras. accept_ids: what it wants from the bus, with its own
+    echoes.
     """
 
     def __init__(
@@ -76,7 +80,8 @@ class LiveHand:
         unix_us: int,
     ) -> None:
         """unix_us: Unix time at now_us."""
-        self.own_us = self.waited_us = self.exposures = 0
+        self.own_us = self.waited_us = self.held_us = self.exposures = 0
+        self.waits = False
         self._hand, self._engine, self._cameras, self._motion = hand, engine, cameras, motion
         self._driven = DrivenHand(config, engine)
         self._wanted = [set(device.slave.accept_ids()) for device in self._driven.devices]
@@ -92,7 +97,9 @@ class LiveHand:
         self._command_id = RPDO_1 + config.joints[-1].drive_node  # the last of a tick's commands
         self._answers_id = TPDO_1 + config.joints[-1].drive_node  # the last of the answers to a SYNC
         self._tips = [Fingertip(finger.fingertip_node, finger.name) for finger in config.fingers]
-        self._unfelt: list[deque[tuple[int, int]]] = [deque() for _ in self._tips]
+        self._unfelt: list[int | None] = [
+            None for _ in self._tips
+        ]  # the last picture, as long as it is not felt
         self._felt_us = [now_us - GONE_US] * len(self._tips)
         self._finger_of = {can_id: i for i, tip in enumerate(self._tips) for can_id in tip.receive_ids}
         self.accept_ids = sorted({self._answers_id, *self._finger_of}.union(*self._wanted))
@@ -101,8 +108,8 @@ class LiveHand:
 
     @property
     def pace(self) -> float:
-        """The hand's own time over the clock's, since the start."""
-        return self.own_us / max(1, self.own_us + self.waited_us)
+        """The hand's own time over the machine's, since the start."""
+        return self.own_us / max(1, self.own_us + self.waited_us + self.held_us)
 
     @property
     def _hand_us(self) -> int:
@@ -135,14 +142,19 @@ class LiveHand:
             sent += self._serve_device(index, ())
         return sent, now_us + LOOK_US
 
-    def serve(self, bus: Bus, stop: threading.Event) -> None:
-        """Raises BusError when the bus is gone, or as `process`."""
+    def serve(self, bus: Bus, stop: threading.Event, keeper: ClockKeeper | None) -> None:
+        """keeper: of the bus's clock, None for CLOCK_MONOTONIC. Raises BusError when the bus is gone, or as
+        `process`."""
+        now_us = monotonic_us if keeper is None else keeper.now_us
         due_us = now_us()
         while not stop.is_set():
             received = bus.receive(max(0, due_us - now_us()) * 1e-6)
-            behind_us = time.time_ns() // 1000 - now_us()  # the bus stamps in Unix time
-            sent, due_us = self.process(now_us(), [(stamp - behind_us, frame) for stamp, frame in received])
+            ahead_us = unix_ahead_us()  # the bus stamps in Unix time
+            sent, due_us = self.process(now_us(), [(stamp - ahead_us, frame) for stamp, frame in received])
             bus.send(sent)
+            if keeper is not None:
+                keeper.go_on(slowly=self.waits)
+                self.held_us = keeper.held_us
 
     def _for_drives(self, now_us: int, frames: Sequence[Stamped]) -> list[Stamped]:
         """What others sent, without contacts. The last answer's echo tells when the host knew the angles."""
@@ -159,14 +171,13 @@ class LiveHand:
         return others
 
     def _note_contact(self, finger: int, stamp_us: int, now_us: int, frame: CanFrame) -> None:
-        """Which exposures have come to the bus; a later one tells that those before it were left out."""
+        """Whether the last picture has come to the bus."""
         contact = self._tips[finger].receive(stamp_us + self._unix_us, frame)
         if contact is None:
             return
         self._felt_us[finger] = now_us
-        unfelt = self._unfelt[finger]
-        while unfelt and (contact.sequence - unfelt[0][0]) % SEQUENCE_WRAP < SEQUENCE_WRAP // 2:
-            unfelt.popleft()
+        if self._unfelt[finger] == contact.sequence:
+            self._unfelt[finger] = None
 
     def _serve_device(self, index: int, frames: Sequence[CanFrame]) -> tuple[CanFrame, ...]:
         """The drives live in the hand's own time: what it waits for is not late to them."""
@@ -186,14 +197,14 @@ class LiveHand:
     def _advance(self, until_us: int) -> None:
         """The hand and its cameras up to `until_us`, waiting where it must."""
         while self._hand_us + self._step_us <= until_us:
-            waits = self._lacks_a_command(until_us) or self._lacks_a_contact(until_us)
-            if waits or not self._have_seen():
-                self.waited_us += until_us - self._hand_us
+            self.waits = self._lacks_a_command(until_us) or not self._have_seen(until_us)
+            if self.waits:
+                self.waited_us += max(0, until_us - self._hand_us - SLACK_US)
                 return
             self._driven.step()
             self.own_us += self._step_us
             if self.own_us % PERIOD_US == 0:
-                self._motion.note(self._hand_us + self._unix_us, self._engine)
+                self._motion.note(self._hand_us + self._unix_us, self._engine, self.held_us)
 
     def _note_command(self, stamp_us: int, now_us: int) -> None:
         """The host's SYNC of `stamp_us`: which angles the commands after it know."""
@@ -201,29 +212,26 @@ class LiveHand:
         while self._told and self._told[0][0] + HEARD_US <= stamp_us:
             self._heard_own_us = self._told.popleft()[1]
 
-    def _lacks_a_contact(self, until_us: int) -> bool:
-        return any(
-            unfelt and self.own_us - unfelt[0][1] >= FELT_US and until_us - felt_us <= GONE_US
-            for unfelt, felt_us in zip(self._unfelt, self._felt_us, strict=True)
-        )
+    def _lacks_a_contact(self, finger: int, until_us: int) -> bool:
+        return self._unfelt[finger] is not None and until_us - self._felt_us[finger] <= GONE_US
 
     def _lacks_a_command(self, until_us: int) -> bool:
         if not self._driven.is_powered or until_us - self._commanded_us > GONE_US:
             return False
         return self.own_us - self._known_own_us >= self._lasts_us
 
-    def _have_seen(self) -> bool:
+    def _have_seen(self, until_us: int) -> bool:
         """The cameras whose turn it is see the hand as it stands; False while one still draws its last
-        picture."""
+        picture, or that has not been felt."""
         due = [finger for finger, exposure_us in enumerate(self._exposure_us) if self.own_us >= exposure_us]
         if not due:
             return True
-        if any(self._cameras.is_busy(finger) for finger in due):
+        if any(self._cameras.is_busy(finger) or self._lacks_a_contact(finger, until_us) for finger in due):
             return False
         touches = touches_in_F(self._engine, self._hand)
         for finger in due:
             self._cameras.expose(Exposure(finger, self._sequence[finger], self._hand_us, touches[finger][0]))
-            self._unfelt[finger].append((self._sequence[finger], self.own_us))
+            self._unfelt[finger] = self._sequence[finger] % SEQUENCE_WRAP
             self._sequence[finger] += 1
             self._exposure_us[finger] += self._period_us[finger]
         self.exposures += len(due)
@@ -235,8 +243,3 @@ def _by_tick(frames: Sequence[Stamped]) -> Iterator[tuple[int, list[CanFrame]]]:
     begins = [i for i, (_, frame) in enumerate(frames) if i == 0 or frame.can_id == SYNC.can_id]
     for begin, end in pairwise([*begins, len(frames)]):
         yield frames[begin][0], [frame for _, frame in frames[begin:end]]
-
-
-def now_us() -> int:
-    """CLOCK_MONOTONIC in us, by which frames are stamped."""
-    return time.monotonic_ns() // 1000

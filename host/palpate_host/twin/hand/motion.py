@@ -25,11 +25,13 @@ MOVED_RAD = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """stamps_us (n,), Unix time; q_rad (n, nq); pose (n, 7), the object's place in m and its quaternion (w
-    first) in the hand's frame; slip_mm, force_N, friction_N (n, 3): of each tip the path of its skin against
-    the object so far, normal and tangential force."""
+    """stamps_us (n,), Unix time of the hand; held_us (n,): how far that is behind the machine's; q_rad
+    (n, nq); pose (n, 7), the object's place in m and its quaternion (w first) in the hand's frame; slip_mm,
+    force_N, friction_N (n, 3): of each tip the path of its skin against the object so far, normal and
+    tangential force."""
 
     stamps_us: Array
+    held_us: Array
     q_rad: Array
     pose: Array
     slip_mm: Array
@@ -45,8 +47,9 @@ class Motion:
         return flat.reshape(-1, 3, 3)
 
     def pace(self, first: int, last: int) -> float:
-        """From row to row, the hand's own time over the clock's: less than 1 where it had to wait."""
-        clock_us = float(self.stamps_us[last] - self.stamps_us[first])
+        """From row to row, the hand's own time over the machine's: less than 1 where it had to wait."""
+        machine_us = self.stamps_us + self.held_us
+        clock_us = float(machine_us[last] - machine_us[first])
         return float(last - first) * PERIOD_US / clock_us if clock_us > 0.0 else 1.0
 
 
@@ -61,7 +64,7 @@ class MotionFile:
             raise ConfigError(f"{path} cannot be written: {error.strerror}: give another --truth") from None
         self._write: Callable[[list[str]], object] = csv.writer(self._file, lineterminator="\n").writerow
         tips = [name.format(tip) for name in TIP_COLUMNS for tip in range(1, TIPS + 1)]
-        self._write(["time_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *tips])
+        self._write(["time_us", "held_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *tips])
 
     def __enter__(self) -> MotionFile:
         return self
@@ -71,7 +74,7 @@ class MotionFile:
     ) -> None:
         self._file.close()
 
-    def note(self, stamp_us: int, engine: Engine) -> None:
+    def note(self, stamp_us: int, engine: Engine, held_us: int = 0) -> None:
         """The engine as it is now."""
         at = engine.twin.object_q
         normal_N, tangential_N = np.zeros(TIPS), np.zeros(TIPS)
@@ -81,7 +84,7 @@ class MotionFile:
                 tangential_N[tip] = np.linalg.norm(touch.friction_N)
         pose = engine.data.qpos[at : at + 7]
         values = np.concatenate((engine.q_rad, pose, 1e3 * engine.slip_m, normal_N, tangential_N))
-        self._write([str(stamp_us), *(f"{value:.7g}" for value in values)])
+        self._write([str(stamp_us), str(held_us), *(f"{value:.7g}" for value in values)])
 
 
 def read_motion(path: Path) -> Motion:
@@ -93,16 +96,16 @@ def read_motion(path: Path) -> Motion:
         raise DatasetError(f"{path} cannot be read: {error.strerror}: run the demo again") from None
     columns = len(lines[0].split(",")) if lines else 0
     rows = [line.split(",") for line in lines[1:]]
-    joints = columns - 1 - len(POSE_COLUMNS) - TIPS * len(TIP_COLUMNS)
+    joints = columns - 2 - len(POSE_COLUMNS) - TIPS * len(TIP_COLUMNS)
     try:
         table = np.array([row for row in rows if len(row) == columns], dtype=np.float64)
     except ValueError:
         raise DatasetError(f"{path} is damaged: run the demo again") from None
     if joints < 1 or len(table) < 2:
         raise DatasetError(f"{path} holds no motion: run the demo again")
-    ends = np.cumsum([1, joints, len(POSE_COLUMNS), TIPS, TIPS])
-    stamps, q, pose, slip, force, friction = np.split(table, ends, axis=1)
-    return Motion(stamps[:, 0], q, pose, slip, force, friction)
+    ends = np.cumsum([1, 1, joints, len(POSE_COLUMNS), TIPS, TIPS])
+    stamps, held, q, pose, slip, force, friction = np.split(table, ends, axis=1)
+    return Motion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
 
 
 def film_rows(motion: Motion, rate_Hz: float) -> list[int]:
