@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
+from palpate_edge.node.emcy import is_temperature
 from palpate_host import rotation, runaway
 from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.drives.drive_group import DriveGroup
@@ -239,9 +240,15 @@ class HostCore:
                 finger.tip.forget()
 
     def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
+        """A drive's temperature is a fault in every mode, even of a drive that goes on; a fingertip's is not:
+        its light derates by itself."""
         self._counters.emergencies += 1
         code = int.from_bytes(frame.data[:2], "little")
-        self._last_emergency = f"{self._network.name(node_id)}: EMCY {code:04X}h"
+        name = self._network.name(node_id)
+        self._last_emergency = f"{name}: EMCY {code:04X}h"
+        if is_temperature(code) and self._drives.has(node_id):
+            reason = f"{name}: temperature beyond its limit (EMCY {code:04X}h): let it cool, then recover"
+            self._fault = self._fault or reason
 
     def _receive_contact(self, index: int, stamp_us: int, frame: CanFrame) -> None:
         finger = self._fingers[index]

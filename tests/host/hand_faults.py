@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.node.emcy import ErrorRegister
+
 TICK_US, FRAME_US, DELAY_US, HEARD_US = 10_000, 33_333, 40_000, 2_000
 WATCHDOG_US = 200_000  # 1400h:05 of the drives
 
@@ -65,6 +67,13 @@ def drive_fault(rig, rng):
     return lambda: None
 
 
+def drive_too_hot(rig, rng):
+    """It says so (CiA 402-2: excess temperature drive) and goes on: the hand is the host's to stop."""
+    emcy = rig.drives[int(rng.integers(0, 9))].slave.emcy
+    emcy.report(0x4310, ErrorRegister.TEMPERATURE)
+    return lambda: emcy.clear(0x4310)
+
+
 def kill_host(rig, rng):
     return broken_until_mended(rig, rig.silent, rig.host_id, rig.start_host)
 
@@ -95,7 +104,7 @@ CAMERA_STALLED, CAMERA_GONE = doubt("camera stalled"), doubt("camera gone")
 STALE, FROZEN, WILD = doubt("", late_us=800_000), doubt("frozen"), doubt("wild")
 FAULTS = (
     kill_drive, cut_drive, drive_fault, kill_host, cut_host, kill_fingertip, cut_fingertip,
-    CAMERA_STALLED, CAMERA_GONE, STALE, FROZEN, WILD,
+    CAMERA_STALLED, CAMERA_GONE, STALE, FROZEN, WILD, drive_too_hot,
 )  # fmt: skip
 
 
@@ -112,6 +121,7 @@ def times(config):
         kill_drive: (joint, joint),
         cut_drive: (joint, joint),
         drive_fault: (2 * TICK_US + HEARD_US, 2 * TICK_US + HEARD_US),
+        drive_too_hot: (2 * TICK_US + HEARD_US, 2 * TICK_US + HEARD_US),
         kill_host: (0, 0),
         cut_host: (joint, joint),
         kill_fingertip: (stop, freeze),

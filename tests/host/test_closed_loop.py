@@ -7,6 +7,7 @@ the same nodes.
 """
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
@@ -103,6 +104,23 @@ def test_one_fault(bench, hand_of_commands, fault):
     assert not deadlines.late()
     if no_turning_us is not None:
         assert mode_left_us(rig, began_us) <= no_turning_us
+    mend()
+    comes_back(rig)
+
+
+def test_a_drive_that_says_it_is_too_hot_stops_the_hand_though_it_goes_on(bench, hand_of_commands):
+    rig = turning(bench, hand_of_commands)
+    mend = hand_faults.drive_too_hot(rig, np.random.default_rng(1))
+    until(rig, Mode.FAULT, most_s=0.03)
+    status = rig.statuses[-1]
+    assert re.fullmatch(
+        r"drive of \w+ \(node 0x0\d\): temperature beyond its limit \(EMCY 4310h\):"
+        r" let it cool, then recover",
+        status.reason,
+    )
+    assert {joint.drive_state for joint in status.joints} == {"operation enabled"}
+    rig.run(0.6)  # quick stop, at most 500 ms, then off
+    assert {joint.drive_state for joint in rig.statuses[-1].joints} == {"switch on disabled"}
     mend()
     comes_back(rig)
 

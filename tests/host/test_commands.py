@@ -1,6 +1,7 @@
 """Commands to the host core, and what stops the hand, in virtual time on the whole bus."""
 
 import dataclasses
+import struct
 
 import msgspec
 import numpy as np
@@ -183,3 +184,33 @@ def test_a_drive_that_reports_more_torque_than_its_limit_is_a_fault(bench, table
     status = rig.run(2.0)
     assert status.mode is Mode.FAULT
     assert status.reason == "curl_1: its drive reports 0.76 N m, its limit is 0.5"
+
+
+def said_by(rig, node_id, code, register):
+    """An emergency of CiA 301 from this node, on its way to the host."""
+    rig._echo.append((rig.now_us + 1, CanFrame(0x080 + node_id, struct.pack("<HB5x", code, register))))
+
+
+@pytest.mark.parametrize("code", [0x4000, 0x4210, 0x4310, 0x4FFF])
+def test_a_drive_beyond_its_temperature_is_a_fault_before_it_moves_too(waiting, code):
+    said_by(waiting, 3, code, 0x09)
+    status = waiting.run(0.02)
+    assert status.mode is Mode.FAULT
+    assert status.reason == (
+        f"drive of curl_1 (node 0x03): temperature beyond its limit (EMCY {code:04X}h):"
+        " let it cool, then recover"
+    )
+
+
+@pytest.mark.parametrize(
+    ("node_id", "code"),
+    [(3, 0x3FFF), (3, 0x5000), (3, 0x0000), (0x11, 0x4200), (0x11, 0x4310)],
+    ids=["voltage", "hardware", "error reset", "a fingertip's LED", "a fingertip"],
+)
+def test_other_emergencies_are_told_and_the_hand_goes_on(waiting, node_id, code):
+    waiting.core.command(Grasp())
+    waiting.run(0.7)
+    said_by(waiting, node_id, code, 0x09)
+    status = waiting.run(0.1)
+    assert status.mode is Mode.GRASP
+    assert status.last_emergency.endswith(f"(node 0x{node_id:02X}): EMCY {code:04X}h")

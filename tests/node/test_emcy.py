@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.node.emcy import ErrorRegister
+from palpate_edge.node.emcy import ErrorRegister, is_temperature
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.slave import Slave
 
@@ -124,3 +124,12 @@ def test_a_storm_while_nothing_may_be_sent_keeps_the_newest_32(slave: Slave) -> 
     messages = sent(slave, 3, CanFrame(0x000, b"\x80\x10"))
     assert len(messages) == 32
     assert messages[-1][:5] == "00 42"
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [(0x3FFF, False), (0x4000, True), (0x4200, True), (0x4310, True), (0x4FFF, True), (0x5000, False)],
+)
+def test_temperature_is_the_fourth_thousand(code: int, expected: bool) -> None:
+    """CiA 301, table of emergency error codes: 40xxh to 43xxh; CiA 402-2 adds 44xxh."""
+    assert is_temperature(code) is expected

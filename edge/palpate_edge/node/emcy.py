@@ -50,6 +50,11 @@ class ErrorRegister(IntFlag):
     MANUFACTURER = 0x80
 
 
+def is_temperature(code: int) -> bool:
+    """Whether an error code tells of a temperature beyond its limit: 4xxxh (CiA 301, 7.2.7.1)."""
+    return code & 0xF000 == 0x4000
+
+
 class EmergencyProducer:
     """Keeps the active errors, 1001h and 1003h. An error is its code with its `info`, at most five bytes."""
 

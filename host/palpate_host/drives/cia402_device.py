@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.node.emcy import EmcyCode, ErrorRegister
+from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
 from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.object_dictionary import load_eds
@@ -81,6 +81,7 @@ class Cia402Device:
         self._command_now = JointCommand(DriveGoal.OFF)
         self._joint = MotorState(0.0, 0.0)
         self._zero_rad = 0.0
+        self._told: list[int] = []  # as EMCY, since the last reset of a fault
         self._now_us: int | None = None
 
     @property
@@ -150,8 +151,9 @@ class Cia402Device:
         joint = self._joint = replace(joint, position_rad=joint.position_rad - self._zero_rad)
         self.slave.write(POSITION, 0, round(joint.position_rad * self.increments_per_rad))
         self.slave.write(VELOCITY, 0, round(joint.velocity_rad_s * self.increments_per_rad))
-        if joint.error_code and self.state is not DriveState.FAULT:
-            self._fail(joint.error_code, ErrorRegister.GENERIC)
+        is_another = joint.error_lasts and joint.error_code != self._number(ERROR_CODE)
+        if joint.error_code and (is_another or self.state is not DriveState.FAULT):
+            self._fail(joint.error_code, _register_of(joint.error_code))
 
     def _obey(self, event: Event) -> None:
         match event:
@@ -164,7 +166,11 @@ class Cia402Device:
                 self._lose_command(EmcyCode.RPDO_TIMEOUT)
             case NmtStateChanged(command=NmtCommand.RESET_NODE):
                 self._machine = DriveStateMachine()
+                self._told.clear()
                 self.slave.write(ERROR_CODE, 0, 0)
+            case NmtStateChanged(command=NmtCommand.RESET_COMMUNICATION):
+                self._lose_command(COMMUNICATION_LOST)
+                self._tell_again()
             case NmtStateChanged(state=NmtState.OPERATIONAL):
                 self.slave.trigger((STATUS_TPDO,))
             case NmtStateChanged():
@@ -172,10 +178,12 @@ class Cia402Device:
 
     def _command(self, controlword: int) -> None:
         was = self.state
-        self._machine.command(controlword)
+        self._machine.command(controlword, may_reset=not self._joint.error_lasts)
         if was is DriveState.FAULT and self.state is not DriveState.FAULT:
             self._motor.reset_fault()
-            self.slave.emcy.clear(self._number(ERROR_CODE))
+            for error_code in self._told:
+                self.slave.emcy.clear(error_code)
+            self._told.clear()
             self.slave.write(ERROR_CODE, 0, 0)
 
     def _lose_command(self, error_code: int) -> None:
@@ -183,8 +191,15 @@ class Cia402Device:
         if self.state in _POWERED:
             self._fail(error_code, ErrorRegister.COMMUNICATION)
 
+    def _tell_again(self) -> None:
+        """A new boot-up has forgotten the emergency; a master that asks anew learns why no reset helps."""
+        if self.state is DriveState.FAULT and self._joint.error_lasts:
+            error_code = self._number(ERROR_CODE)
+            self.slave.emcy.report(error_code, _register_of(error_code))
+
     def _fail(self, error_code: int, register: ErrorRegister) -> None:
         self._machine.fail()
+        self._told.append(error_code)
         self.slave.write(ERROR_CODE, 0, error_code)
         self.slave.emcy.report(error_code, register)
 
@@ -206,3 +221,7 @@ class Cia402Device:
 
     def _number(self, index: int, subindex: int = 0) -> int:
         return int(self.slave.read(index, subindex))
+
+
+def _register_of(error_code: int) -> ErrorRegister:
+    return ErrorRegister.TEMPERATURE if is_temperature(error_code) else ErrorRegister.GENERIC

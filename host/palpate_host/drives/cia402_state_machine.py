@@ -63,11 +63,14 @@ class DriveStateMachine:
         self.state = DriveState.SWITCH_ON_DISABLED  # transitions 0 and 1 are automatic
         self._last_controlword = 0
 
-    def command(self, controlword: int) -> None:
-        """Take a controlword; one that means nothing in this state changes nothing."""
+    def command(self, controlword: int, may_reset: bool = True) -> None:
+        """Take a controlword; one that means nothing in this state changes nothing.
+
+        may_reset: False while the cause of the fault lasts; a reset then needs another rising edge.
+        """
         rising = controlword & ~self._last_controlword
         self._last_controlword = controlword
-        if self.state is DriveState.FAULT and rising & FAULT_RESET_BIT:
+        if self.state is DriveState.FAULT and rising & FAULT_RESET_BIT and may_reset:
             self.state = DriveState.SWITCH_ON_DISABLED  # 15
             return
         for (mask, value), state in TRANSITIONS.get(self.state, {}).items():

@@ -51,6 +51,10 @@ class DriveGroup:
             drive.scale = self._identifications[drive.node_id].scale
             drive.mode = self._identifications[drive.node_id].mode
 
+    def has(self, node_id: int) -> bool:
+        """Whether the node is a drive."""
+        return node_id in self._identifications
+
     def booted(self, node_id: int) -> None:
         """A node booted anew; nothing happens when it is no drive."""
         for drive in self.drives:

@@ -45,6 +45,9 @@ def load(tmp_path: Path) -> Callable[[str], az_config.AzConfig]:
         ("torque_limit_Nm = 0.5", "torque_limit_Nm = 5.0", "exceeds its torque_Nm 1.9: lower it"),
         ("device_id = 3", "device_id = 248", "247"),
         ("device_id = 3", "device = 3", "device"),
+        ("device_id = 3", "device_id = 3, temperature_limit_degC = 85.1", "<= 85.0 .*temperature_limit_degC"),
+        ("device_id = 3", "device_id = 3, temperature_limit_degC = 39.9", ">= 40.0 .*temperature_limit_degC"),
+        ("device_id = 3", 'device_id = 3, temperature_limit_degC = "75"', "temperature_limit_degC"),
         ("[[ports]]", "[ports]", "az.toml"),
     ],
 )
@@ -53,6 +56,14 @@ def test_a_wrong_file_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         load(TEXT.replace(old, new))
+
+
+def test_the_limit_of_temperature_is_75_degrees_or_the_axis_own(
+    load: Callable[[str], az_config.AzConfig],
+) -> None:
+    own = TEXT.replace("device_id = 2,", "device_id = 2, temperature_limit_degC = 60.5,")
+    axes = [axis.settings for axis in load(own).ports[0].axes]
+    assert [axis.temperature_limit_degC for axis in axes] == [75.0, 60.5, 75.0]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

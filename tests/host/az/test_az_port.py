@@ -10,8 +10,10 @@ import pytest
 
 from palpate_edge.errors import BusError
 from palpate_host.drives.az import alarms, motor
+from palpate_host.drives.az.axis import AxisSettings, AzAxis
 from palpate_host.drives.az.port import AzPort, Parity
 from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, Input, Status
+from palpate_host.drives.az.temperature import AzTemperatures
 from palpate_host.twin.az.az_server import AzServer
 from palpate_host.twin.az.pty_line import pty_line
 from palpate_host.twin.az.simulated_az import SimulatedAz
@@ -98,6 +100,20 @@ def test_stop_holds_and_free_lets_go(port: AzPort, drives: dict[int, SimulatedAz
 
 def test_units_of_a_monitor(port: AzPort) -> None:
     assert port.value(1, MOTOR_TEMPERATURE) == pytest.approx(30.0)
+
+
+def test_temperatures_are_those_of_drive_and_motor(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
+    drives[1].driver_degC, drives[1].motor_degC = 61.3, -4.7
+    assert port.temperatures(1) == AzTemperatures(driver_degC=61.3, motor_degC=-4.7)
+
+
+def test_heat_outlives_a_reset_that_was_on_its_way(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
+    axis = AzAxis(AxisSettings(device_id=1, motor=MOTOR, torque_limit_Nm=0.5))
+    for motor_degC, error_code in [(75.0, 0), (75.1, 0x4310), (70.0, 0)]:
+        drives[1].motor_degC = motor_degC
+        axis.measure(0, port)
+        axis.reset_fault()
+        assert axis.state(0).error_code == error_code
 
 
 def test_missing_drive_is_named(port: AzPort) -> None:

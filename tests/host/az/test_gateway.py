@@ -15,11 +15,14 @@ import pytest
 from canopen.profiles.p402 import BaseNode402
 
 from palpate_edge.bus import open_bus
-from palpate_host.drives.az import alarms, gateway
+from palpate_edge.errors import BusError
+from palpate_host.drives.az import alarms, axis, gateway
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
+from palpate_host.drives.az.registers import DRIVER_TEMPERATURE
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.twin.az.az_server import AzServer, simulated_port
+from palpate_host.twin.az.simulated_az import SimulatedAz
 
 NODE = 5
 WAIT_S = 20.0
@@ -191,3 +194,121 @@ def test_a_gateway_that_is_gone_leaves_the_drives_to_their_own_watchdog(
     with line.lock:
         line.drives[1].advance(time.monotonic_ns() // 1000 + 1_100_000)
     assert line.drives[1].alarm == alarms.COMMUNICATION_TIMEOUT
+
+
+@pytest.fixture
+def measured(line: AzServer) -> Callable[[], None]:
+    """Waits until the gateway has acted on temperatures that it read from now on."""
+    drive, reads = line.drives[1], 0
+    read = drive.read
+
+    def counted(now_us: int, address: int, count: int) -> list[int]:
+        nonlocal reads
+        reads += address == DRIVER_TEMPERATURE.address
+        return read(now_us, address, count)
+
+    drive.read = counted  # type: ignore[method-assign]
+
+    def wait() -> None:
+        begin = reads
+        assert eventually(lambda: reads >= begin + 2)
+
+    return wait
+
+
+def heat(line: AzServer, driver_degC: float, motor_degC: float) -> None:
+    with line.lock:
+        line.drives[1].driver_degC, line.drives[1].motor_degC = driver_degC, motor_degC
+
+
+def told(node: BaseNode402, code: int) -> int:
+    """How often the node has said this by EMCY."""
+    return sum(error.code == code for error in node.emcy.log)
+
+
+def is_reset(node: BaseNode402) -> bool:
+    """Whether a rising edge of bit 7 leads out of Fault."""
+    feed(node, 0x00, 0)
+    feed(node, 0x80, 0)
+    time.sleep(0.05)
+    return statusword(node) & 0x4F == 0x40
+
+
+@pytest.mark.parametrize("hot", [(75.1, 30.0), (30.0, 75.1)], ids=["drive", "motor"])
+def test_an_axis_above_its_limit_is_switched_off_until_it_has_cooled(
+    node: BaseNode402, line: AzServer, measured: Callable[[], None], hot: tuple[float, float]
+) -> None:
+    """The limit is 75 degC, 5 K of it to cool: 4310h is CiA 402-2's excess temperature of a drive."""
+    node.nmt.state = "OPERATIONAL"
+    heat(line, 75.0, 75.0)
+    enable(node, 100, WAIT_S, arrived=lambda: line.drives[1].torque_Nm > 0.0)
+    measured()
+    assert told(node, 0x4310) == 0
+    heat(line, *hot)
+    enable(node, 100, WAIT_S, arrived=lambda: statusword(node) & 0x4F == 0x08)
+    assert node.sdo[0x603F].raw == 0x4310
+    assert eventually(lambda: told(node, 0x4310) == 1)
+    assert next(error.register for error in node.emcy.log if error.code == 0x4310) == 0x09
+    assert eventually(lambda: line.drives[1].torque_Nm == 0.0)
+    heat(line, 70.1, 70.1)
+    measured()
+    assert not is_reset(node)
+    assert told(node, 0x4310) == 1 and told(node, 0x0000) == 0  # Fault was not left for a moment either
+    heat(line, 70.0, 70.0)
+    measured()
+    assert is_reset(node)
+    assert node.sdo[0x603F].raw == 0 and node.sdo[0x1001].raw == 0
+    enable(node, 100, WAIT_S, arrived=lambda: line.drives[1].torque_Nm > 0.0)
+    assert statusword(node) & 0x6F == 0x27
+
+
+def test_a_master_that_asks_anew_is_told_of_the_heat_anew(node: BaseNode402, line: AzServer) -> None:
+    heat(line, 30.0, 80.0)
+    assert eventually(lambda: told(node, 0x4310) == 1)
+    node.nmt.state = "RESET COMMUNICATION"
+    assert eventually(lambda: told(node, 0x4310) == 2)
+    assert node.sdo[0x603F].raw == 0x4310
+
+
+def test_heat_is_told_of_a_drive_that_is_in_fault_already(
+    node: BaseNode402, line: AzServer, measured: Callable[[], None]
+) -> None:
+    """The reset that then helps ends both errors."""
+    with line.lock:
+        line.drives[1].raise_alarm(0x30)
+    assert eventually(lambda: told(node, 0xFF30) == 1)
+    heat(line, 30.0, 80.0)
+    assert eventually(lambda: told(node, 0x4310) == 1)
+    node.nmt.state = "OPERATIONAL"
+    heat(line, 30.0, 60.0)
+    measured()
+    assert eventually(lambda: is_reset(node) and node.sdo[0x1001].raw == 0)
+
+
+def deny_temperatures(drive: SimulatedAz) -> None:
+    """The drive answers a read of its temperatures with Modbus' illegal address."""
+    knows = drive.knows
+    drive.knows = (  # type: ignore[method-assign]
+        lambda address, count: address != DRIVER_TEMPERATURE.address and knows(address, count)
+    )
+
+
+def test_a_drive_without_temperatures_is_refused_at_the_start(
+    config: AzConfig, line: AzServer, slow_replies: None
+) -> None:
+    deny_temperatures(line.drives[1])
+    with (
+        pytest.raises(BusError, match=r"AZ drive 1 on .* refuses"),
+        gateway.PortThread(config.ports[0]).running(),
+    ):
+        pass
+
+
+def test_a_drive_that_tells_no_temperature_any_more_is_lost(
+    node: BaseNode402, line: AzServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert node.sdo[0x603F].raw == 0
+    monkeypatch.setattr(axis, "TEMPERATURE_AGE_LIMIT_US", 500_000)
+    with line.lock:
+        deny_temperatures(line.drives[1])
+    assert eventually(lambda: node.sdo[0x603F].raw == 0x7500)

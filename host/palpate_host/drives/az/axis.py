@@ -17,6 +17,7 @@ from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import AzPort
 from palpate_host.drives.az.registers import Input, Status
+from palpate_host.drives.az.temperature import TemperatureLimit
 from palpate_host.drives.cia402_motion import MotorState, OwnHoming
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
@@ -24,6 +25,9 @@ ORDER_LIMIT_US = 200_000
 """An order older than this is not carried out any more: the joint brakes."""
 SILENT_LIMIT = 3
 """Transactions in a row that may fail before the axis is lost."""
+TEMPERATURE_AGE_LIMIT_US = 5_000_000
+"""An axis that does not tell its temperatures for so long is lost, though it moves."""
+EXCESS_TEMPERATURE = 0x4310  # CiA 402-2, error codes: excess temperature drive
 COMMUNICATION_ERROR = 0x7500  # CiA 402-2, error codes: communication
 MANUFACTURER_ERROR = 0xFF00  # the same: manufacturer specific; the alarm's code is its low byte
 
@@ -39,15 +43,26 @@ class TorqueBy(enum.Enum):
     ADMITTANCE = "admittance"
 
 
+class Question(enum.Enum):
+    """What an axis is asked beside its motion."""
+
+    HEALTH = "status and alarm"
+    TEMPERATURES = "temperatures"
+
+
 @dataclass(frozen=True, slots=True)
 class AxisSettings:
-    """device_id: Modbus address. torque_limit_Nm: never more, by the operating current."""
+    """device_id: Modbus address. torque_limit_Nm: never more, by the operating current.
+
+    temperature_limit_degC: above it, in drive or motor, the axis is in Fault.
+    """
 
     device_id: int
     motor: AzMotor
     torque_limit_Nm: float
     torque_by: TorqueBy = TorqueBy.ADMITTANCE
     B_d_Nms_rad: float = 0.4
+    temperature_limit_degC: float = 75.0
 
 
 class AzAxis:
@@ -65,6 +80,8 @@ class AzAxis:
         self._reset = False
         self._failures = 0
         self._is_heard = False
+        self._temperature = TemperatureLimit(settings.temperature_limit_degC)
+        self._measured_us: int | None = None
 
     def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the newest answer, whenever it came
         with self._lock:
@@ -80,14 +97,31 @@ class AzAxis:
         with self._lock:
             self._reset = True
             self._failures = 0
-            self._state = replace(self._state, error_code=0)
+            error_code = EXCESS_TEMPERATURE if self._state.error_lasts else 0
+            self._state = replace(self._state, error_code=error_code)
 
     @property
     def is_heard(self) -> bool:
         """Whether the drive has told where its joint is."""
         return self._is_heard
 
-    def exchange(self, now_us: int, port: AzPort, ask_health: bool) -> None:
+    def measure(self, now_us: int, port: AzPort) -> None:
+        """Ask the temperatures; too hot is an error of its own, which lasts until it has cooled."""
+        temperatures = port.temperatures(self.settings.device_id)
+        was_exceeded = self._temperature.is_exceeded
+        self._temperature.take(temperatures)
+        self._measured_us = now_us
+        with self._lock:
+            is_exceeded = self._temperature.is_exceeded
+            self._state = replace(self._state, error_lasts=is_exceeded)
+            if is_exceeded and not was_exceeded:
+                self.problem = (
+                    f"drive at {temperatures.driver_degC} degC, motor at {temperatures.motor_degC} degC:"
+                    f" temperature_limit_degC is {self.settings.temperature_limit_degC}"
+                )
+                self._state = replace(self._state, error_code=EXCESS_TEMPERATURE)
+
+    def exchange(self, now_us: int, port: AzPort, question: Question | None) -> None:
         """Carry the newest order out and take the answer; a failure is counted and becomes an error."""
         with self._lock:
             command, reset, self._reset = self._command, self._reset, False
@@ -99,11 +133,15 @@ class AzAxis:
                 self._inputs = None
             words = self._carry_out(command, port)
             is_homing = command.goal is DriveGoal.HOME
-            health = port.health(self.settings.device_id) if ask_health or reset or is_homing else None
+            asks_health = question is Question.HEALTH or reset or is_homing
+            health = port.health(self.settings.device_id) if asks_health else None
+            if question is Question.TEMPERATURES:
+                self.measure(now_us, port)
         except BusError as exc:
             self._failed(str(exc))
             return
         self._answered(words, health.alarm if health else None)
+        self._check_measured(now_us)
         if is_homing and health is not None:
             self._look_home(health.status)
 
@@ -181,6 +219,12 @@ class AzAxis:
                 torque_Nm=motion.torque_Nm,
                 error_code=error_code,
             )
+
+    def _check_measured(self, now_us: int) -> None:
+        if self._measured_us is None or now_us - self._measured_us > TEMPERATURE_AGE_LIMIT_US:
+            with self._lock:
+                self.problem = "does not tell its temperatures"
+                self._state = replace(self._state, error_code=COMMUNICATION_ERROR)
 
     def _failed(self, problem: str) -> None:
         with self._lock:

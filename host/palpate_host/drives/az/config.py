@@ -36,6 +36,7 @@ class AxisConfig(_Strict, frozen=True):
 
     drive_node: the joint's node id in hand.toml. device_id: the drive's Modbus address. torque_limit_Nm: held
     by the operating current, whatever the host asks. B_d_Nms_rad: counts with torque_by = "admittance".
+    temperature_limit_degC: of drive and motor; an axis above it is in Fault until it has cooled by 5 K.
     """
 
     drive_node: Annotated[int, msgspec.Meta(ge=1, le=127)]
@@ -47,11 +48,19 @@ class AxisConfig(_Strict, frozen=True):
     torque_Nm: Positive = 1.9
     speed_rad_s: Positive = 2.0
     rate_rad_s2: Positive = 50.0
+    temperature_limit_degC: Annotated[float, msgspec.Meta(ge=40.0, le=85.0)] = 75.0
 
     @property
     def settings(self) -> AxisSettings:
         motor = AzMotor(self.steps_per_turn, self.torque_Nm, self.speed_rad_s, self.rate_rad_s2)
-        return AxisSettings(self.device_id, motor, self.torque_limit_Nm, self.torque_by, self.B_d_Nms_rad)
+        return AxisSettings(
+            self.device_id,
+            motor,
+            self.torque_limit_Nm,
+            self.torque_by,
+            self.B_d_Nms_rad,
+            self.temperature_limit_degC,
+        )
 
 
 class PortConfig(_Strict, frozen=True):

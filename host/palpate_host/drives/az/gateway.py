@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 
 from palpate_edge.bus import Bus
 from palpate_edge.errors import BusError
-from palpate_host.drives.az.axis import AzAxis
+from palpate_host.drives.az.axis import AzAxis, Question
 from palpate_host.drives.az.config import AzConfig, PortConfig
 from palpate_host.drives.az.port import REPLY_TIMEOUT_S, AzPort
 from palpate_host.drives.cia402_device import Cia402Device
@@ -38,10 +38,14 @@ class PortThread:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Watchdogs set, all axes heard, then rounds until the context ends; BusError when one is missing."""
+        """Watchdogs set, temperatures read, all axes heard, then rounds until the context ends.
+
+        BusError when an axis, or one of these registers, is missing.
+        """
         try:
             for axis in self.axes:
                 self._port.watch(axis.settings.device_id, self._config.timeout_ms)
+                axis.measure(now_us(), self._port)
             self._thread.start()
             self._wait_until_heard()
             yield
@@ -64,12 +68,22 @@ class PortThread:
 
     def _run(self) -> None:
         while not self._stop.is_set():
+            asked, question = turn(self.rounds, len(self.axes))
             for number, axis in enumerate(self.axes):
-                axis.exchange(now_us(), self._port, ask_health=number == self.rounds % len(self.axes))
+                axis.exchange(now_us(), self._port, question if number == asked else None)
             self.rounds += 1
             time.sleep(PAUSE_S)
         for axis in self.axes:
             axis.release(self._port)
+
+
+def turn(round_number: int, axes: int) -> tuple[int, Question]:
+    """Which axis is asked what beside its motion: status and alarm of each, then the temperatures of one.
+
+    Both take as long on the line, so that a round is no longer than without temperatures.
+    """
+    cycle, place = divmod(round_number, axes + 1)
+    return (place, Question.HEALTH) if place < axes else (cycle % axes, Question.TEMPERATURES)
 
 
 def run_gateway(bus: Bus, config: AzConfig, stop: threading.Event) -> None:

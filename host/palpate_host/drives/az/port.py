@@ -2,7 +2,8 @@
 
 An axis costs one transaction a round: function 17h writes its direct data and reads its motion. Nothing is
 ever repeated: what a lost answer was about is overtaken by the next round's fresh order, and a trigger that
-was carried out twice would move the joint twice. Status and alarm of one axis a round are read in turn.
+was carried out twice would move the joint twice. Status and alarm, or the temperatures, of one axis a round
+are read in turn.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.registers import (
     COMMUNICATION_TIMEOUT,
     DIRECT_DATA,
+    DRIVER_TEMPERATURE,
     INPUT_COMMAND,
+    MOTOR_TEMPERATURE,
     OUTPUT_STATUS,
     PRESENT_ALARM,
     Input,
@@ -30,6 +33,7 @@ from palpate_host.drives.az.registers import (
     from_words,
     to_words,
 )
+from palpate_host.drives.az.temperature import AzTemperatures
 
 BAUD_RATE = 230_400
 REPLY_TIMEOUT_S = 0.05
@@ -117,6 +121,15 @@ class AzPort:
         )
         status, alarm = from_words(words)
         return AzHealth(Status(status & 0xFFFF), alarm & 0xFF)
+
+    def temperatures(self, device_id: int) -> AzTemperatures:
+        """Of drive and motor."""
+        first = DRIVER_TEMPERATURE.address
+        driver, motor = from_words(self._read(device_id, first, MOTOR_TEMPERATURE.address + 2 - first))
+        return AzTemperatures(
+            driver_degC=round(driver * DRIVER_TEMPERATURE.scale, 1),
+            motor_degC=round(motor * MOTOR_TEMPERATURE.scale, 1),
+        )
 
     def value(self, device_id: int, register: Register) -> float:
         """One quantity in its unit."""

@@ -1,6 +1,7 @@
 """Registers of the AZ drive as data (manual HM-60262E; every quantity is 32 bits, high word first).
 
-The addresses up to 0x00FB are those that public drivers use. COMMUNICATION_TIMEOUT is from the manual's table
+The addresses up to 0x00FB are those that public drivers use; those of the two temperatures, and their unit of
+0.1 degC, are to be confirmed on a drive like the others. COMMUNICATION_TIMEOUT is from the manual's table
 of Modbus parameters and was not tried on a drive: the port writes it and reads it back, so that a drive which
 keeps something else there is refused, not trusted.
 """

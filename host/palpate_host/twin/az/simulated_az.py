@@ -2,7 +2,7 @@
 
 Served at the wire by az_server. Modelled: the three operation types a joint uses, acceleration and current
 limits, the STOP, FREE, ZHOME and ALM-RST inputs, the communication timeout with alarm 85h,
-and alarms that a test raises. Registers outside the table do not exist.
+alarms that a test raises and temperatures that it sets. Registers outside the table do not exist.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ class SimulatedAz:
         self.motor = motor or AzMotor()
         self.plant = JointPlant(joint or JointParameters())
         self.alarm = 0
+        self.driver_degC = self.motor_degC = AMBIENT_degC
         self._is_home = False
         self._held = Input(0)
         self.values = {register.address: 0 for register in _REGISTERS}
@@ -170,8 +171,8 @@ class SimulatedAz:
         )
         self.values[az.TORQUE.address] = round(self._torque_Nm / motor.torque_Nm * FULL_CURRENT)
         self.values[az.PRESENT_ALARM.address] = self.alarm
-        for temperature in (az.DRIVER_TEMPERATURE, az.MOTOR_TEMPERATURE):
-            self.values[temperature.address] = round(AMBIENT_degC / temperature.scale)
+        self.values[az.DRIVER_TEMPERATURE.address] = round(self.driver_degC / az.DRIVER_TEMPERATURE.scale)
+        self.values[az.MOTOR_TEMPERATURE.address] = round(self.motor_degC / az.MOTOR_TEMPERATURE.scale)
         is_at_zero = self.values[az.FEEDBACK_POSITION.address] == 0
         if is_at_zero and Input.ZHOME in self._held and self._operation is not None:
             self._is_home, self._operation = True, None
