@@ -14,13 +14,15 @@ import numpy as np
 from bench.soak_virtual import resident_bytes
 from palpate_host.bus.candump import read_log
 from palpate_host.network import SYNC
+from palpate_host.twin.hand.motion import read_motion
 
 LOOK_S = 10.0
 
 
 def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarray]:
     """(seconds since the start, resident bytes) of each process by its name and pid; the host's SYNCs in
-    seconds of the bus. Raises CalledProcessError when the demo fails, which has said why."""
+    seconds of the machine: what the hand's clock was held back is counted. Raises CalledProcessError when the
+    demo fails, which has said why."""
     with tempfile.TemporaryDirectory() as name:
         words = ["demo", "--no-view", "--duration", str(duration_s), "--output", name]
         command = [sys.executable, "-m", "palpate_host.cli", *words]
@@ -37,7 +39,9 @@ def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarr
         if demo.returncode:
             raise subprocess.CalledProcessError(demo.returncode, command)
         records = read_log(Path(name) / "run" / "bus.log").records
-        return memory, np.array([record.stamp_us for record in records if record.frame == SYNC]) * 1e-6
+        syncs_us = np.array([record.stamp_us for record in records if record.frame == SYNC])
+        motion = read_motion(Path(name) / "run" / "truth" / "motion.csv")
+        return memory, 1e-6 * (syncs_us + np.interp(syncs_us, motion.stamps_us, motion.held_us))
 
 
 def _descendants(root: int) -> dict[int, str]:
