@@ -64,7 +64,7 @@ class LiveHand:
     """`process` is one turn of it; `serve` does that on a bus until it is told to stop.
 
     Times are of the bus's clock in us, from CLOCK_MONOTONIC's zero. own_us: how far the hand's own time has
-    gone; waited_us: what it waited meanwhile; waits: whether it does so now; held_us: how far the clock is
+    gone; waited_us: what it waited meanwhile; waits: whether it does so now for something late; held_us: how far the clock is
     behind CLOCK_MONOTONIC; exposures: of all cameras. accept_ids: what it wants from the bus, with its own
     echoes.
     """
@@ -92,7 +92,8 @@ class LiveHand:
         self._exposure_us = [number / len(cameras.fps) * us for number, us in enumerate(self._period_us)]
         self._start_us, self._unix_us = now_us, unix_us - now_us
         # A command answers the angles of the SYNC before it, and holds until the next one.
-        self._lasts_us = 2 * round(1e6 / config.control.tick_Hz) + LATE_US
+        self._tick_us = round(1e6 / config.control.tick_Hz)
+        self._lasts_us = 2 * self._tick_us + LATE_US
         self._commanded_us, self._heard_own_us, self._known_own_us = now_us, 0, 0
         self._command_id = RPDO_1 + config.joints[-1].drive_node  # the last of a tick's commands
         self._answers_id = TPDO_1 + config.joints[-1].drive_node  # the last of the answers to a SYNC
@@ -197,10 +198,13 @@ class LiveHand:
     def _advance(self, until_us: int) -> None:
         """The hand and its cameras up to `until_us`, waiting where it must."""
         while self._hand_us + self._step_us <= until_us:
-            self.waits = self._lacks_a_command(until_us) or not self._have_seen(until_us)
-            if self.waits:
+            lacks_a_command = self._lacks_a_command(until_us)
+            if lacks_a_command or not self._have_seen(until_us):
+                # A command that is not due yet comes by itself; for what is late the time is held back.
+                self.waits = not lacks_a_command or until_us - self._commanded_us > self._tick_us + LATE_US
                 self.waited_us += max(0, until_us - self._hand_us - SLACK_US)
                 return
+            self.waits = False
             self._driven.step()
             self.own_us += self._step_us
             if self.own_us % PERIOD_US == 0:
