@@ -140,9 +140,9 @@ def test_what_was_stamped_before_the_bus_was_back_does_not_count(grasping):
 def test_after_a_gap_one_tick_of_the_old_grid_and_no_stamp_of_an_old_sync(waiting_config):
     core = HostCore(*waiting_config)
     core.process(1_000_000, ())
-    core.process(1_010_000, [(1_000_100, SYNC)])
-    core.lose_bus(1_012_000, GONE)
-    assert core.process(1_020_000, [(1_010_100, SYNC)]).frames_out == ()
+    core.process(1_005_000, [(1_000_100, SYNC)])
+    core.lose_bus(1_006_000, GONE)
+    assert core.process(1_010_000, ()).frames_out == ()
     core.regain_bus(6_034_000)
     output = core.process(6_034_500, ())
     sent = [frame.can_id for frame in output.frames_out]
@@ -289,10 +289,8 @@ def test_sending_notices_as_well_and_nothing_of_then_is_sent_later():
 
 def test_a_link_that_opens_and_is_down_is_not_back():
     rim = Rim(Driver(gone()), Driver(gone()), Driver())
-    rim.turn_until(250_000)
-    assert rim.bus.state is LinkState.DOWN
     rim.turn_until(400_000)
-    assert rim.bus.state is LinkState.UP
+    assert [change.state for change in rim.bus.changes()] == [LinkState.DOWN, LinkState.UP]
 
 
 @pytest.mark.parametrize(("carries", "pause_ms"), [(True, 100), (False, 200)])

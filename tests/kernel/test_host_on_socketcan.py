@@ -74,6 +74,7 @@ def hand_on_can(vcan, tmp_path):
 def hand(hand_on_can, wait_until):
     wait_until(hand_on_can.socket.exists)
     with Hand(hand_on_can.socket) as hand:
+        hand.status()  # its bus is open by then
         yield hand
 
 
