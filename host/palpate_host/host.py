@@ -15,19 +15,22 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
+from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import BusError
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
 from palpate_edge.twin_clock import clock_of
 from palpate_host import hand_config
+from palpate_host.bus_news import BusNews
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig, StartMode
 from palpate_host.hand_model import model_of, source_of
+from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
 from palpate_host.operator_socket import OperatorSocket, default_control_socket
 from palpate_host.real_time import become_real_time
 from palpate_host.status_stream import StatusStream
+from palpate_host.supervisor import STOPPED
 
 BUS_NAME = "host"
 # Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.
@@ -65,9 +68,10 @@ class Options:
 def run(config_path: Path, options: Options) -> None:
     """Run the hand until SIGTERM or SIGINT, for `duration_s`, or until a fault ends it.
 
-    Always leaves with the drives quick-stopped, off and NMT-stopped, if the bus still carries that.
-    ConfigError for the configuration; BusError when the bus goes or a fault stopped the hand, with the
-    fault's reason.
+    A hand that waits for commands outlives its bus, which is a fault then, and opened again. Always leaves
+    with the drives quick-stopped, off and NMT-stopped, if the bus still carries that. ConfigError for the
+    configuration; BusError when the bus cannot be opened, when it goes from a hand that moves by itself, or
+    when a fault stopped the hand, with the fault's reason.
     """
     config, hand = load_hand(config_path)
     if options.start is not None:
@@ -80,45 +84,59 @@ def run(config_path: Path, options: Options) -> None:
             stream = stack.enter_context(closing(StatusStream(options.status_target)))
         path = options.control_socket or default_control_socket()
         control = stack.enter_context(closing(OperatorSocket(path)))
-        bus = stack.enter_context(open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True))
+        bus = stack.enter_context(closing(_open(config, core)))
         notifier = stack.enter_context(closing(Notifier()))
         stack.enter_context(on_stop_signal(core.request_stop))
         for refusal in become_real_time() if config.run.real_time else ():
             print(f"warning: {refusal}", file=sys.stderr)
-        notifier.ready(f"on {config.bus.interface}")
-        failure = _loop(core, bus, stream, control, options.duration_s, notifier, now_us)
+        usual = f"on {config.bus.interface}"
+        notifier.ready(usual)
+        news = BusNews(core, notifier, usual)
+        failure = _loop(core, bus, stream, control, options.duration_s, notifier, news, now_us)
         notifier.stopping()
     if failure:
         raise BusError(failure)
 
 
+def _open(config: HandConfig, core: HostCore) -> HostBus:
+    return HostBus(
+        lambda: open_bus(config.bus, BUS_NAME, core.accept_ids, echo=True),
+        outlives=config.run.start is StartMode.COMMAND,
+    )
+
+
 def _loop(
     core: HostCore,
-    bus: Bus,
+    bus: HostBus,
     stream: StatusStream | None,
     control: OperatorSocket,
     duration_s: float | None,
     notifier: Notifier,
+    news: BusNews,
     now_us: Callable[[], int],
 ) -> str:
-    """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on."""
+    """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on, and
+    while the bus is opened again."""
     gate, ticks = WatchdogGate(notifier.watchdog_us), 0
     end_us = None if duration_s is None else now_us() + round(duration_s * 1e6)
     output = core.process(now_us(), ())
     while True:
-        bus.send(output.frames_out)
-        if output.frames_out:
+        bus.send(now_us(), output.frames_out)
+        if output.ticked and output.status is not None:
             control.serve(core.command, output.status)
-        if stream is not None and output.frames_out and output.status is not None:
-            stream.write(output.status)
+            if stream is not None:
+                stream.write(output.status)
+            if output.status.mode not in STOPPED:
+                news.recovered()
         if output.finished:
             time.sleep(LINGER_S)
             return output.failure
         wait_s = max(0, output.next_due_us - now_us()) * 1e-6
-        frames = bus.receive(wait_s)
+        frames = bus.receive(now_us(), wait_s)
         if end_us is not None and now_us() >= end_us:
             core.request_stop()
+        news.tell(now_us(), bus.changes())
         output = core.process(now_us(), frames)
         ticks += 1
-        if gate.may_feed(now_us(), ticks, bus.counters.sent + bus.counters.received):
+        if gate.may_feed(now_us(), ticks, bus.activity):
             notifier.feed_watchdog()

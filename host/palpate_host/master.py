@@ -61,11 +61,13 @@ NMT_STOP = "stopped by another NMT master"
 class Output:
     """What one call of `process` gives.
 
-    next_due_us: when to call again at the latest. finished: the hand is stopped and safe, the loop may end;
+    ticked: a tick was due, whether or not there is a bus for its frames. next_due_us: when to call again at
+    the latest. finished: the hand is stopped and safe, the loop may end;
     failure then says why in one line, empty after an operator's stop.
     """
 
     frames_out: tuple[CanFrame, ...]
+    ticked: bool
     next_due_us: int
     status: HostStatus | None
     finished: bool
@@ -113,6 +115,9 @@ class HostCore:
         self._last_sync_us: int | None = None
         self._stop_reason = self._fault = ""
         self._leaves = False
+        self._is_away = False  # the bus
+        self._bus_fault = ""
+        self._back_us = 0
         self._command_Nm = np.zeros(len(config.joints))
         self._R_vir: Array | None = None
         self._power_off_us: int | None = None
@@ -138,6 +143,32 @@ class HostCore:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason stays."""
         self._leaves = True
         self._stop_reason = self._stop_reason or reason
+
+    def lose_bus(self, now_us: int, reason: str) -> None:
+        """The bus is gone: FAULT, no frames until `regain_bus`, and what the nodes said counts no more.
+
+        An earlier fault or stop keeps its reason; this one is its warning while the bus is away.
+        """
+        self._is_away = True
+        self._bus_fault = self._bus_fault or reason
+        if self._decision.mode in STOPPED:
+            self._decision = replace(self._decision, warning=reason)
+        else:
+            self._decision = Decision(Mode.FAULT, reason, now_us)
+        self._time_stamps = TimeStampProducer()
+        self._last_sync_us = self._R_vir = None
+        self._command_Nm = np.zeros_like(self._command_Nm)
+        self._history = JointHistory(self._config.control.tick_Hz)
+        self._drives.forget()
+        for finger in self._fingers:
+            finger.forget()
+
+    def regain_bus(self, now_us: int) -> None:
+        """The bus is there again: every drive is switched off, as nobody knows what it did meanwhile, and
+        `Recover` leads on. What was stamped before does not count."""
+        self._is_away = False
+        self._back_us = now_us
+        self._decision = replace(self._decision, warning="")
 
     def command(self, command: Command) -> None:
         """Obey from the next tick on.
@@ -171,9 +202,11 @@ class HostCore:
         """Out of FAULT and STOP, once no drive has power: all nodes anew, nothing wished for."""
         if mode not in STOPPED or self._leaves:
             raise _refusal("recover", self._decision, "there is nothing to recover from")
+        if self._is_away:
+            raise _refusal("recover", self._decision, "the bus is away, it is opened again by itself")
         if self._power_off_us is None:
             raise _refusal("recover", self._decision, "the drives are still stopping, try again")
-        self._stop_reason = self._fault = self._last_emergency = ""
+        self._stop_reason = self._fault = self._bus_fault = self._last_emergency = ""
         self._wish = Wish.NOTHING
         self._power_off_us = None
         self._control = Manipulation(self._config)
@@ -193,6 +226,8 @@ class HostCore:
         """
         for stamp_us, frame in frames_in:
             self._counters.frames_in += 1
+            if self._is_away or stamp_us < self._back_us:
+                continue
             try:
                 self._receive(stamp_us, frame)
             except BusError as exc:
@@ -200,17 +235,22 @@ class HostCore:
         if self._next_tick_us is None:
             self._next_tick_us = now_us
         frames_out: list[CanFrame] = []
-        if now_us >= self._next_tick_us and not self._finished:
+        ticked = now_us >= self._next_tick_us and not self._finished
+        if ticked:
             left_out = (now_us - self._next_tick_us) // self._tick_us
             self._counters.late_ticks += left_out
             self._lateness[bisect_right(LATE_BINS_US, now_us - self._next_tick_us)] += 1
             tick_us = self._next_tick_us + left_out * self._tick_us
-            frames_out = self._tick(tick_us)
+            self._counters.ticks += 1
+            if self._is_away:
+                self._tick_without_bus(tick_us)
+            else:
+                frames_out = self._tick(tick_us)
             self._next_tick_us = tick_us + self._tick_us
             self._counters.frames_out += len(frames_out)
             self._status = self._make_status(tick_us)
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
-        return Output(tuple(frames_out), self._next_tick_us, self._status, self._finished, failure)
+        return Output(tuple(frames_out), ticked, self._next_tick_us, self._status, self._finished, failure)
 
     def _receive(self, stamp_us: int, frame: CanFrame) -> None:
         node_id = frame.can_id & 0x7F
@@ -276,8 +316,14 @@ class HostCore:
         q_rad = self._history.at(contact.exposed_at_us)
         return None if q_rad is None else self._hand.pose(q_rad)
 
+    def _tick_without_bus(self, tick_us: int) -> None:
+        """Nobody can be told to stop, so a wish to leave ends it at once, and as a stop where the bus was all
+        that failed."""
+        if self._leaves and self._decision.reason == self._bus_fault:
+            self._decision = Decision(Mode.STOP, self._stop_reason, tick_us)
+        self._finished = self._leaves
+
     def _tick(self, tick_us: int) -> list[CanFrame]:
-        self._counters.ticks += 1
         if self._last_sync_us is not None and self._drives.sampled_after(self._last_sync_us):
             angles = self._drives.angles()
             if angles is not None:

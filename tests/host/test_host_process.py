@@ -141,6 +141,32 @@ def test_a_hub_that_goes_is_a_bus_error(tmp_path, processes, hub, config):
     assert said.startswith("error: ") and said.count("\n") == 1
 
 
+@pytest.mark.parametrize("end", ["SIGTERM", "--duration"])
+def test_a_hand_that_waits_for_commands_outlives_its_hub(tmp_path, processes, hub, config, monkeypatch, end):
+    """FAULT with the reason, systemd is told and its watchdog fed; a stop is a clean one meanwhile."""
+    status_path = tmp_path / "status.jsonl"
+    arguments = ["--config", config, "--start", "command", "--status", status_path]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(PATIENCE_S)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "300000")
+        host = processes.start("run", *arguments, *(["--duration", 10] if end == "--duration" else []))
+        wait_for(lambda: last_status(status_path) is not None, "the first status")
+        os.kill(hub[1].pid, signal.SIGKILL)
+        while not (told := systemd.recv(500)).startswith(b"STATUS"):
+            assert host.poll() is None
+        assert told.startswith(b"STATUS=the bus is down. ") and b"the CAN hub at" in told
+        assert [systemd.recv(500).split(b"=")[0] for _ in range(8)].count(b"WATCHDOG") >= 6
+        status = last_status(status_path)
+        assert status["mode"] == "fault" and "has gone: start it with" in status["reason"]
+        if end == "SIGTERM":
+            host.send_signal(signal.SIGTERM)
+        _, said = host.communicate(timeout=PATIENCE_S)
+    assert host.returncode == 0 and "error" not in said
+    assert last_status(status_path)["mode"] == "stop"
+
+
 def test_no_hub_is_a_bus_error(tmp_path, processes, config, hub):
     hub[1].terminate()
     hub[1].wait(PATIENCE_S)

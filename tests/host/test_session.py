@@ -72,10 +72,15 @@ def config(tmp_path, running, bench):
     text = bench.TABLE_4.read_text().replace("[bus]", f'[bus]\nchannel = "{hub}"', 1)
     path = tmp_path / "hand.toml"
     path.write_text(patient(text))
-    running.start("hub", *CLI, "bus", "hub", "--socket", hub, until="hub: listening")
-    running.start("drives", *CLI, "drives", "--config", path, until="simulated drives")
-    running.start("fingertips", sys.executable, TIPS, path, until="on the bus")
+    put_on_the_bus(running, path)
     return path
+
+
+def put_on_the_bus(running, config):
+    hub = config.with_name("hub")
+    running.start("hub", *CLI, "bus", "hub", "--socket", hub, until="hub: listening")
+    running.start("drives", *CLI, "drives", "--config", config, until="simulated drives")
+    running.start("fingertips", sys.executable, TIPS, config, until="on the bus")
 
 
 def command(socket_path, *words):
@@ -128,6 +133,27 @@ def test_killed_fingertips_leave_only_the_grasp_and_come_back_by_themselves(conf
         hand.wait_for(lambda s: s.mode is Mode.HOLD, PATIENCE_S, "hold")
         running.start("fingertips", sys.executable, TIPS, config, until="on the bus")
         hand.wait_for(lambda s: s.mode is Mode.MANIPULATE, PATIENCE_S, "turn again")
+
+
+def test_a_killed_hub_is_a_fault_and_a_new_one_is_found(config, tmp_path, running):
+    """kill -9 of the bus, then a new one with new nodes on it, then recover: the host goes on."""
+    with Hand.open(config, tmp_path / "s", timeout_s=PATIENCE_S) as hand:
+        hand.grasp(PATIENCE_S)
+        running.kill("hub")
+        with pytest.raises(HandStoppedError, match=r"fault: .*the CAN hub at .* has gone"):
+            hand.wait_for(lambda _status: False, PATIENCE_S, "go on")
+        for name in ("drives", "fingertips"):
+            running.kill(name)
+        with pytest.raises(CommandError, match=r"recover is refused .*the bus is away"):
+            hand.recover(PATIENCE_S)
+        ticks = [sample.counters.ticks for sample in itertools.islice(hand.stream(), 5)]
+        assert ticks == sorted(set(ticks))
+        hand.wait_for(lambda s: "no CAN hub at" in s.warning, PATIENCE_S, "try again", stops=False)
+        put_on_the_bus(running, config)
+        back = hand.wait_for(lambda s: not s.warning, PATIENCE_S, "find the hub", stops=False)
+        assert back.mode is Mode.FAULT
+        hand.recover(PATIENCE_S)
+        assert hand.grasp(PATIENCE_S).mode is Mode.GRASP
 
 
 def test_a_killed_host_leaves_no_torque_and_a_new_one_takes_over(config, tmp_path):

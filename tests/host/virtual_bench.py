@@ -107,7 +107,7 @@ class VirtualBench:
             return
         is_cut = self.host_id in self.cut_off
         self.output = self.core.process(self.now_us, [] if is_cut else heard)
-        if self.output.frames_out and self.output.status is not None:
+        if self.output.ticked and self.output.status is not None:
             self.statuses.append(self.output.status)
         if is_cut:
             return

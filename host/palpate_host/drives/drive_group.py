@@ -64,6 +64,11 @@ class DriveGroup:
                 drive.scale = None
                 self.homing.booted(node_id)
 
+    def forget(self) -> None:
+        """The bus was lost: what any drive said before counts no more; what it is stays known."""
+        for drive in self.drives:
+            drive.forget()
+
     def questions(self, now_us: int, is_up: Sequence[bool]) -> list[CanFrame]:
         """SDO requests to the drives that are up and not identified."""
         due = (

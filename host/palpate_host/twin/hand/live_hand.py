@@ -64,9 +64,9 @@ class LiveHand:
     """`process` is one turn of it; `serve` does that on a bus until it is told to stop.
 
     Times are of the bus's clock in us, from CLOCK_MONOTONIC's zero. own_us: how far the hand's own time has
-    gone; waited_us: what it waited meanwhile; waits: whether it does so now for something late; held_us: how far the clock is
-    behind CLOCK_MONOTONIC; exposures: of all cameras. accept_ids: what it wants from the bus, with its own
-    echoes.
+    gone; waited_us: what it waited meanwhile; waits: whether it does so now for something late; held_us: how
+    far the clock is behind CLOCK_MONOTONIC; exposures: of all cameras. accept_ids: what it wants from the
+    bus, with its own echoes.
     """
 
     def __init__(

@@ -1,0 +1,131 @@
+"""The host's process on CAN interfaces, with simulated drives and fingertips: cut off, and back again."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+import palpate_host
+from kernel_guest.links import PATIENCE_S, Link, ip
+from palpate_host import Hand
+from palpate_host.command import CommandError
+from palpate_host.session import HandStoppedError
+from palpate_host.supervisor import STOPPED, Mode
+
+pytestmark = pytest.mark.usefixtures("kernel")
+
+CLI = [sys.executable, "-m", "palpate_host.cli"]
+TIPS = Path(__file__).parents[1] / "host" / "touching_fingertips.py"
+TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
+# A tick and its times for a machine that is emulated beside other work.
+SLOWER = {
+    "tick_Hz = 100": "tick_Hz = 25",
+    "freeze_ms = 250": "freeze_ms = 5000",
+    "hold_ms = 1000": "hold_ms = 10000",
+    "joint_stop_ms = 100": "joint_stop_ms = 5000",
+    "heartbeat_timeout_ms = 500": "heartbeat_timeout_ms = 10000",
+    "\nstop_ms = 3000": "\nstop_ms = 20000",
+    'interface = "palpate"': 'interface = "socketcan"\nchannel = "vcan0"',
+    'start = "auto"': 'start = "command"',
+}
+
+
+class HandOnCan:
+    """A host, nine drives and three fingertips on vcan0, each a process."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._folder, self._stack = folder, stack
+        text = TABLE_4.read_text()
+        for usual, patient in SLOWER.items():
+            assert usual in text
+            text = text.replace(usual, patient)
+        self.config, self.socket = folder / "hand.toml", folder / "host.sock"
+        self.config.write_text(text)
+        self.put_nodes_on_the_bus()
+        self.host = self._start("host", *CLI, "run", "--config", self.config, "--socket", self.socket)
+
+    def put_nodes_on_the_bus(self) -> None:
+        """Drives and fingertips end with their bus, as these programs are."""
+        self._start("drives", *CLI, "drives", "--config", self.config)
+        self._start("fingertips", sys.executable, TIPS, self.config)
+
+    def said(self) -> str:
+        return (self._folder / "host.said").read_text()
+
+    def _start(self, name: str, *command: object) -> subprocess.Popen[bytes]:
+        with (self._folder / f"{name}.said").open("ab") as said:
+            process = subprocess.Popen([*map(str, command)], stdout=said, stderr=said)
+        self._stack.callback(process.wait)
+        self._stack.callback(process.kill)
+        return process
+
+
+@pytest.fixture
+def hand_on_can(vcan, tmp_path):
+    with ExitStack() as stack:
+        yield HandOnCan(tmp_path, stack)
+
+
+@pytest.fixture
+def hand(hand_on_can, wait_until):
+    wait_until(hand_on_can.socket.exists)
+    with Hand(hand_on_can.socket) as hand:
+        hand.status()  # its bus is open by then
+        yield hand
+
+
+def grasp(hand, wait_until):
+    """From wherever it is: where the host gets no processor for 200 ms, the drives' watchdogs stop it."""
+
+    def grasped():
+        try:
+            if hand.status().mode in STOPPED:
+                hand.recover(PATIENCE_S)
+            return hand.grasp(PATIENCE_S).mode is Mode.GRASP
+        except (CommandError, HandStoppedError):
+            return False
+
+    wait_until(grasped)
+
+
+def test_down_and_up_again(vcan, hand_on_can, hand, wait_until):
+    grasp(hand, wait_until)
+    vcan.down()
+    wait_until(lambda: hand.status().mode is Mode.FAULT)
+    wait_until(lambda: "the bus is down" in hand_on_can.said())
+    with pytest.raises(CommandError, match="the bus is away"):
+        hand.recover()
+    ticks = hand.status().counters.ticks
+    wait_until(lambda: hand.status().counters.ticks > ticks + 60)  # longer than the longest pause
+    vcan.up()
+    hand_on_can.put_nodes_on_the_bus()
+    wait_until(lambda: "the bus is up again" in hand_on_can.said())
+    frames = hand.status().counters.frames_out
+    wait_until(lambda: hand.status().counters.frames_out > frames)
+    assert hand.status().mode is Mode.FAULT
+    grasp(hand, wait_until)
+    hand_on_can.host.terminate()
+    assert hand_on_can.host.wait(PATIENCE_S) == 0
+
+
+def test_an_interface_that_is_removed_and_made_again(vcan, hand_on_can, hand, wait_until):
+    grasp(hand, wait_until)
+    vcan.delete()
+    wait_until(lambda: "the bus is down" in hand_on_can.said())
+    ip("link", "add", vcan.name, "type", "vcan")
+    Link(vcan.name).up()
+    hand_on_can.put_nodes_on_the_bus()
+    wait_until(lambda: "the bus is up again" in hand_on_can.said())
+    grasp(hand, wait_until)
+
+
+def test_told_to_stop_while_the_bus_is_away_it_ends_at_once_and_cleanly(vcan, hand_on_can, hand, wait_until):
+    vcan.down()
+    wait_until(lambda: hand.status().mode is Mode.FAULT)
+    hand_on_can.host.terminate()
+    assert hand_on_can.host.wait(PATIENCE_S) == 0
+    assert not hand_on_can.socket.exists()
