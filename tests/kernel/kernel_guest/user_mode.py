@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from kernel_guest.run import Inside
 INIT = Path(__file__).with_name("user-mode-init.sh")
 SHARED = Path("/run/shared")  # where the init mounts the shared folder
 TEMPORARY = "/run/tmp"
+WIDE_REGISTERS = Path(__file__).with_name("wide_registers.c")
 
 
 class UserModeLinux:
@@ -28,6 +30,8 @@ class UserModeLinux:
         for tool, package in (("linux.uml", self.name), ("ip", "iproute2"), ("insmod", "kmod")):
             if shutil.which(tool, path=_search_path()) is None:
                 return f"{package} is missing: make system-deps"
+        if _has_wide_registers() and shutil.which("cc") is None:
+            return "gcc is missing: make system-deps"
         return None
 
     def inside(self, project: Path, folder: Path) -> Inside:  # noqa: ARG002 - files are where they are outside
@@ -42,6 +46,7 @@ class UserModeLinux:
 
     def command(self, folder: Path) -> list[str]:
         return [
+            *_with_wide_registers(folder),
             "linux.uml",
             "mem=2G",  # a bound; the kernel takes what it touches
             *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"),
@@ -49,6 +54,19 @@ class UserModeLinux:
             *("quiet", "con=null", "con0=null,fd:1"),
             f"uml_dir={folder}/",
         ]
+
+
+def _has_wide_registers() -> bool:
+    return "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
+
+
+def _with_wide_registers(folder: Path) -> list[str]:
+    """What starts user-mode Linux on a processor whose registers it does not know (wide_registers.c)."""
+    if not _has_wide_registers():
+        return []
+    library = folder / "wide_registers.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-o", library, WIDE_REGISTERS, "-ldl"], check=True)
+    return ["env", f"LD_PRELOAD={library}"]
 
 
 def _search_path() -> str:
