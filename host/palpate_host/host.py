@@ -16,6 +16,7 @@ import msgspec
 
 from palpate_edge.bus import Bus, open_bus
 from palpate_edge.errors import BusError
+from palpate_edge.long_lived import long_lived
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
 from palpate_host import hand_config
@@ -77,6 +78,7 @@ def run(config_path: Path, options: Options) -> None:
         stack.enter_context(on_stop_signal(core.request_stop))
         for refusal in become_real_time() if config.run.real_time else ():
             print(f"warning: {refusal}", file=sys.stderr)
+        stack.enter_context(long_lived())
         notifier.ready(f"on {config.bus.interface}")
         failure = _loop(core, bus, stream, control, options.duration_s, notifier)
         notifier.stopping()
