@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import time
 from pathlib import Path
 
 import can
 import numpy as np
 
-from bench.timing import Row, time_each
+from bench.timing import Row, time_both, time_each
+from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
@@ -18,6 +20,8 @@ from palpate_edge.node.nmt import NMT_ID
 from palpate_host.bus.hub import Hub
 
 ROUND_TRIPS = 1000
+DRAINED_S = 0.002  # a burst's frames have left the hub's queue
+BURST = [CanFrame(0x200 + node, bytes(8)) for node in range(1, 10)] + [CanFrame(0x080)]  # a host's tick
 CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), None, 1.0, "", 85, 85)
 
 
@@ -53,13 +57,19 @@ def _round_trips() -> list[Row]:
         buses = [can.Bus(interface="palpate", channel=str(path), name=name) for name in ("a", "b")]
         try:
             through = Row("frame and answer through the hub", _ping(*buses))
+            burst = Row("a tick's ten frames to the hub, processor time", _bursts(path))
         finally:
             for bus in buses:
                 bus.shutdown()
             hub.stop()
             thread.join()
             hub.close()
-    return [plain, through]
+    return [plain, through, burst]
+
+
+def _bursts(path: Path) -> np.ndarray:
+    with open_bus(BusConfig(interface="palpate", channel=str(path)), "c") as bus:
+        return time_both(lambda _: time.sleep(DRAINED_S), lambda _: bus.send(BURST), range(ROUND_TRIPS))[1]
 
 
 def _ping(a: can.BusABC, b: can.BusABC) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 import tempfile
 import time
@@ -11,6 +12,7 @@ import numpy as np
 
 import palpate_host
 from bench.timing import Row, time_each
+from palpate_edge.long_lived import long_lived
 from palpate_host.bus.candump import read_log
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
@@ -19,6 +21,7 @@ from palpate_host.replay import replay
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "tests" / "replay" / "demo.log.gz"
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
+COLLECTIONS = 20
 
 
 class TimedCore(HostCore):
@@ -43,7 +46,12 @@ def rows() -> list[Row]:
         records = read_log(path).records
     replay(records, config, hand, core=TimedCore(config, hand))
     angles = np.random.default_rng(0).uniform(-0.3, 0.3, (500, hand.joint_count))
+    walked_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
+    with long_lived():
+        passed_over_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
     return [
         Row("hand: tip places, Jacobians, gravity (MuJoCo)", time_each(hand.pose, list(angles))),
         Row("whole tick with supervisor, frames and status", np.array(TimedCore.seconds)),
+        Row("full garbage collection that walks what start-up built", walked_s),
+        Row("full garbage collection in the loop (long_lived.py)", passed_over_s),
     ]

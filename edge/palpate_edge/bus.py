@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Annotated, Any
@@ -79,6 +79,8 @@ class Bus:
 
     def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
         self._bus = bus
+        # Only the hub's client has it: other interfaces take frame by frame.
+        self._send_burst: Callable[[Sequence[CanFrame]], int] = getattr(bus, "send_burst", lambda _: 0)
         self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
         self._failure: BusError | None = None
         self.error_passive = False
@@ -90,7 +92,9 @@ class Bus:
         Raises BusError when the transmit queue stays full (ENOBUFS) beyond the bounded retries, when the
         bus is off, or when it is gone; the frames before the refused one are sent.
         """
-        for frame in frames:
+        frames = tuple(frames)
+        count = self._send_together(frames) if len(frames) > 1 else 0
+        for frame in frames[count:]:
             self._send_one(frame)
 
     def try_send(self, frame: CanFrame) -> bool:
@@ -103,7 +107,7 @@ class Bus:
         except can.CanError as error:
             if error.error_code == errno.ENOBUFS or SOCKET_BUFFER_FULL in str(error):
                 return False
-            raise BusError(f"{self._where}: cannot send: {_one_line(error)}") from error
+            raise self._cannot_send(error) from error
         self.counters.sent += 1
         return True
 
@@ -159,6 +163,17 @@ class Bus:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _send_together(self, frames: Sequence[CanFrame]) -> int:
+        try:
+            count = self._send_burst(frames)
+        except can.CanError as error:
+            raise self._cannot_send(error) from error
+        self.counters.sent += count
+        return count
+
+    def _cannot_send(self, error: can.CanError) -> BusError:
+        return BusError(f"{self._where}: cannot send: {_one_line(error)}")
 
     def _send_one(self, frame: CanFrame) -> None:
         back_off_s = FIRST_BACK_OFF_S

@@ -28,6 +28,7 @@ from palpate_edge.health_report import health_report
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import Light
 from palpate_edge.local_clock import LocalClock
+from palpate_edge.long_lived import long_lived
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     BitRateActivated,
@@ -69,6 +70,7 @@ def run(
         daemon = _Daemon(config, report, clock, notifier, stack)
         stopped = stack.enter_context(stop_event())
         stack.enter_context(called_by_signals(daemon.calls()))
+        stack.enter_context(long_lived())
         report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
         notifier.ready(f"node 0x{config.node.id:02X} on {config.bus.interface}")
         try:

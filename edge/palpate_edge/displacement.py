@@ -20,6 +20,7 @@ from palpate_edge.tracking import Beads
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 Some = TypeVar("Some", Array, NDArray[np.float32])
 
 # Rings (polar angle in deg, count) of canonical directions; each ring is its own mirror image about x-z.
@@ -32,11 +33,27 @@ PIXEL_STEP = 0.5
 @dataclass(frozen=True, slots=True)
 class CanonicalField:
     """One frame's motion: values (2 g,) in mm, the meridional components of all canonical directions, then
-    the azimuthal ones; azimuth_rad of the canonical frame's x axis in F; hidden: the reader's blind spot."""
+    the azimuthal ones; azimuth_rad of the canonical frame's x axis in F; hidden: Hidden.blind_spot."""
 
     values: Array
     azimuth_rad: float
     hidden: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """The beads (h,) that a frame does not show; covariance (h, h) of their motion given the others'."""
+
+    beads: Indices
+    covariance: Array
+
+    @property
+    def blind_spot(self) -> float:
+        """How little the found beads tell at the worst hidden one: variance there, 0 (known) to 1 (nothing).
+
+        30 % of the paper's layout hidden at random leave 0.3 to 0.6; 20 neighbours hidden, 0.74 or more.
+        """
+        return float(self.covariance.diagonal().max()) - BEAD_NOISE if len(self.beads) else 0.0
 
 
 def canonical_directions() -> Array:
@@ -74,42 +91,37 @@ class DisplacementReader:
         self._inverse = np.linalg.inv(covariance)
         self._beads_32 = self._beads.astype(np.float32)
 
-    def read(self, beads: Beads, turn_rad: float = 0.0) -> CanonicalField:
-        """The canonical field of one frame; `turn_rad` turns the canonical frame (training's variety)."""
+    def hidden(self, found: Mask) -> Hidden:
+        """The beads that are not found (n,)."""
+        if found.all():
+            return NONE_HIDDEN
+        beads = np.flatnonzero(~found)
+        return Hidden(beads, np.linalg.inv(self._inverse[np.ix_(beads, beads)]))
+
+    def read(self, beads: Beads, turn_rad: float = 0.0, hidden: Hidden | None = None) -> CanonicalField:
+        """The canonical field of one frame; `turn_rad` turns the canonical frame (training's variety).
+
+        hidden: of these beads, where the caller has asked for them already.
+        """
         pixels = beads.position_px - self._reference_px
         moved = np.vecdot(self._mm_per_px, pixels[:, None])
-        seen = beads.found
-        whole = bool(seen.all())
-        if not whole:
-            moved = self._filled(moved, seen)
+        hidden = hidden or self.hidden(beads.found)
+        if len(hidden.beads):
+            moved = self._filled(moved, beads.found, hidden)
         azimuth = self._azimuth(moved) + turn_rad
         weights = self._inverse @ moved
         turn = about_z(azimuth).astype(np.float32)  # float32: fields to 1e-6 in a third of the time
         covariance = kernel(_DIRECTIONS_32 @ turn.T, self._beads_32)
         field = covariance @ weights.astype(np.float32) @ turn
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
-        return CanonicalField(values, azimuth, self.blind_spot(beads))
+        return CanonicalField(values, azimuth, hidden.blind_spot)
 
-    def blind_spot(self, beads: Beads) -> float:
-        """How little the found beads tell at the worst hidden one: variance there, 0 (known) to 1 (nothing).
-
-        30 % of the paper's layout hidden at random leave 0.3 to 0.6; 20 neighbours hidden, 0.74 or more.
-        """
-        if beads.found.all():
-            return 0.0
-        if not beads.found.any():
-            return 1.0
-        hidden = np.flatnonzero(~beads.found)
-        left = np.linalg.inv(self._inverse[np.ix_(hidden, hidden)])  # covariance of the hidden given the seen
-        return float(left.diagonal().max() - BEAD_NOISE)
-
-    def _filled(self, moved: Array, seen: Mask) -> Array:
+    def _filled(self, moved: Array, seen: Mask, hidden: Hidden) -> Array:
         """The motion (n, 3) with that of the hidden beads as the seen ones tell it: then the hidden ones'
         weights are 0, and the field is that of the seen ones alone."""
-        hidden, found = np.flatnonzero(~seen), np.flatnonzero(seen)
-        across = self._inverse[np.ix_(hidden, found)] @ moved[found]
+        told = self._inverse[hidden.beads] @ (moved * seen[:, None])
         filled = moved.copy()
-        filled[hidden] = -np.linalg.solve(self._inverse[np.ix_(hidden, hidden)], across)
+        filled[hidden.beads] = -hidden.covariance @ told
         return filled
 
     def _azimuth(self, moved: Array) -> float:
@@ -148,6 +160,7 @@ def _jacobian(view: View, reference_px: Array, radius_mm: float) -> Array:
     return np.stack(columns, axis=2)
 
 
+NONE_HIDDEN = Hidden(np.empty(0, np.intp), np.empty((0, 0)))
 _DIRECTIONS = canonical_directions()
 _MERIDIONAL, _AZIMUTHAL = tangent_basis(_DIRECTIONS)
 _DIRECTIONS_32 = _DIRECTIONS.astype(np.float32)

@@ -61,7 +61,8 @@ class Drift:
         self._around = np.exp(-0.5 * (near / DENT_SPACINGS) ** 2)
         self._around_all = means(self._around)
         self._modes = camera_motions(rest.position_px)
-        self._fit = np.linalg.pinv(self._modes.reshape(-1, MOTIONS))
+        self._flat_modes = self._modes.reshape(-1, MOTIONS)  # a stack of small ones multiplies slowly
+        self._fit = np.linalg.pinv(self._flat_modes)
         self._whole_px = np.zeros_like(rest.position_px)
         self._dent_px = np.zeros_like(rest.position_px)
         self._last_us: int | None = None
@@ -126,10 +127,11 @@ class Drift:
         """The beads' motion (n, 2) as one, and what is beside it: 0 for beads that were not found."""
         seen, moved = beads.found, beads.position_px - self._rest_px
         if seen.all():
-            whole = self._modes @ (self._fit @ moved.ravel())
+            whole = (self._flat_modes @ (self._fit @ moved.ravel())).reshape(-1, 2)
             return whole, moved - whole
         modes = self._modes[seen].reshape(-1, MOTIONS)
-        whole = self._modes @ np.linalg.solve(modes.T @ modes, modes.T @ moved[seen].ravel())
+        shares = np.linalg.solve(modes.T @ modes, modes.T @ moved[seen].ravel())
+        whole = (self._flat_modes @ shares).reshape(-1, 2)
         return whole, np.where(seen[:, None], moved - whole, 0.0)
 
     def _size(self, dent_px: Array, seen: NDArray[np.bool_]) -> float:

@@ -14,7 +14,7 @@ from palpate_edge.capture.frame import Frame
 from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_contact
 from palpate_edge.contact_type import Contact, Vector3, refused_contact
 from palpate_edge.correction import CorrectionModel
-from palpate_edge.displacement import DisplacementReader
+from palpate_edge.displacement import DisplacementReader, Hidden
 from palpate_edge.drift import Drift, Skin
 from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
@@ -30,7 +30,7 @@ MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the image; less is a blank frame
 BLANK_ROWS = 40  # of so many rows one is looked at
 TARE_FRAMES = 10
-MAX_BLIND_SPOT = 0.65  # DisplacementReader.blind_spot: a contact there could not be seen
+MAX_BLIND_SPOT = 0.65  # Hidden.blind_spot: a contact there could not be seen
 # Correction.misfit of a firm press of known place; what noise adds to a motion of the contact threshold's
 # size; what an answer adds that is a 95 % radius off, over the square of that radius in parts of the dome's.
 # On eight sensors with 0, 20 and all presses this refuses 14 of 1,422 sound presses, and 98.4 % of splices.
@@ -123,11 +123,12 @@ class Estimator:
             return self._refuse(frame, reason, 0)
         beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
         found = int(beads.found.sum())
-        if self._tare_left and not self._doubt(beads):
+        hidden = self._reader.hidden(beads.found)
+        if self._tare_left and not self._doubt(beads, hidden):
             self._take_tare(beads)
             return self._refuse(frame, "tare in progress", found)
         beads = self._drift.settled(beads)
-        reason = self._doubt(beads)
+        reason = self._doubt(beads, hidden)
         if reason:
             self._tracker.reset()
             return self._refuse(frame, reason, found)
@@ -136,7 +137,7 @@ class Estimator:
         if skin is Skin.KNOCKED:
             return self._refuse(frame, "the beads have moved as one: a knocked camera; tare", found)
         touched = skin is Skin.TOUCHED
-        contact = self._contact(beads) if touched else NO_TOUCH
+        contact = self._contact(beads, hidden) if touched else NO_TOUCH
         radius95_mm = self._if_faint(contact.radius95_mm, motion_px)
         if contact.misfit > self._most_misfit(motion_px, radius95_mm or 0.0):
             return self._refuse(
@@ -172,25 +173,25 @@ class Estimator:
         answer = radius95_mm / self._sensor.dome.outer_radius_mm
         return MAX_MISFIT + NOISE_MISFIT * noise**2 + ANSWER_MISFIT * answer**2
 
-    def _doubt(self, beads: Beads) -> str:
+    def _doubt(self, beads: Beads, hidden: Hidden) -> str:
         """Why the beads cannot be those of this skin, or do not tell enough of it; empty when they do."""
         found = int(beads.found.sum())
         if found < MIN_BEADS_SHARE * len(beads.found):
             return f"only {found} of {len(beads.found)} beads found"
         if self._motion.roughness(beads) > MAX_ROUGHNESS:
             return "beads do not move as one skin: another sensor, or no dome"
-        if self._reader.blind_spot(beads) > MAX_BLIND_SPOT:
+        if hidden.blind_spot > MAX_BLIND_SPOT:
             return "the beads of a whole region are hidden"
         return ""
 
-    def _contact(self, beads: Beads) -> _Touch:
+    def _contact(self, beads: Beads, hidden: Hidden) -> _Touch:
         if self._correction is None:
             return self._by_paper(beads)
-        return self._by_model(beads, self._correction)
+        return self._by_model(beads, hidden, self._correction)
 
-    def _by_model(self, beads: Beads, correction: CorrectionModel) -> _Touch:
+    def _by_model(self, beads: Beads, hidden: Hidden, correction: CorrectionModel) -> _Touch:
         """The correction model; the normal force is the force's part along the inward normal."""
-        result = correction.correct(self._reader.read(beads))
+        result = correction.correct(self._reader.read(beads, hidden=hidden))
         position = self._sensor.dome.outer_radius_mm * result.direction
         if self._calibration.stiffness_scale is None:
             return _Touch(_vector(position), None, None, result.radius95_mm, result.misfit)

@@ -17,6 +17,7 @@ import msgspec
 
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import BusError
+from palpate_edge.long_lived import long_lived
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_edge.stop_signals import on_stop_signal
 from palpate_edge.twin_clock import clock_of
@@ -89,6 +90,7 @@ def run(config_path: Path, options: Options) -> None:
         stack.enter_context(on_stop_signal(core.request_stop))
         for refusal in become_real_time() if config.run.real_time else ():
             print(f"warning: {refusal}", file=sys.stderr)
+        stack.enter_context(long_lived())
         usual = f"on {config.bus.interface}"
         notifier.ready(usual)
         news = BusNews(core, notifier, usual)

@@ -144,6 +144,61 @@ def test_bus_off_raises_from_the_edge_bus(hub, open_edge):
         bus.send([CanFrame(1)])
 
 
+BURST = [CanFrame(0x100 + number, bytes([number])) for number in range(10)]
+
+
+@pytest.mark.parametrize("odd", [None, CanFrame(0x300, remote=True)])
+def test_a_burst_arrives_in_order(hub, open_edge, odd):
+    """A remote frame in its midst is no part of the one message in which the others travel."""
+    burst = [*BURST[:5], *([odd] if odd else []), *BURST[5:]]
+    sender, receiver = open_edge("a"), open_edge("b")
+    sender.send(iter(burst))
+    assert [frame for _, frame in receive_count(receiver, len(burst))] == burst
+    assert sender.counters.sent == len(burst)
+    assert statistics(hub).frames == len(burst)
+
+
+def test_a_burst_fills_the_queue_and_no_more(start_hub, open_port):
+    start_hub("--txqueuelen", "4", "--bitrate", "10000")  # a frame takes 5 ms and more
+    sender, receiver = open_port("a"), open_port("b")
+    assert sender.send_burst(BURST) == 4
+    assert [receiver.recv(PATIENCE_S).arbitration_id for _ in range(4)] == [0x100, 0x101, 0x102, 0x103]
+    assert receiver.recv(0.1) is None
+
+
+def test_a_burst_longer_than_the_queue_waits_for_room(start_hub, open_edge):
+    start_hub("--txqueuelen", "64")
+    sender, receiver = open_edge("a"), open_edge("b")
+    burst = [CanFrame(number) for number in range(200)]
+    sender.send(burst)
+    assert [frame for _, frame in receive_count(receiver, len(burst))] == burst
+    assert sender.counters.sent == len(burst)
+
+
+def test_a_fault_asks_after_each_frame_of_a_burst(hub, open_edge):
+    sender, receiver = open_edge("a"), open_edge("b")
+    inject(hub, FaultKind.TX_FULL, port="a", count=3, can_id=0x104, mask=0x7FF)
+    sender.send(BURST)
+    assert [frame for _, frame in receive_count(receiver, len(BURST))] == BURST
+    assert (sender.counters.send_retries, sender.counters.sent) == (3, len(BURST))
+
+
+def test_a_burst_ends_at_what_classic_canopen_has_not(hub, open_edge):
+    sender, receiver = open_edge("a"), open_edge("b")
+    with pytest.raises(BusError, match="no CAN frame: identifier 0x800"):
+        sender.send([*BURST[:3], CanFrame(0x800), *BURST[3:]])
+    sender.send(BURST[:1])
+    assert [frame for _, frame in receive_count(receiver, 4)] == [*BURST[:3], BURST[0]]
+
+
+def test_a_burst_at_bus_off_is_refused(hub, open_edge):
+    sender = open_edge("a")
+    inject(hub, FaultKind.BUS_OFF, port="a")
+    with pytest.raises(BusError, match="cannot send: a is bus-off"):
+        sender.send(BURST)
+    assert sender.counters.sent == 0
+
+
 def test_without_a_hub_the_error_says_how_to_start_one(tmp_path, open_port, open_edge):
     with pytest.raises(
         can.CanInitializationError, match=r"start it with: palpate-host bus hub --socket .*hub\.sock"

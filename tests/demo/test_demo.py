@@ -9,15 +9,19 @@ import shutil
 import signal
 import subprocess
 import sys
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from palpate_host.bus.candump import read_log
 from palpate_host.bus.pcap import write_pcap
+from palpate_host.demo import cli as demo_cli
+from palpate_host.demo.film import make_film
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.rotation import to_rpy_deg
 from palpate_host.twin.hand.motion import read_motion
@@ -99,6 +103,16 @@ def check_common(summary: dict, run: subprocess.CompletedProcess[str]) -> None:
     assert len(run.stdout.splitlines()) >= 6
 
 
+def check_that_a_film_may_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a time limit that no film can keep the report says so, and holds all else."""
+    monkeypatch.setattr(demo_cli, "make_film", partial(make_film, timeout_s=0.2))
+    again = CliRunner().invoke(demo_cli.demo, ["--report-only", "--output", str(tmp_path)])
+    assert again.exit_code == 0, again.output
+    why = "the film was not drawn within 0.2 s; to draw it: palpate-host simulate film"
+    assert f"no film: {why}" in again.output
+    check_report(tmp_path / "report.html", len(FINGERS) + 4, (f"No film: {why}", "target to truth"))
+
+
 def test_the_closed_loop(tmp_path, processes_of):
     """The hand grasps, turns the object by 30 deg in roll, and back: as the twin knows, not as it is felt."""
     run = finished(command(tmp_path, "--duration", "9"))
@@ -138,7 +152,7 @@ def test_the_closed_loop(tmp_path, processes_of):
     check_with_tshark(folder.log, tmp_path)
 
 
-def test_the_closed_loop_in_lock_step(tmp_path):
+def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     """The same demo on a virtual clock: a turn within its bound, and the same bytes a second time."""
     kept = ("bus.log", "commands.jsonl", "summary.json", "truth/motion.csv", "truth/finger-2.csv")
     runs = []
@@ -159,6 +173,7 @@ def test_the_closed_loop_in_lock_step(tmp_path):
     texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "target to truth")
     check_report(tmp_path / "report.html", len(FINGERS) + 6, texts)
     check_with_tshark(tmp_path / "run" / "bus.log", tmp_path)
+    check_that_a_film_may_fail(tmp_path, monkeypatch)
 
 
 def test_recorded_contacts(tmp_path, processes_of):

@@ -22,7 +22,7 @@ def some(samples, count):
 
 
 def dome_of(samples):
-    return DomeModel(samples.fields, samples.directions, samples.forces_N, samples.hidden, 26.5)
+    return DomeModel(samples.fields, samples.directions, samples.forces_N, 26.5)
 
 
 @pytest.fixture(scope="module")

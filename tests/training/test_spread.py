@@ -122,7 +122,7 @@ def between(samples, low_deg, high_deg):
 def test_the_radius_grows_where_no_press_was(problem):
     """A sensor pressed nearer to the rim than 45 deg, whose dome model knows the apex too."""
     known = problem.samples(600, seed=4)
-    dome = DomeModel(known.fields, known.directions, known.forces_N, known.hidden, 26.5)
+    dome = DomeModel(known.fields, known.directions, known.forces_N, 26.5)
     regression = fit(between(problem.samples(120, seed=1), 45, 90), dome, RADIUS_MM)
     asked = problem.samples(1000, seed=2)
     radii = [

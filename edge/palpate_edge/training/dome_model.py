@@ -23,31 +23,30 @@ from palpate_edge.whole_file import whole_file
 Array = NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("dome.npz")
-NAMES = ("fields", "directions", "forces", "hidden", "markers_radius_mm")
+NAMES = ("fields", "directions", "forces", "markers_radius_mm")
 # What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
 DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
 class DomeModel:
-    """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), hidden (n,) as
-    of samples.Samples, all in the canonical frame, of a dome whose beads lie on a sphere of
-    markers_radius_mm."""
+    """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
+    frame, of a dome whose beads lie on a sphere of markers_radius_mm."""
 
     fields: Array
     directions: Array
     forces: Array
-    hidden: Array
     markers_radius_mm: float
 
     def for_markers(self, radius_mm: float) -> DomeModel:
         """The same dome in another size: motions grow with it, forces with its square."""
         ratio = radius_mm / self.markers_radius_mm
-        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, self.hidden, radius_mm)
+        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, radius_mm)
 
 
 def load_dome_model(path: Path = SHIPPED) -> DomeModel:
-    """Read a dome model. Raises CalibrationError naming the file and the way out."""
+    """Read a dome model; what else the file holds is left out. Raises CalibrationError naming the file and
+    the way out."""
     try:
         with path.open("rb") as opened, NpzFile(opened, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in NAMES}
@@ -62,15 +61,14 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
         arrays["fields"],
         arrays["directions"],
         arrays["forces"],
-        arrays["hidden"],
         float(arrays["markers_radius_mm"]),
     )
 
 
 def _check(arrays: dict[str, Array], path: Path) -> None:
     """Refuse what a readable file can still have wrong."""
-    count, width = arrays["hidden"].size, 2 * len(canonical_directions())
-    shapes = ((count, width), (count, 3), (count, 3), (count,), ())
+    count, width = arrays["forces"].size // 3, 2 * len(canonical_directions())
+    shapes = ((count, width), (count, 3), (count, 3), ())
     if any(arrays[name].shape != shape for name, shape in zip(NAMES, shapes, strict=True)):
         raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
     whole = all(np.isfinite(array).all() for array in arrays.values())
@@ -88,6 +86,5 @@ def save_dome_model(dome: DomeModel, path: Path) -> None:
             fields=dome.fields.astype(np.float16),
             directions=dome.directions.astype(np.float32),
             forces=dome.forces.astype(np.float32),
-            hidden=dome.hidden.astype(np.float16),
             markers_radius_mm=np.float64(dome.markers_radius_mm),
         )

@@ -3,7 +3,8 @@
 Its numbers are float32 where that moves a contact by a few hundredths of a millimetre at most: half the
 memory to read for every frame. A kernel expansion of many centres is a sum of terms that nearly cancel; where
 its weights are so large that float32 does not do, they are float64. Each step costs more than its arithmetic,
-so that offsets and levels stand in the matrices.
+so that offsets and levels stand in the matrices. What they are multiplied by are columns, on their right:
+onnxruntime copies a matrix of float64 on the right before it multiplies, for every frame.
 """
 
 from __future__ import annotations
@@ -53,39 +54,41 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
     projection, answer_field = regression.projection, regression.answer_field
     point_scale = 1 / (np.sqrt(2) * regression.length)
     width, kept = projection.components.shape
-    point_parts = np.zeros((width + 1, kept + 2))  # from shape and log size to the point, and a 1
-    point_parts[:width, :kept] = point_scale * projection.components
-    point_parts[width, kept] = point_scale * SIZE_WEIGHT
+    point_parts = np.zeros((kept + 2, width + 1))  # from shape and log size to the point, and a 1
+    point_parts[:kept, :width] = point_scale * projection.components.T
+    point_parts[kept, width] = point_scale * SIZE_WEIGHT
     point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, 1.0])
+    answer_weights = np.vstack([answer_field.weights.T, np.zeros(len(answer_field.weights))])
+    answer_offset = np.append(answer_field.offset, 1.0)  # the 1 is for the mean shape
     hidden_slope = np.zeros((1, 7))
     hidden_slope[0, 6] = regression.hidden_slope
     constants = {
         "point_parts": point_parts,
-        "point_origin": point_origin[None],
+        "point_origin": point_origin[:, None],
         "point_centres": _centres(point_scale * regression.centres),
         "weights": regression.weights,
         "offset": regression.offset[None],
         "hidden_slope": hidden_slope,
         "answer_parts": _answer_parts(),
-        "answer_origin": np.eye(8)[7:],
+        "answer_origin": np.eye(8)[:, 7:],
         "answer_centres": _centres(answer_field.centres / (np.sqrt(2) * LENGTH)),
-        "answer_weights": answer_field.weights,
-        "answer_offset": answer_field.offset[None],
-        "components": projection.components,
-        "mean": projection.mean[None],
+        "answer_weights": answer_weights,
+        "answer_offset": answer_offset[:, None],
+        "shapes": np.column_stack([projection.components, projection.mean]),
     }
     initializers = [numpy_helper.from_array(v.astype(precision), k) for k, v in constants.items()]
-    initializers.append(numpy_helper.from_array(np.array([3, 3, 1], np.int64), "parts"))
+    integers = {"parts": np.array([3, 3, 1]), "column": np.array([width, 1])}
+    initializers += [numpy_helper.from_array(v.astype(np.int64), k) for k, v in integers.items()]
     node = helper.make_node
     nodes = [
         node("ReduceL2", ["field"], ["size"], axes=[1], keepdims=1),
         node("Div", ["field", "size"], ["shape_"]),
         node("Log", ["size"], ["log_size"]),
         node("Concat", ["shape_", "log_size"], ["parts_of_point"], axis=1),
-        node("Gemm", ["parts_of_point", "point_parts", "point_origin"], ["point"]),
+        node("Gemm", ["point_parts", "parts_of_point", "point_origin"], ["point"], transB=1),
         *_kernel("point"),
         node("Gemm", ["hidden", "hidden_slope", "offset"], ["level"]),
-        node("Gemm", ["point_kernel", "weights", "level"], ["raw"]),
+        node("Gemm", ["point_kernel", "weights", "level"], ["raw"], transA=1),
         node("Split", ["raw", "parts"], ["direction_raw", "stiffness", "log_radius"], axis=1),
         node("LpNormalization", ["direction_raw"], ["direction"], axis=1, p=2),
         node("Mul", ["stiffness", "size"], ["force"]),
@@ -93,12 +96,12 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         # The way back (answer_field.py): what the answer's own field leaves of the given one.
         node("LpNormalization", ["stiffness"], ["force_way"], axis=1, p=2),
         node("Concat", ["direction", "force_way", "log_size"], ["parts_of_answer"], axis=1),
-        node("Gemm", ["parts_of_answer", "answer_parts", "answer_origin"], ["answer"]),
+        node("Gemm", ["answer_parts", "parts_of_answer", "answer_origin"], ["answer"], transB=1),
         *_kernel("answer"),
-        node("Gemm", ["answer_kernel", "answer_weights", "answer_offset"], ["answered"]),
-        node("Gemm", ["answered", "components", "mean"], ["answered_shape"], transB=1),
-        node("Sub", ["shape_", "answered_shape"], ["left"]),
-        node("ReduceSumSquare", ["left"], ["misfit"], axes=[1], keepdims=1),
+        node("Gemm", ["answer_weights", "answer_kernel", "answer_offset"], ["answered"]),
+        node("Reshape", ["shape_", "column"], ["shape_column"]),
+        node("Gemm", ["shapes", "answered", "shape_column"], ["left"], alpha=-1.0),
+        node("ReduceSumSquare", ["left"], ["misfit"], axes=[0], keepdims=1),
     ]
 
     def tensor(name: str, shape: list[int]) -> Any:
@@ -122,27 +125,27 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
 
 
 def _answer_parts() -> Array:
-    """(7, 8): from direction, the force's way and the log size to answer_field.answers, scaled; the last
-    column is for a 1."""
-    parts = np.zeros((7, 8))
+    """(8, 7): from direction, the force's way and the log size to answer_field.answers, scaled; the last
+    row is for a 1."""
+    parts = np.zeros((8, 7))
     parts[:3, :3] = PLACE_WEIGHT * np.eye(3)
-    parts[:3, 3:6] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
+    parts[3:6, :3] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
     parts[6, 6] = ANSWER_SIZE_WEIGHT
     return np.asarray(parts / (np.sqrt(2) * LENGTH))
 
 
 def _centres(scaled: Array) -> Array:
-    """(d + 1, c) of centres (c, d) over sqrt(2) times the kernel's length: what a point and a 1 after it are
-    multiplied by. The 1 is in the point's square, and is taken off again here."""
-    return np.vstack([2 * scaled.T, 1.0 - (scaled**2).sum(axis=1)])
+    """(c, d + 1) of centres (c, d) over sqrt(2) times the kernel's length: what multiplies a point and a 1
+    after it. The 1 is in the point's square, and is taken off again here."""
+    return np.column_stack([2 * scaled, 1.0 - (scaled**2).sum(axis=1)])
 
 
 def _kernel(point: str) -> list[Any]:
-    """Gaussian kernel `point`_kernel of the point with `point`_centres."""
+    """Gaussian kernel `point`_kernel (c, 1) of the point (d, 1) with `point`_centres (c, d)."""
     node = helper.make_node
     return [
-        node("ReduceSumSquare", [point], [f"{point}_squared"], axes=[1], keepdims=1),
-        node("Gemm", [point, f"{point}_centres", f"{point}_squared"], [f"{point}_exponent"], beta=-1.0),
+        node("ReduceSumSquare", [point], [f"{point}_squared"], axes=[0], keepdims=1),
+        node("Gemm", [f"{point}_centres", point, f"{point}_squared"], [f"{point}_exponent"], beta=-1.0),
         node("Exp", [f"{point}_exponent"], [f"{point}_kernel"]),
     ]
 

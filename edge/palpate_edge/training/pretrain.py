@@ -53,7 +53,6 @@ def pretrain(
         np.concatenate(
             [part.forces_N * stiffness[0] / own for part, own in zip(parts, stiffness, strict=True)]
         ),
-        np.concatenate([part.hidden for part in parts]),
         radius_mm,
     )
 

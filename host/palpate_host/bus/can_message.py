@@ -29,6 +29,11 @@ def classic_frame(msg: can.Message) -> CanFrame:
     return CanFrame(msg.arbitration_id, data, msg.is_remote_frame)
 
 
+def is_data_frame(frame: CanFrame) -> bool:
+    """Whether it is a data frame as classic CANopen has them."""
+    return not frame.remote and 0 <= frame.can_id <= MAX_STANDARD_ID and len(frame.data) <= MAX_DATA_BYTES
+
+
 def message(won_at_us: int, flags: int, frame: CanFrame, channel: str) -> can.Message:
     """The message of a delivered frame."""
     return can.Message(

@@ -182,8 +182,10 @@ def _report(folder: RunFolder, path: Path) -> None:
 
     analysis = analyse(folder)
     write_summary(folder.summary, analysis.summary)
-    drawn = make_film(folder) if analysis.recording is None else ""
-    write_report(path, analysis, folder, drawn)
+    film = make_film(folder) if analysis.recording is None else None
+    write_report(path, analysis, folder, film)
+    if film is not None and not film.is_there:
+        click.echo(f"no film: {film.told}")
     for line in (*summary_lines(analysis.summary), f"report:  {path}", f"figures: {folder.summary}"):
         click.echo(line)
     click.echo(f"bus log: {folder.log}")

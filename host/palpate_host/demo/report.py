@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -12,7 +11,7 @@ from palpate_edge.errors import ConfigError
 from palpate_host.demo import lockstep, plots
 from palpate_host.demo.analysis import Analysis, Summary
 from palpate_host.demo.distribution import Distribution
-from palpate_host.demo.film import film_arguments
+from palpate_host.demo.film import Film, film_command
 from palpate_host.demo.live_view import mode_name
 from palpate_host.demo.orchestrator import commands
 from palpate_host.demo.run_folder import RunFolder
@@ -32,14 +31,14 @@ img { width: 100%; } p.note { color: #555; } pre { background: #f5f5f5; padding:
 """
 
 
-def write_report(path: Path, analysis: Analysis, folder: RunFolder, drawn: str) -> None:
-    """Write the report. drawn: how the film was, empty without one. Raises ConfigError when `path` cannot be
-    written."""
+def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film | None) -> None:
+    """Write the report. film: of a run with the twin, None of one without. Raises ConfigError when `path`
+    cannot be written."""
     summary = analysis.summary
     parts = [
         "<h1>palpate demo</h1>",
         _header_table(summary, analysis),
-        *_turn_parts(analysis, folder, drawn),
+        *_turn_parts(analysis, folder, film),
         "<h2>Contact and force</h2>",
         _finger_table(summary, analysis),
         *(
@@ -80,16 +79,11 @@ def _header_table(summary: Summary, analysis: Analysis) -> str:
     return _table(("", ""), rows, text=True)
 
 
-def _turn_parts(analysis: Analysis, folder: RunFolder, drawn: str) -> list[str]:
+def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> list[str]:
     """Film, stills, target against truth; nothing without the twin."""
-    if not drawn:
+    if film is None:
         return []
-    parts = [
-        "<h2>The object</h2>",
-        _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
-        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six moments"),
-        _note(f"Hand and object as they really moved, {drawn}."),
-    ]
+    parts = ["<h2>The object</h2>", *_film_parts(folder, film)]
     turn, figures = analysis.turn, analysis.summary.turn
     if turn is None or figures is None:
         return [*parts, _note("The host never turned the object.")]
@@ -124,6 +118,16 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, drawn: str) -> list[str]:
         "Target and contacts: the log replayed through the host's core; truth: the twin's motion.csv."
     )
     return [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
+
+
+def _film_parts(folder: RunFolder, film: Film) -> list[str]:
+    if not film.is_there:
+        return [_note(f"No film: {film.told}")]
+    return [
+        _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
+        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six moments"),
+        _note(f"Hand and object as they really moved: {film.told}."),
+    ]
 
 
 def _finger_table(summary: Summary, analysis: Analysis) -> str:
@@ -230,7 +234,7 @@ def _commands(analysis: Analysis, folder: RunFolder) -> str:
     if origin != lockstep.ORIGIN:
         started = [command.text for command in commands(folder, analysis.config, analysis.recording)]
     if analysis.recording is None:
-        started.append(shlex.join(["palpate-host", *film_arguments(folder)]))
+        started.append(film_command(folder))
     again = [f"palpate-host demo --report-only --output {folder.path.parent}"]
     checks = [
         f"palpate-host replay {folder.log} --config {folder.hand_toml}",

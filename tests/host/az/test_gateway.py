@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import struct
 import threading
@@ -117,6 +118,10 @@ def enable(
 
 def statusword(node: BaseNode402) -> int:
     return int(node.sdo[0x6041].raw)
+
+
+def test_the_garbage_collector_passes_over_what_the_gateway_was_built_of(node: BaseNode402) -> None:
+    assert gc.get_freeze_count() > 0
 
 
 def test_a_foreign_master_moves_an_az_joint(node: BaseNode402, line: AzServer) -> None:

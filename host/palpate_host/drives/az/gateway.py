@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 
 from palpate_edge.bus import Bus
 from palpate_edge.errors import BusError
+from palpate_edge.long_lived import long_lived
 from palpate_host.drives.az.axis import AzAxis, Question
 from palpate_host.drives.az.config import AzConfig, PortConfig
 from palpate_host.drives.az.port import REPLY_TIMEOUT_S, AzPort
@@ -92,7 +93,9 @@ def run_gateway(bus: Bus, config: AzConfig, stop: threading.Event) -> None:
     with ExitStack() as stack:
         for port in ports:
             stack.enter_context(port.running())
-        serve_devices(bus, devices_of(config, ports), stop)
+        devices = devices_of(config, ports)
+        stack.enter_context(long_lived())
+        serve_devices(bus, devices, stop)
 
 
 def devices_of(config: AzConfig, ports: Sequence[PortThread]) -> list[Cia402Device]:

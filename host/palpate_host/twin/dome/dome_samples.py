@@ -52,7 +52,6 @@ def dome_samples(
         np.concatenate([part.fields for part in parts]),
         np.concatenate([part.directions for part in parts]),
         np.concatenate([part.forces_N for part in parts]),
-        np.concatenate([part.hidden for part in parts]),
         field_grid.BEAD_RADIUS_MM,
     )
 

@@ -9,9 +9,10 @@ import click
 
 MODELS = Path(__file__).parents[2] / "models"
 PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
-CONTACT_NOISE_MM = 0.25
-"""Standard deviation along each axis: 0.4 mm of error on average (1.6 times it), as `simulate loop` measures
-with rendered frames and sensors calibrated by 60 presses (docs/simulation.md). There much of it is bias."""
+CONTACT_NOISE_MM = 0.15
+"""Standard deviation along each axis: the mean length of such a vector is sqrt(8/pi) = 1.596 times it, 0.24
+mm of error, as `simulate loop` measures over its three turns (0.23, 0.20, 0.28 mm; docs/simulation.md) with
+rendered frames and sensors calibrated by 60 presses. There much of it is bias."""
 FILM_STRIDE = 2  # a picture a second
 
 

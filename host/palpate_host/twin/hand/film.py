@@ -39,7 +39,7 @@ def draw_states(
         for qpos in states:
             data.qpos[:] = qpos
             mujoco.mj_kinematics(model, data)
-            pictures.append(draw_plainly(twin, data, camera, size_px))
+            pictures.append(_bgr(draw_plainly(twin, data, camera, size_px)))
     else:
         try:
             with mujoco.Renderer(model, *size_px) as renderer:
@@ -47,12 +47,12 @@ def draw_states(
                     data.qpos[:] = qpos
                     mujoco.mj_forward(model, data)
                     renderer.update_scene(data, camera)
-                    pictures.append(renderer.render())
+                    pictures.append(_bgr(renderer.render()))
         except Exception as exc:  # MuJoCo raises whatever the OpenGL binding does
             raise ConfigError(
                 f"no OpenGL to draw with ({exc}): set MUJOCO_GL=egl or MUJOCO_GL=osmesa"
             ) from exc
-    return [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), dtype=np.uint8) for picture in pictures]
+    return pictures
 
 
 def write_grid(path: Path, pictures: Sequence[Image], columns: int) -> None:
@@ -80,6 +80,10 @@ def write_film(path: Path, pictures: Sequence[Image], period_ms: int) -> None:
     animation.durations = [period_ms] * len(pictures)
     if not cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, FILM_QUALITY]):
         raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .webp")
+
+
+def _bgr(picture: Image) -> Image:
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def _aim(camera: mujoco.MjvCamera, data: mujoco.MjData) -> None:

@@ -34,9 +34,22 @@ STILLS, COLUMNS = 6, 3
 @click.option(
     "--rate", type=click.FloatRange(1, 50), default=10.0, show_default=True, help="Pictures a second."
 )
+@click.option(
+    "--longest",
+    "longest_s",
+    type=click.FloatRange(1, 600),
+    default=60.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="A longer motion is shown from its beginning. A picture takes 0.5 MB of memory.",
+)
 @click.option("--plain", is_flag=True, help="Draw without OpenGL.")
-def film(config_path: Path, motion_path: Path, output: Path, rate: float, plain: bool) -> None:
-    """Draws a hand's motion. Without a display OpenGL needs MUJOCO_GL=egl or osmesa, --plain neither.
+def film(
+    config_path: Path, motion_path: Path, output: Path, rate: float, longest_s: float, plain: bool
+) -> None:
+    """Draws a hand's motion, as fast as it was.
+
+    Without a display OpenGL needs MUJOCO_GL=egl or osmesa, --plain neither.
 
     \b
     MUJOCO_GL=egl palpate-host simulate film --config demo/run/hand.toml \\
@@ -47,13 +60,14 @@ def film(config_path: Path, motion_path: Path, output: Path, rate: float, plain:
     from palpate_host import hand_config  # noqa: PLC0415
     from palpate_host.rotation import to_rpy_deg  # noqa: PLC0415
     from palpate_host.twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
-    from palpate_host.twin.hand.motion import film_rows, read_motion  # noqa: PLC0415
+    from palpate_host.twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
     from palpate_host.twin.hand.twin_model import twin_model  # noqa: PLC0415
 
     twin = twin_model(hand_config.load(config_path), with_contacts=False)
     motion = read_motion(motion_path)
     states = []
-    rows = film_rows(motion, rate)
+    cut = film_cut(motion, rate, longest_s)
+    rows = cut.rows
     for row in rows:
         qpos = np.zeros(twin.model.nq)
         qpos[twin.q_address] = motion.q_rad[row]
@@ -69,4 +83,5 @@ def film(config_path: Path, motion_path: Path, output: Path, rate: float, plain:
         seconds = (motion.stamps_us[rows[index]] - motion.stamps_us[rows[0]]) / 1e6
         stills.append(label(pictures[index], f"{seconds:.0f} s: {roll}, {pitch}, {yaw} deg"))
     write_grid(output.with_suffix(".png"), stills, COLUMNS)
-    click.echo(f"{output}: {len(pictures)} pictures, drawn {'plainly' if plain else 'by OpenGL'}")
+    part = f"the first {longest_s:g} of {cut.whole_s:.1f} s, " if cut.whole_s > longest_s else ""
+    click.echo(f"{output}: {len(pictures)} pictures, {part}drawn {'plainly' if plain else 'by OpenGL'}")

@@ -108,9 +108,19 @@ def read_motion(path: Path) -> Motion:
     return Motion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
 
 
-def film_rows(motion: Motion, rate_Hz: float) -> list[int]:
-    """Rows of a film with so many pictures a second, from half a second before the hand first moves on."""
+@dataclass(frozen=True, slots=True)
+class FilmCut:
+    """rows: of the motion, one a picture; whole_s: what a film without a limit would last."""
+
+    rows: list[int]
+    whole_s: float
+
+
+def film_cut(motion: Motion, rate_Hz: float, longest_s: float) -> FilmCut:
+    """So many pictures a second, from half a second before the hand first moves on, `longest_s` at most."""
     moves = np.abs(motion.q_rad - motion.q_rad[0]).max(axis=1) > MOVED_RAD
     begin_us = motion.stamps_us[int(np.argmax(moves))] - 500_000 if moves.any() else motion.stamps_us[0]
-    times_us = np.arange(max(begin_us, motion.stamps_us[0]), motion.stamps_us[-1], 1e6 / rate_Hz)
-    return [int(row) for row in np.searchsorted(motion.stamps_us, times_us)]
+    begin_us, end_us = max(begin_us, motion.stamps_us[0]), motion.stamps_us[-1]
+    times_us = np.arange(begin_us, min(end_us, begin_us + 1e6 * longest_s), 1e6 / rate_Hz)
+    rows = [int(row) for row in np.searchsorted(motion.stamps_us, times_us)]
+    return FilmCut(rows, float(end_us - begin_us) / 1e6)
