@@ -254,7 +254,7 @@ def test_a_gateway_that_is_not_wanted_any_more_is_off(hand):
     play(hand, "site")
     assert state(hand, GATEWAY) == "inactive"
     assert hand.boards["hand"].run("systemctl", "is-enabled", GATEWAY, check=False) == "disabled"
-    wait_for(lambda: as_user(hand, "pilot", "status")[1].startswith("ready: "))
+    wait_for(lambda: as_user(hand, "root", "status")[1].startswith("ready: "))
 
 
 def test_the_drives_are_off_when_the_host_is_stopped(hand):
