@@ -157,6 +157,52 @@ def test_a_hung_service_is_ended_by_its_watchdog(board):
     assert board.machine.failures(SERVICE) == [*failures, "watchdog"]
 
 
+@pytest.fixture
+def soon_given_up(board):
+    """The unit's start limit at its own rate, 4 s a start, after four starts in place of sixty; more words go
+    into the same file."""
+    file = f"/run/systemd/system/{SERVICE}.d/soon.conf"
+
+    def write(more=""):
+        text = f"[Unit]\nStartLimitIntervalSec=16s\nStartLimitBurst=4\n{more}"
+        (board.machine.outside / "soon.conf").write_text(text)
+        board.machine.run("install", "-D", "-m", "644", "/run/outside/soon.conf", file)
+        board.machine.run("systemctl", "daemon-reload")
+        board.machine.run("systemctl", "reset-failed", SERVICE)
+
+    assert shown(board, "StartLimitBurst") == "60"
+    assert shown(board, "StartLimitIntervalUSec") == "4min"
+    write()
+    yield write
+    board.machine.run("rm", file)
+    board.machine.run("systemctl", "daemon-reload")
+
+
+def wait_for(condition, patience_s=120.0):
+    end_s = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+
+
+def test_a_bus_that_is_away_is_waited_for_and_a_crash_loop_ends(board, soon_given_up):
+    machine, before = board.machine, len(board.machine.failures(SERVICE))
+    hub, away = machine.outside / "hub.sock", machine.outside / "hub.away"
+    hub.rename(away)
+    machine.run("systemctl", "restart", SERVICE, check=False)
+    wait_for(lambda: len(machine.failures(SERVICE)) >= before + 7)
+    away.rename(hub)
+    board.master.contact_after(time.monotonic())
+    soon_given_up("[Service]\nExecStart=\nExecStart=/bin/false\n")
+    before = len(machine.failures(SERVICE))
+    machine.run("systemctl", "restart", SERVICE, check=False)
+    wait_for(lambda: shown(board, "ActiveState") == "failed")
+    assert machine.failures(SERVICE)[before:][:4] == ["exit-code"] * 4
+    soon_given_up()
+    machine.run("systemctl", "start", SERVICE)
+    board.master.contact_after(time.monotonic())
+
+
 def test_a_release_that_dies_is_rolled_back(board, another_release):
     before, begin_s = serving(board), time.monotonic()
     broken = another_release(

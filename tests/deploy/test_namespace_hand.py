@@ -21,12 +21,25 @@ import pytest
 from deploy_rig.image import PROJECT, wheelhouse
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
+from palpate_edge.bus import BusConfig, open_bus
 
 pytestmark = pytest.mark.deploy_hand
 
 EDGE, HOST = "palpate_edge.cli", "palpate_host.cli"
 SERVICE = "palpate-host.service"
 SERVICES = {"finger-1": "palpate-fingertip.service", "hand": SERVICE}
+GATEWAY = "palpate-az.service"
+ADAPTER = "/run/adapter"
+AZ_TOML = f"""
+[bus]
+interface = "palpate"
+channel = "/run/outside/hub.sock"
+
+[[ports]]
+path = "{ADAPTER}"
+parity = "none"
+axes = [{{drive_node = 20, device_id = 1, torque_limit_Nm = 0.5}}]
+"""
 PATIENCE_S = 60.0
 MOST_EXPOSED = 1.5  # of 10
 BUSY = "[Service]\nWatchdogSec=10s\n"
@@ -45,8 +58,9 @@ def hand(bare_board, drawn_dataset, drawn_calibration_file, tmp_path_factory):
             for name in SERVICES
         }
         (boards["hand"].outside / "busy.conf").write_text(BUSY)
-        busy = f"/etc/systemd/system/{SERVICE}.d/busy.conf"
-        boards["hand"].run("install", "-D", "-m", "644", "/run/outside/busy.conf", busy)
+        for service in (SERVICE, GATEWAY):
+            busy = f"/etc/systemd/system/{service}.d/busy.conf"
+            boards["hand"].run("install", "-D", "-m", "644", "/run/outside/busy.conf", busy)
         shutil.copytree(drawn_dataset, boards["finger-1"].outside / "presses")
         hub = folder / "hub.sock"
 
@@ -87,7 +101,9 @@ def hand(bare_board, drawn_dataset, drawn_calibration_file, tmp_path_factory):
         playbooks = Playbooks(
             folder, bare_board / "key", {"fingertips": {"finger-1": finger}, "hands": {"hand": host}}
         )
-        yield SimpleNamespace(boards=boards, playbooks=playbooks, wheels=wheels, drives=drives)
+        yield SimpleNamespace(
+            boards=boards, playbooks=playbooks, wheels=wheels, drives=drives, folder=folder, hub=hub
+        )
 
 
 def wait_for(condition, patience_s=PATIENCE_S):
@@ -97,11 +113,19 @@ def wait_for(condition, patience_s=PATIENCE_S):
         time.sleep(0.1)
 
 
-def play(hand, book):
+def play(hand, book, **variables):
     begin_s = time.monotonic()
-    played = hand.playbooks.play(book, release_wheelhouse=str(hand.wheels))
+    played = hand.playbooks.play(book, release_wheelhouse=str(hand.wheels), **variables)
     print(f"{book} on a fingertip and a host: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
     return played.well()
+
+
+def shown(hand, service, name):
+    return hand.boards["hand"].run("systemctl", "show", "--value", f"--property={name}", service)
+
+
+def state(hand, service):
+    return shown(hand, service, "ActiveState")
 
 
 def as_user(hand, user, *words):
@@ -138,9 +162,10 @@ def test_what_a_board_is(hand, name):
 @pytest.mark.parametrize(("name", "service"), SERVICES.items())
 def test_the_services_as_the_board_has_them(hand, name, service):
     board = hand.boards[name]
-    said = board.run("sh", "-c", f"systemd-analyze verify {service} palpate.target 2>&1")
+    verify = f"cd /etc/systemd/system && systemd-analyze verify {service} palpate.target 2>&1"
+    said = board.run("sh", "-c", verify)
     assert [line for line in said.splitlines() if "palpate" in line] == []
-    overall = board.run("systemd-analyze", "security", "--no-pager", service)
+    overall = board.run("sh", "-c", f"cd / && systemd-analyze security --no-pager {service}")
     exposure = float(re.findall(r"Overall exposure level for \S+: ([\d.]+)", overall)[0])
     print(f"{service}: exposure {exposure}")
     assert exposure <= MOST_EXPOSED
@@ -177,8 +202,64 @@ def test_a_hung_host_is_ended_by_its_watchdog(hand):
     print(f"hang to ready: {time.monotonic() - begin_s:.1f} s, 10 s of them the watchdog's")
 
 
+def plug_adapter_in(hand):
+    """A simulated drive on the board behind a pseudo terminal; its group is the one that udev gives."""
+    board = hand.boards["hand"]
+    simulate = "/usr/local/bin/palpate-host az simulate --config /run/outside/az.toml"
+    board.run("systemd-run", "--quiet", "--collect", "--unit=adapter", *simulate.split())
+    wait_for(lambda: board.run("ls", ADAPTER, check=False))
+    board.run("sh", "-c", f"t=$(readlink -f {ADAPTER}) && chgrp dialout $t && chmod 660 $t")
+
+
+def test_a_gateway_is_added(hand):
+    az_toml = hand.folder / "az.toml"
+    az_toml.write_text(AZ_TOML)
+    shutil.copy(az_toml, hand.boards["hand"].outside)
+    assert state(hand, GATEWAY) == "inactive"
+    plug_adapter_in(hand)
+    play(hand, "site", host_az_file=str(az_toml))
+    assert (state(hand, GATEWAY), state(hand, SERVICE)) == ("active", "active")
+    board = hand.boards["hand"]
+    assert board.run("systemctl", "is-enabled", GATEWAY) == "enabled"
+    assert board.run("stat", "--format=%U:%G %a", "/etc/palpate/az.toml") == "root:palpate 640"
+    with open_bus(BusConfig(interface="palpate", channel=str(hand.hub)), "test", [0x714]) as bus:
+        wait_for(lambda: bus.receive(0.5))
+
+
+def test_an_adapter_that_was_away_is_used_when_it_is_back(hand):
+    """For seven starts, a third of what the limit is asked to bear."""
+    board = hand.boards["hand"]
+    before = len(board.failures(GATEWAY))
+    board.run("systemctl", "stop", "adapter")
+    wait_for(lambda: len(board.failures(GATEWAY)) > before + 3)
+    assert board.failures(GATEWAY)[before : before + 4] == ["watchdog", *["exit-code"] * 3]
+    words = board.run("journalctl", "--unit", GATEWAY, "--output=cat")
+    assert f"{ADAPTER}: cannot be opened" in words
+    plug_adapter_in(hand)
+    wait_for(lambda: state(hand, GATEWAY) == "active")
+
+
+def test_the_gateway_stops_after_the_host(hand):
+    board = hand.boards["hand"]
+    board.run("systemctl", "stop", "palpate.target")
+    wait_for(lambda: state(hand, GATEWAY) == "inactive")
+    host_gone_us = int(shown(hand, SERVICE, "InactiveEnterTimestampMonotonic"))
+    gateway_told_us = int(shown(hand, GATEWAY, "ActiveExitTimestampMonotonic"))
+    assert 0 < host_gone_us <= gateway_told_us
+    board.run("systemctl", "start", SERVICE, GATEWAY)
+    assert (shown(hand, GATEWAY, "Result"), shown(hand, SERVICE, "Result")) == ("success", "success")
+
+
+def test_a_gateway_that_is_not_wanted_any_more_is_off(hand):
+    play(hand, "site")
+    assert state(hand, GATEWAY) == "inactive"
+    assert hand.boards["hand"].run("systemctl", "is-enabled", GATEWAY, check=False) == "disabled"
+    wait_for(lambda: as_user(hand, "root", "status")[1].startswith("ready: "))
+
+
 def test_the_drives_are_off_when_the_host_is_stopped(hand):
     hand.boards["hand"].run("systemctl", "stop", "palpate.target")
+    wait_for(lambda: state(hand, SERVICE) == "inactive")
     hand.drives.process.terminate()
     hand.drives.process.wait()
     assert "9 switch on disabled" in hand.drives.log.read_text()

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import shlex
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
 UNITS = Path(__file__).resolve().parents[2] / "systemd"
-SERVICES = ("palpate-fingertip.service", "palpate-host.service")
+SERVICES = ("palpate-fingertip.service", "palpate-az.service", "palpate-host.service")
+RESTARTED = SERVICES[:2]  # after each failure that may pass
 SYSTEM = Path("/usr/lib/systemd/system")
 MOST_EXPOSED = 1.5  # of 10
 
@@ -25,15 +29,16 @@ def board(tmp_path_factory):
     shutil.copytree(SYSTEM, root / SYSTEM.relative_to("/"), symlinks=True)
     shutil.copytree(UNITS, root / "etc/systemd/system")
     programs = root / "opt/palpate/current/bin"
-    programs.mkdir(parents=True)
-    (root / "opt/palpate/bin").mkdir()
     for program in (
         programs / "palpate-edge",
         programs / "palpate-host",
         root / "opt/palpate/bin/palpate-release",
+        root / "usr/bin/sh",
     ):
+        program.parent.mkdir(parents=True, exist_ok=True)
         program.write_text("#!/bin/sh\n")
         program.chmod(0o755)
+    (root / "bin").symlink_to("usr/bin")
     return root
 
 
@@ -76,14 +81,54 @@ def test_what_the_service_is_held_to(service):
     assert re.search(r"^StartLimitBurst=\d+$", text, re.MULTILINE)
 
 
+def key(service, name):
+    return re.findall(rf"^{name}=(.*)$", (UNITS / service).read_text(), re.MULTILINE)[0]
+
+
 def test_statuses_that_are_not_tried_again_are_those_of_the_errors():
     from palpate_edge.errors import CalibrationError, ConfigError, DatasetError
 
-    text = (UNITS / SERVICES[0]).read_text()
-    statuses = re.findall(r"^RestartPreventExitStatus=(.*)$", text, re.MULTILINE)[0].split()
-    assert [int(status) for status in statuses] == sorted(
-        error.exit_status for error in (ConfigError, DatasetError, CalibrationError)
-    )
+    own_errors = {SERVICES[0]: (ConfigError, DatasetError, CalibrationError), SERVICES[1]: (ConfigError,)}
+    for service, errors in own_errors.items():
+        statuses = key(service, "RestartPreventExitStatus").split()
+        assert [int(status) for status in statuses] == sorted(error.exit_status for error in errors)
+
+
+def stop_post_s(service, status):
+    """How long what runs after the end takes, as systemd runs it; it is the shell that waits, so roughly."""
+    command = shlex.split(key(service, "ExecStopPost"))
+    begin_s = time.monotonic()
+    subprocess.run(command, env={"EXIT_STATUS": status, "PATH": os.defpath}, check=True)
+    return time.monotonic() - begin_s
+
+
+@pytest.mark.parametrize("service", RESTARTED)
+def test_a_device_that_is_away_is_waited_for_and_a_crash_loop_ends(service):
+    """systemd gives up what was started `burst` times within the interval (systemd.unit(5))."""
+    from palpate_edge.errors import BusError, CaptureError
+
+    assert (key(service, "RestartSec"), key(service, "StartLimitIntervalSec")) == ("1s", "4min")
+    burst, interval_s = int(key(service, "StartLimitBurst")), 240.0
+    away = (CaptureError, BusError) if service == SERVICES[0] else (BusError,)
+    for error in away:
+        assert (1.0 + stop_post_s(service, str(error.exit_status))) * burst >= interval_s
+    longest_life_s = interval_s / burst - 1.0
+    assert longest_life_s >= 3.0
+    for crash in ("1", "ABRT", "SEGV", "0"):
+        assert stop_post_s(service, crash) < longest_life_s
+
+
+def test_the_gateway_outlives_the_host_and_both_stop_with_the_target():
+    assert key(SERVICES[1], "Before") == SERVICES[2]
+    assert key(SERVICES[1], "PartOf") == key(SERVICES[2], "PartOf") == "palpate.target"
+
+
+def test_serial_devices_are_the_gateways_alone():
+    assert "char-tty" in (UNITS / SERVICES[1]).read_text()
+    for service in (SERVICES[0], SERVICES[2]):
+        text = (UNITS / service).read_text()
+        assert "char-tty" not in text and "dialout" not in text
+    assert key(SERVICES[2], "PrivateDevices") == "yes"
 
 
 def test_sysusers_makes_the_user_of_the_units(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from palpate_edge.bus import Bus
 from palpate_edge.errors import BusError
@@ -16,8 +16,13 @@ from palpate_host.drives.cia402_device import Cia402Device
 LONGEST_WAIT_S = 0.05
 
 
-def serve_devices(bus: Bus, devices: Sequence[Cia402Device], stop: threading.Event) -> None:
-    """Serve the devices until `stop` is set.
+def serve_devices(
+    bus: Bus,
+    devices: Sequence[Cia402Device],
+    stop: threading.Event,
+    each_turn: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve the devices until `stop` is set; `each_turn` is called after each, at least every LONGEST_WAIT_S.
 
     Raises BusError when the bus is gone or when another node has the id of one of the devices.
     """
@@ -31,6 +36,7 @@ def serve_devices(bus: Bus, devices: Sequence[Cia402Device], stop: threading.Eve
             _check_conflict(device, output)
             bus.send(output.frames_out)
         next_due_us = min(output.next_due_us for output in outputs)
+        each_turn()
 
 
 def _check_conflict(device: Cia402Device, output: Output) -> None:

@@ -9,6 +9,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import canopen
@@ -17,6 +18,7 @@ from canopen.profiles.p402 import BaseNode402
 
 from palpate_edge.bus import open_bus
 from palpate_edge.errors import BusError
+from palpate_edge.sd_notify import Notifier
 from palpate_host.drives.az import alarms, axis, gateway
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
@@ -66,8 +68,8 @@ def node(config: AzConfig, line: AzServer, slow_replies: None) -> Iterator[BaseN
     stop = threading.Event()
 
     def serve() -> None:
-        with open_bus(config.bus, "gateway") as bus:
-            gateway.run_gateway(bus, config, stop)
+        with open_bus(config.bus, "gateway") as bus, closing(Notifier({})) as notifier:
+            gateway.run_gateway(bus, config, stop, notifier)
 
     network = canopen.Network()
     network.connect(interface="virtual", channel=config.bus.channel)

@@ -18,7 +18,7 @@ from pathlib import Path
 BASE = Path("/opt/palpate")
 CURRENT, PREVIOUS, TRIAL = BASE / "current", BASE / "previous", BASE / "trial"
 COMPLETE = ".complete"  # in a release whose installation was finished
-FINGERTIP, HOST = "palpate-fingertip.service", "palpate-host.service"
+FINGERTIP, GATEWAY, HOST = "palpate-fingertip.service", "palpate-az.service", "palpate-host.service"
 CONFIG = "/etc/palpate/fingertip.toml"
 STEADY_S = 5.0  # the same process for so long, nothing failing that did not fail before
 POLL_S = 0.5
@@ -30,7 +30,8 @@ def systemctl(*words: str) -> str:
 
 
 def enabled() -> list[str]:
-    return [name for name in (FINGERTIP, HOST) if systemctl("is-enabled", name) == "enabled"]
+    """In the order in which they are started."""
+    return [name for name in (FINGERTIP, GATEWAY, HOST) if systemctl("is-enabled", name) == "enabled"]
 
 
 def main_pid(service: str) -> int:
@@ -117,10 +118,13 @@ def end_trial() -> None:
 
 
 def restart(services: list[str]) -> None:
+    """They are stopped the other way round: the host stops the drives before their gateway goes."""
     systemctl("daemon-reload")
+    for service in reversed(services):
+        systemctl("stop", service)
     for service in services:
         systemctl("reset-failed", service)
-        subprocess.run(["systemctl", "restart", service], capture_output=True, check=False)
+        systemctl("start", service)
 
 
 def switch(release: str, patience_s: float) -> str:

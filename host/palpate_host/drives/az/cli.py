@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import click
 
 from palpate_edge.bus import open_bus
+from palpate_edge.sd_notify import Notifier
 from palpate_edge.stop_signals import stop_event
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.gateway import run_gateway
@@ -38,9 +39,9 @@ def gateway(config_path: Path) -> None:
     """Serves each axis as a CiA 402 node until SIGTERM or SIGINT, then lets the joints go."""
     config = az_config.load(config_path)
     nodes = ", ".join(str(axis.drive_node) for port in config.ports for axis in port.axes)
-    with stop_event() as stop, open_bus(config.bus, "az gateway") as bus:
+    with stop_event() as stop, open_bus(config.bus, "az gateway") as bus, closing(Notifier()) as notifier:
         click.echo(f"az gateway: nodes {nodes} on {len(config.ports)} ports", err=True)
-        run_gateway(bus, config, stop)
+        run_gateway(bus, config, stop, notifier)
     click.echo("az gateway stopped: joints free", err=True)
 
 

@@ -2,7 +2,7 @@
 
 One thread a port carries orders out round by round; the calling thread serves the bus. When the host falls
 silent, the nodes' own watchdogs take the torque away (cia402_device); when this process dies, the drives do
-(their communication timeout).
+(their communication timeout). systemd hears of it while every port has answers and the bus goes on.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from contextlib import ExitStack, contextmanager
 from palpate_edge.bus import Bus
 from palpate_edge.errors import BusError
 from palpate_edge.long_lived import long_lived
+from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_host.drives.az.axis import AzAxis, Question
+from palpate_host.drives.az.common_rounds import CommonRounds
 from palpate_host.drives.az.config import AzConfig, PortConfig
 from palpate_host.drives.az.port import REPLY_TIMEOUT_S, AzPort
 from palpate_host.drives.cia402_device import Cia402Device
@@ -36,6 +38,11 @@ class PortThread:
         self._port = AzPort(config.path, config.baud_rate, config.line_parity, REPLY_TIMEOUT_S)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"az {config.path}")
+
+    @property
+    def answers(self) -> int:
+        """Replies that came over this port, refusals too."""
+        return self._port.answers
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -87,15 +94,27 @@ def turn(round_number: int, axes: int) -> tuple[int, Question]:
     return (place, Question.HEALTH) if place < axes else (cycle % axes, Question.TEMPERATURES)
 
 
-def run_gateway(bus: Bus, config: AzConfig, stop: threading.Event) -> None:
-    """Serve every axis as a node on the bus until `stop` is set; BusError when a port or the bus is gone."""
+def run_gateway(bus: Bus, config: AzConfig, stop: threading.Event, notifier: Notifier) -> None:
+    """Serve every axis as a node on the bus until `stop` is set; BusError when a port or the bus is gone.
+
+    notifier: told when all drives answer, while they and the bus go on, and before the joints are let go.
+    """
     ports = [PortThread(port) for port in config.ports]
+    gate, rounds = WatchdogGate(notifier.watchdog_us), CommonRounds(len(ports))
+
+    def feed_watchdog() -> None:
+        on_bus = bus.counters.sent + bus.counters.received
+        if gate.may_feed(now_us(), rounds.count([port.answers for port in ports]), on_bus):
+            notifier.feed_watchdog()
+
     with ExitStack() as stack:
         for port in ports:
             stack.enter_context(port.running())
         devices = devices_of(config, ports)
         stack.enter_context(long_lived())
-        serve_devices(bus, devices, stop)
+        notifier.ready(f"{len(devices)} drives on {len(ports)} ports and {config.bus.interface}")
+        serve_devices(bus, devices, stop, feed_watchdog)
+        notifier.stopping()
 
 
 def devices_of(config: AzConfig, ports: Sequence[PortThread]) -> list[Cia402Device]:

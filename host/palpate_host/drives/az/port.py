@@ -56,7 +56,10 @@ class AzHealth:
 
 
 class AzPort:
-    """The axes of one port; every call is one transaction and raises BusError when it fails."""
+    """The axes of one port; every call is one transaction and raises BusError when it fails.
+
+    answers: replies that came since the port was opened, refusals too.
+    """
 
     def __init__(
         self,
@@ -66,6 +69,7 @@ class AzPort:
         reply_timeout_s: float = REPLY_TIMEOUT_S,
     ) -> None:
         """Open the port with 8 data bits and 1 stop bit; BusError when it cannot be."""
+        self.answers = 0
         self._path = path
         self._client = ModbusSerialClient(
             path,
@@ -155,6 +159,7 @@ class AzPort:
             reply = request()
         except (ModbusException, OSError) as exc:
             raise BusError(f"{self._name(device_id)} does not answer: {exc}") from exc
+        self.answers += 1
         if reply.isError():
             raise BusError(f"{self._name(device_id)} refuses: {reply}")
         return list(reply.registers)
