@@ -6,7 +6,7 @@ DEPLOY := .venv-deploy
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit kernel-test uml-test vm-test vm-disks deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit demo-test kernel-test uml-test vm-test vm-disks deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -14,7 +14,7 @@ help:  ## this list
 demo: $(VENV)/host.stamp  ## set up, then a simulated hand turns an object for 20 s, all processes real
 	$(BIN)/palpate-host demo
 
-test: lint unit  ## set up, then every check and test (tests whose tool is missing say so and skip)
+test: lint unit demo-test  ## set up, then every check and test (tests whose tool is missing say so and skip)
 
 lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 	$(BIN)/ruff check .
@@ -22,8 +22,10 @@ lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, the real-time demo alone at the end; PYTEST_ARGS adds options
-	$(BIN)/pytest -n 2 --dist loadfile -m "not demo" $(PYTEST_ARGS)
+unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, but for the real-time demo; PYTEST_ARGS adds options
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not demo" $(PYTEST_ARGS)
+
+demo-test: $(VENV)/dev.stamp  ## the real-time demo's tests
 	$(BIN)/pytest -m demo $(PYTEST_ARGS)
 
 kernel-test: uml-test vm-test  ## the tests that need a kernel of their own

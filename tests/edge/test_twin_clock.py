@@ -120,10 +120,11 @@ def test_no_reader_sees_half_a_word(tmp_path):
     flicker = (
         "import sys, time; from pathlib import Path; from palpate_edge.twin_clock import ClockKeeper\n"
         "keeper = ClockKeeper(Path(sys.argv[1]))\n"
+        "keeper._words[2] = 0x0101010101010101\n"
         "print('ready', flush=True)\n"
         "while True:\n"
-        "    keeper._words[2] = 0x0101010101010101\n"
         "    keeper._words[2] = 0x3E3E3E3E3E3E3E3E\n"
+        "    keeper._words[2] = 0x0101010101010101\n"
     )
     with subprocess.Popen(
         [sys.executable, "-c", flicker, str(tmp_path / "clock")], stdout=subprocess.PIPE, text=True
