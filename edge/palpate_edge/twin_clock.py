@@ -30,7 +30,7 @@ FOR_EVER_US = 2**62
 GONE_US = 5_000_000
 AHEAD_US = 3_000
 """The time goes on by itself for so long after the keeper's last word."""
-SLOWLY = 10
+SLOWLY = 20
 """How much slower than CLOCK_MONOTONIC the time goes while the keeper waits: what it waits for needs time."""
 
 

@@ -170,7 +170,7 @@ class Bench:
     """The live hand, the fingertips' nodes and the host's core on a bus without delay, in steps of 1 ms.
 
     late_ms: how much later than sent the host's frames come; felt_ms: an exposure's contact comes so much
-    later.
+    later, of the fingers that are not deaf; count_from: their number of the first picture.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -182,7 +182,8 @@ class Bench:
         self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
         self.host = HostCore(config, kinematics)
         self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
-        self.late_ms, self.felt_ms = 0, 10
+        self.late_ms, self.felt_ms, self.count_from = 0, 10, 0
+        self.deaf: set[int] = set()
         self._to_hand: list[tuple[int, CanFrame]] = []
         self._feel = DirectFeel(30.0, 0.0, 1)
         self._felt = 0
@@ -200,10 +201,12 @@ class Bench:
                 and self.cameras.exposures[self._felt].exposed_at_us + 1000 * self.felt_ms <= self.now_us
             ):
                 seen = self.cameras.exposures[self._felt]
-                at = (seen.finger, seen.into_F_mm, 1.0, seen.exposed_at_us, seen.sequence)
-                contact = self._feel.contact(*at)
-                self.tips[seen.finger].publish(contact, self.now_us - seen.exposed_at_us)
                 self._felt += 1
+                if seen.finger in self.deaf:
+                    continue
+                number = self.count_from + seen.sequence
+                contact = self._feel.contact(seen.finger, seen.into_F_mm, 1.0, seen.exposed_at_us, number)
+                self.tips[seen.finger].publish(contact, self.now_us - seen.exposed_at_us)
             for tip in self.tips:
                 sent += tip.process(self.now_us, heard).frames_out
             output = self.host.process(self.now_us, [(self.now_us, frame) for frame in sent])
@@ -265,3 +268,23 @@ def test_a_live_hand_waits_for_contacts(turning):
     turning.run(1200)
     assert turning.hand.own_us - before_us == pytest.approx(10 * 1e6 / 30, abs=20_000)
     assert len(turning.cameras.exposures) - before == pytest.approx(3 * 10, abs=3)
+
+
+def test_a_picture_that_is_lost_is_not_waited_for_long(turning):
+    """One finger's pictures are felt no more: each holds the hand up for 200 ms, until the finger is gone."""
+    before = len(turning.cameras.exposures)
+    turning.deaf = {1}
+    turning.run(900)
+    taken = [exposure.finger for exposure in turning.cameras.exposures[before:]]
+    assert 3 <= taken.count(1) <= 6
+    turning.run(1000)
+    taken = [exposure.finger for exposure in turning.cameras.exposures[before:]]
+    assert taken.count(1) > 15
+
+
+def test_a_fingertip_may_count_its_pictures_anew(turning):
+    """As it does when it has opened its camera again."""
+    turning.count_from = 1000
+    before_us = turning.hand.own_us
+    turning.run(500)
+    assert turning.hand.own_us - before_us > 490_000

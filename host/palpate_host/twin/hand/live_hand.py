@@ -21,7 +21,7 @@ from palpate_edge.errors import BusError
 from palpate_edge.local_clock import monotonic_us, unix_ahead_us
 from palpate_edge.node.events import NodeIdConflict
 from palpate_edge.twin_clock import ClockKeeper
-from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip
+from palpate_host.fingertips import Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.network import SYNC
@@ -39,6 +39,8 @@ LATE_US = 2_000
 """A command may be late by so much before the hand waits for it."""
 HEARD_US = 4_000
 """Angles that were on the wire so long before a SYNC are those that its commands were made from."""
+LOST_US = 200_000
+"""A picture that is not felt for so long was lost: the hand's time goes on."""
 GONE_US = 1_000_000
 """What is silent for longer is not slow: the hand's time goes on, and who listens will notice."""
 TPDO_1, RPDO_1 = 0x180, 0x200
@@ -98,9 +100,7 @@ class LiveHand:
         self._command_id = RPDO_1 + config.joints[-1].drive_node  # the last of a tick's commands
         self._answers_id = TPDO_1 + config.joints[-1].drive_node  # the last of the answers to a SYNC
         self._tips = [Fingertip(finger.fingertip_node, finger.name) for finger in config.fingers]
-        self._unfelt: list[int | None] = [
-            None for _ in self._tips
-        ]  # the last picture, as long as it is not felt
+        self._unfelt_us: list[int | None] = [None for _ in self._tips]  # the last picture, until felt
         self._felt_us = [now_us - GONE_US] * len(self._tips)
         self._finger_of = {can_id: i for i, tip in enumerate(self._tips) for can_id in tip.receive_ids}
         self.accept_ids = sorted({self._answers_id, *self._finger_of}.union(*self._wanted))
@@ -177,8 +177,10 @@ class LiveHand:
         if contact is None:
             return
         self._felt_us[finger] = now_us
-        if self._unfelt[finger] == contact.sequence:
-            self._unfelt[finger] = None
+        unfelt_us = self._unfelt_us[finger]
+        exposed_us = contact.exposed_at_us - self._unix_us  # by the board's clock, near enough
+        if unfelt_us is not None and exposed_us > unfelt_us - 0.5 * self._period_us[finger]:
+            self._unfelt_us[finger] = None
 
     def _serve_device(self, index: int, frames: Sequence[CanFrame]) -> tuple[CanFrame, ...]:
         """The drives live in the hand's own time: what it waits for is not late to them."""
@@ -217,7 +219,10 @@ class LiveHand:
             self._heard_own_us = self._told.popleft()[1]
 
     def _lacks_a_contact(self, finger: int, until_us: int) -> bool:
-        return self._unfelt[finger] is not None and until_us - self._felt_us[finger] <= GONE_US
+        unfelt_us = self._unfelt_us[finger]
+        if unfelt_us is None or until_us - self._felt_us[finger] > GONE_US:
+            return False
+        return until_us - unfelt_us <= LOST_US
 
     def _lacks_a_command(self, until_us: int) -> bool:
         if not self._driven.is_powered or until_us - self._commanded_us > GONE_US:
@@ -235,7 +240,7 @@ class LiveHand:
         touches = touches_in_F(self._engine, self._hand)
         for finger in due:
             self._cameras.expose(Exposure(finger, self._sequence[finger], self._hand_us, touches[finger][0]))
-            self._unfelt[finger] = self._sequence[finger] % SEQUENCE_WRAP
+            self._unfelt_us[finger] = self._hand_us
             self._sequence[finger] += 1
             self._exposure_us[finger] += self._period_us[finger]
         self.exposures += len(due)
