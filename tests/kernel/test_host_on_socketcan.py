@@ -16,12 +16,14 @@ from palpate_host.command import CommandError
 from palpate_host.session import HandStoppedError
 from palpate_host.supervisor import STOPPED, Mode
 
-pytestmark = pytest.mark.usefixtures("kernel")
+# In user-mode Linux alone: a whole hand is too much for a machine that is emulated.
+UML = pytest.param("uml", marks=pytest.mark.uml)
+pytestmark = [pytest.mark.usefixtures("kernel"), pytest.mark.parametrize("kernel", [UML], indirect=True)]
 
 CLI = [sys.executable, "-m", "palpate_host.cli"]
 TIPS = Path(__file__).parents[1] / "host" / "touching_fingertips.py"
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
-# A tick and its times for a machine that is emulated beside other work.
+# A tick and its times for a kernel that is a process beside other work.
 SLOWER = {
     "tick_Hz = 100": "tick_Hz = 25",
     "freeze_ms = 250": "freeze_ms = 5000",
