@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.twin.fresh_solutions import directions, solutions
 
 from palpate_edge.errors import ConfigError
 from palpate_host.twin.dome import field_grid as grid
@@ -16,7 +17,6 @@ from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.dome.make_library import Domes, new_file, solve_angle, write_library
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.press import press_path
 from palpate_host.twin.dome.probe import Probe
 from palpate_host.twin.dome.side_points import side_points
 from palpate_host.twin.simulate_cli import simulate
@@ -110,27 +110,10 @@ def test_library_that_cannot_be_written_is_refused_before_solving(tmp_path: Path
 def test_interpolation_against_fresh_solutions(probe: Probe) -> None:
     """Within twice the 95th percentiles that library.py states, of the depth (rms) and of the force."""
     of_depth, of_force = (0.016, 0.1) if probe is Probe.PLATE else (0.046, 0.24)
-    library = load_library()
-    rng = np.random.default_rng(11)
-    theta, phi = np.arccos(rng.uniform(0.2, 1, 80)), rng.uniform(0, 2 * np.pi, 80)
-    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
-    with np.load(Path(grid.__file__).with_name("fields.npz")) as file:
-        resolution = Resolution(*(int(count) for count in file["resolution"]))
-    domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * directions)
-    for theta_deg, depth_share, slide in (
-        (12.0, 0.45, (0.1, 0.15)),
-        (33.0, 0.85, (-0.2, 0.2)),
-        (57.0, 0.6, (0.25, 0.0)),
-    ):
-        contact_rad = float(np.radians(theta_deg))
-        depth_mm = depth_share * library.largest_depth_mm(contact_rad, probe)
-        shear_mm = (slide[0] * depth_mm, slide[1] * depth_mm)
-        *_, pressed = press_path(domes.half, contact_rad, [(depth_mm, (0.0, 0.0))], probe)
-        start = domes.unfold(pressed)
-        *_, slid = press_path(domes.whole, contact_rad, [(depth_mm, shear_mm)], probe, start)
-        solved = domes.sample_whole(slid.displacement_mm)
-        found = library.field(directions, contact_rad, depth_mm, shear_mm, probe=probe)
-        error_mm = np.sqrt(np.mean(np.sum((found.displacement_mm - solved) ** 2, axis=1)))
-        assert error_mm < of_depth * depth_mm
-        force_error = np.linalg.norm(found.force_per_mu_mm2 - slid.force_per_mu_mm2)
-        assert force_error < of_force * np.linalg.norm(slid.force_per_mu_mm2)
+    for solved in solutions(probe):
+        press = (solved.contact_rad, solved.depth_mm, solved.shear_mm)
+        found = load_library().field(directions(), *press, probe=probe)
+        error_mm = found.displacement_mm - solved.displacement_mm
+        assert np.sqrt(np.mean(np.sum(error_mm**2, axis=1))) < of_depth * solved.depth_mm
+        force_error = np.linalg.norm(found.force_per_mu_mm2 - solved.force_per_mu_mm2)
+        assert force_error < of_force * np.linalg.norm(solved.force_per_mu_mm2)
