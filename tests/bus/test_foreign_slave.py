@@ -56,9 +56,10 @@ class Frames(durand.network.NetworkABC):
 
 @dataclass
 class Sent:
-    """What `FingertipNode.process` gives."""
+    """What `FingertipNode.process` gives. next_due_us: it tells nobody, so it is asked all the time."""
 
     frames_out: tuple[CanFrame, ...]
+    next_due_us: int = 0
 
 
 class ForeignTip:

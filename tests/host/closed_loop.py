@@ -34,25 +34,25 @@ class EngineMotor:
     def __init__(self, joint: JointConfig) -> None:
         assert joint.direction == 1 and joint.zero_offset_rad == 0.0
         self.rated_torque_mNm = round(JointParameters().rated_torque_Nm * 1000)
-        self.state_now = MotorState(0.0, 0.0)
+        self.q_rad = self.qdot_rad_s = 0.0  # the loop keeps them up to date
+        self.error_code = 0
         self.ordered_Nm = 0.0  # the torque, or the most torque, that the drive may give
         self.command = JointCommand(DriveGoal.OFF)
         self.servo = JointServo()
 
     @property
     def joint_torque_Nm(self) -> float:
-        state = self.state_now
-        return self.servo.torque_Nm(self.command, state.position_rad, state.velocity_rad_s, self.step_s)
+        return self.servo.torque_Nm(self.command, self.q_rad, self.qdot_rad_s, self.step_s)
 
     def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the loop keeps it up to date
-        return self.state_now
+        return MotorState(self.q_rad, self.qdot_rad_s, self.error_code)
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
         self.command = command
         self.ordered_Nm = command.torque_Nm if command.goal not in STANDING else 0.0
 
     def reset_fault(self) -> None:
-        self.state_now = replace(self.state_now, error_code=0)
+        self.error_code = 0
 
 
 class AdmittanceMotor(EngineMotor):
@@ -90,7 +90,6 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             self.motors = [motor(joint) for joint in config.joints]
             pairs = zip(config.joints, self.motors, strict=True)
             self.drives = [Cia402Device(joint.drive_node, one) for joint, one in pairs]
-            self._due_us: dict[int, int] = {}
             self.doubts: list[list[Doubt]] = [[] for _ in config.fingers]
             self.faults: Counter[tuple[int, int]] = Counter()
             self.rng = np.random.default_rng(seed)
@@ -105,19 +104,8 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
         def pose(self) -> HandPose:
             return self.hand.pose(self.engine.q_rad)
 
-        def _served(self, node, now_us, to_nodes):
-            """Only when something came or is due, which is what a process does too."""
-            node_id = node.slave.node_id
-            if node_id in self.silent:
-                self._due_us.pop(node_id, None)
-                return []
-            is_cut = node_id in self.cut_off
-            heard = [] if is_cut else to_nodes
-            if not heard and now_us < self._due_us.get(node_id, 0):
-                return []
-            output = node.process(now_us, heard)
-            self._due_us[node_id] = output.next_due_us
-            return [] if is_cut else list(output.frames_out)
+        def _advance_joints(self) -> None:
+            """The engine moves them."""
 
         def power_up(self, node_id: int) -> None:
             """The node begins anew, as a process or a drive does that had no power."""
@@ -129,7 +117,7 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             self.tips = [
                 bench.make_tip(node_id) if tip.slave.node_id == node_id else tip for tip in self.tips
             ]
-            self._due_us.pop(node_id, None)
+            self.wake(node_id)
 
         def start_host(self) -> None:
             """A new process: nothing of the old one is known."""
@@ -138,10 +126,11 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
 
         def _step(self) -> None:
             engine = self.engine
-            for one, q_rad, qdot_rad_s in zip(self.motors, engine.q_rad, engine.qdot_rad_s, strict=True):
-                one.state_now = MotorState(float(q_rad), float(qdot_rad_s), one.state_now.error_code)
+            joints = zip(self.motors, engine.q_rad.tolist(), engine.qdot_rad_s.tolist(), strict=True)
+            for one, q_rad, qdot_rad_s in joints:
+                one.q_rad, one.qdot_rad_s = q_rad, qdot_rad_s
             super()._step()
-            for one, drive in zip(self.motors, self.drives, strict=True):
+            for one, drive in zip(self.motors, self.drives, strict=True) if self.silent else ():
                 if drive.slave.node_id in self.silent:
                     one.order(self.now_us, JointCommand(DriveGoal.OFF))  # a drive without power
             engine.step(np.array([one.joint_torque_Nm for one in self.motors]))
@@ -172,7 +161,7 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
             ready = [item for item in self._pending if now_us >= item[0]]
             self._pending = [item for item in self._pending if now_us < item[0]]
             for _, finger, contact in ready:
-                self._due_us.pop(self.tips[finger].slave.node_id, None)
+                self.wake(self.tips[finger].slave.node_id)
                 self.tips[finger].publish(contact, min(now_us - contact.exposed_at_us, 65_000))
 
         def _felt(self, finger: int, touch, pose: HandPose, now_us: int) -> Contact | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +62,7 @@ def cut_drive(rig, rng):
 
 def drive_fault(rig, rng):
     motor = rig.motors[int(rng.integers(0, 9))]
-    motor.state_now = replace(motor.state_now, error_code=0x2310)  # CiA 402-2: continuous over current
+    motor.error_code = 0x2310  # CiA 402-2: continuous over current
     return lambda: None
 
 

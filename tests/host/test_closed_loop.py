@@ -6,8 +6,11 @@ within the time, that docs/safety.md says. Then everything is mended, and `recov
 the same nodes.
 """
 
+import copy
+import copyreg
 import importlib.util
 import re
+import struct
 import sys
 from pathlib import Path
 
@@ -52,9 +55,10 @@ def hand_of_commands(table_4):
     return config, hand
 
 
-def turning(bench, hand_of_commands, seed=0):
+@pytest.fixture(scope="module")
+def turning_hand(bench, hand_of_commands):
     """The hand turns the object by 10 degrees."""
-    rig = closed_loop.make_closed_loop(bench, *hand_of_commands, seed=seed)
+    rig = closed_loop.make_closed_loop(bench, *hand_of_commands)
     until(rig, Mode.READY)
     rig.core.command(Grasp())
     rig.run(0.4)
@@ -62,6 +66,24 @@ def turning(bench, hand_of_commands, seed=0):
     rig.run(0.1)
     assert rig.statuses[-1].mode is Mode.MANIPULATE
     return rig
+
+
+@pytest.fixture
+def turning(turning_hand):
+    """A hand of the test's own that has come so far."""
+    copyreg.pickle(struct.Struct, lambda packer: (struct.Struct, (packer.format,)))
+    shared = (turning_hand.config, turning_hand.hand)
+    return copy.deepcopy(turning_hand, {id(part): part for part in shared})
+
+
+def test_a_copied_hand_goes_on_as_the_one_it_is_of(turning_hand, turning):
+    another = copy.deepcopy(turning)
+    turning.run(0.3)
+    another.run(0.3)
+    assert turning.log[len(turning_hand.log) :] and turning.log == another.log
+    assert (
+        turning.engine.q_rad.tolist() == another.engine.q_rad.tolist() != turning_hand.engine.q_rad.tolist()
+    )
 
 
 def until(rig, mode, most_s=3.0):
@@ -90,9 +112,9 @@ def name_of(fault):
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=name_of)
-def test_one_fault(bench, hand_of_commands, fault):
+def test_one_fault(turning, fault):
     """Safe within the stated time; mended, the hand is brought back."""
-    rig = turning(bench, hand_of_commands)
+    rig = turning
     no_turning_us = hand_faults.times(rig.config)[fault][1]
     began_us = rig.now_us
     deadlines = hand_faults.Deadlines(rig)
@@ -108,8 +130,8 @@ def test_one_fault(bench, hand_of_commands, fault):
     comes_back(rig)
 
 
-def test_a_drive_that_says_it_is_too_hot_stops_the_hand_though_it_goes_on(bench, hand_of_commands):
-    rig = turning(bench, hand_of_commands)
+def test_a_drive_that_says_it_is_too_hot_stops_the_hand_though_it_goes_on(turning):
+    rig = turning
     mend = hand_faults.drive_too_hot(rig, np.random.default_rng(1))
     until(rig, Mode.FAULT, most_s=0.03)
     status = rig.statuses[-1]
@@ -138,10 +160,9 @@ def comes_back(rig):
     check_limits(rig)
 
 
-def schedule(bench, hand_of_commands, seed):
+def schedule(rig, seed):
     """One to three faults at random times, each mended after 20 ms to 1.5 s; then all, and back to READY."""
-    rng = np.random.default_rng(seed)
-    rig = turning(bench, hand_of_commands, seed)
+    rng, rig.rng = np.random.default_rng(seed), np.random.default_rng(seed)
     begin_us = rig.now_us
     deadlines = hand_faults.Deadlines(rig)
     events, mends, broken = [], [], []
@@ -170,8 +191,8 @@ def schedule(bench, hand_of_commands, seed):
 
 
 @pytest.mark.parametrize("seed", range(200))
-def test_a_random_schedule_of_faults(bench, hand_of_commands, seed):
-    assert schedule(bench, hand_of_commands, seed)
+def test_a_random_schedule_of_faults(turning, seed):
+    assert schedule(turning, seed)
 
 
 def squeezed_N(bench, table_4, force_law, limit_N=1000.0, for_s=1.5):

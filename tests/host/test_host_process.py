@@ -83,8 +83,9 @@ def wait_for(condition, what):
 
 
 def last_status(path):
-    lines = path.read_text().splitlines() if path.exists() else []
-    return json.loads(lines[-1]) if lines else None
+    written = path.read_text() if path.exists() else ""
+    whole = written[: written.rfind("\n") + 1].splitlines()  # the last may still be on its way
+    return json.loads(whole[-1]) if whole else None
 
 
 def test_run_waits_for_the_missing_fingertips_and_stops_on_sigterm(tmp_path, processes, hub, config):

@@ -17,6 +17,7 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
+from palpate_host.drives.joint_command import DriveGoal
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
@@ -24,6 +25,7 @@ from palpate_host.master import HostCore, Output
 from palpate_host.network import SYNC
 from palpate_host.status import HostStatus
 from palpate_host.twin.hand_drives import drives_of
+from palpate_host.twin.simulated_drives import SimulatedDrive
 
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 START_POSE_RAD = (0.0, 0.348, 1.221)
@@ -32,6 +34,8 @@ STEP_US = 500
 FRAME_US = 100
 FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
+
+FOLLOWING = (DriveGoal.VELOCITY, DriveGoal.POSITION)  # a drive's own controller is asked in every step
 
 Feel = Callable[[int, int, HandPose], tuple[float, float, float] | None]
 Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
@@ -70,6 +74,8 @@ class VirtualBench:
         self.output: Output | None = None
         self.silent: set[int] = set()  # nodes without power; the host's id: the host does not run
         self.cut_off: set[int] = set()  # nodes that run and neither hear nor are heard
+        self._due_us: dict[int, int] = {}  # node with power -> when it wants to be asked
+        self._quiet_until_us = 0
         self._to_nodes: list[CanFrame] = []
         self._echo: list[tuple[int, CanFrame]] = []
         self._exposed: list[tuple[int, int, int, HandPose]] = []
@@ -77,24 +83,35 @@ class VirtualBench:
         self._sequence = [0] * len(self.tips)
 
     def pose(self) -> HandPose:
+        self._advance_joints()
         return self.hand.pose(np.array([drive.plant.position_rad for drive in self.drives]))
+
+    def _advance_joints(self) -> None:
+        """A drive that is not asked does not look at its joint, which moves all the same."""
+        for drive in self.drives:
+            drive.motor.state(self.now_us)
+
+    def wake(self, node_id: int) -> None:
+        """Something was done to a node from outside of the bus: it is asked in the next step."""
+        self._due_us.pop(node_id, None)
+        self._quiet_until_us = 0
 
     def run(self, duration_s: float) -> HostStatus:
         """Move on; returns the last status. Stops early when the host has finished."""
         end_us = self.now_us + round(duration_s * 1e6)
         while self.now_us < end_us and not (self.output and self.output.finished):
             self._step()
+        self._advance_joints()
         return self.statuses[-1]
 
     def _step(self) -> None:
         now_us = self.now_us
         to_nodes, self._to_nodes = self._to_nodes, []
-        from_nodes: list[CanFrame] = []
-        for drive in self.drives:
-            from_nodes += self._served(drive, now_us, to_nodes)
+        from_nodes = self._serve(self.drives, now_us, to_nodes)
         self._feel_and_publish(now_us)
-        for tip in self.tips:
-            from_nodes += self._served(tip, now_us, to_nodes)
+        from_nodes += self._serve(self.tips, now_us, to_nodes)
+        powered = len(self.drives) + len(self.tips) - len(self.silent - {self.host_id})
+        self._quiet_until_us = min(self._due_us.values()) if len(self._due_us) == powered > 0 else 0
         stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
         self.log += stamped
         heard = sorted(
@@ -115,13 +132,25 @@ class VirtualBench:
         self._to_nodes = list(self.output.frames_out)
         self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
 
+    def _serve(self, nodes, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
+        """Only when something came or is due, which is what a process does too."""
+        if not to_nodes and now_us < self._quiet_until_us:
+            return []
+        return [frame for node in nodes for frame in self._served(node, now_us, to_nodes)]
+
     def _served(self, node, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
         node_id = node.slave.node_id
         if node_id in self.silent:
+            self._due_us.pop(node_id, None)
             return []
         is_cut = node_id in self.cut_off
-        frames_out = node.process(now_us, [] if is_cut else to_nodes).frames_out
-        return [] if is_cut else list(frames_out)
+        heard = [] if is_cut else to_nodes
+        if not heard and now_us < self._due_us.get(node_id, 0):
+            return []
+        output = node.process(now_us, heard)
+        follows = isinstance(node, SimulatedDrive) and node.motor.command.goal in FOLLOWING
+        self._due_us[node_id] = now_us if follows else output.next_due_us
+        return [] if is_cut else list(output.frames_out)
 
     def _feel_and_publish(self, now_us: int) -> None:
         for finger in range(len(self.tips)):
@@ -132,6 +161,7 @@ class VirtualBench:
         while self._exposed and now_us >= self._exposed[0][1] + DELAY_US:
             finger, exposed_us, sequence, pose = self._exposed.pop(0)
             point = self.feel(finger, exposed_us, pose)
+            self.wake(self.tips[finger].slave.node_id)
             self.tips[finger].publish(contact_at(point, sequence, exposed_us), now_us - exposed_us)
 
 

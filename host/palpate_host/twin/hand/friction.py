@@ -23,6 +23,7 @@ from palpate_host.twin.hand.twin_model import TwinModel
 
 IMPEDANCE = 0.5
 NOSLIP_ITERATIONS = 5
+TANGENTS = np.array([1, 2])  # rows of a contact after its normal
 IMPRATIO = 100.0
 
 
@@ -86,12 +87,12 @@ class FrictionHand:
 
     def touches(self) -> tuple[TipTouch | None, ...]:
         """As the last step found them."""
-        data = self.data
+        contact, force = self.data.contact, self._force
+        points_m = contact.pos.copy()
         found: list[TipTouch | None] = [None, None, None]
-        for row, tip in enumerate(self._tip_of_geom[data.contact.geom1]):
-            mujoco.mj_contactForce(self.twin.model, data, row, self._force)
-            point_m = np.array(data.contact.pos[row])
-            found[tip] = TipTouch(point_m, float(self._force[0]), self._force[1:3].copy())
+        for row, tip in enumerate(self._tip_of_geom[contact.geom1].tolist()):
+            mujoco.mj_contactForce(self.twin.model, self.data, row, force)
+            found[tip] = TipTouch(points_m[row], float(force[0]), force[1:3].copy())
         return tuple(found)
 
     def step(self, torque_Nm: Array) -> None:
@@ -105,7 +106,8 @@ class FrictionHand:
         mujoco.mj_collision(model, data)
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self.twin.v_address] = torque_Nm
-        tips = self._tip_of_geom[data.contact.geom1]
+        contact = data.contact
+        tips = self._tip_of_geom[contact.geom1]
         self._soften(tips)
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
@@ -113,7 +115,7 @@ class FrictionHand:
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
         mujoco.mj_fwdConstraint(model, data)
-        sliding = data.efc_vel[data.contact.efc_address[:, None] + np.array([1, 2])]
+        sliding = data.efc_vel[contact.efc_address[:, None] + TANGENTS]
         self.slip_m[tips] += self.step_s * np.sqrt((sliding * sliding).sum(axis=1))
         mujoco.mj_implicit(model, data)
 
