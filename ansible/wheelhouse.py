@@ -1,7 +1,8 @@
 """Write the wheelhouse that boards install from without network, every file by its hash.
 
 wheelhouse/RELEASE                  the release's name: version and a digest of all that is in it
-wheelhouse/PART/ARCHITECTURE/       wheels, requirements.txt, SHA256SUMS; PART is edge or host
+wheelhouse/PART/ARCHITECTURE/       wheels, packages.txt, palpate.txt, SHA256SUMS; PART is edge or host
+packages.txt names what others made, palpate.txt what is ours: a board installs of an update what differs.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -
     """One part for one architecture."""
     folder.mkdir(parents=True)
     text = requirements((PROJECT / "requirements" / f"{part}.lock").read_text(), python)
-    listed = folder / "requirements.txt"
+    listed = folder / "packages.txt"
     listed.write_text(text)
     platforms = [f"manylinux_2_{glibc}_{architecture}" for glibc in range(OLDEST_GLIBC, BOARDS_GLIBC + 1)]
     command = [*PIP, "download", "--require-hashes", "--only-binary=:all:", "--dest", folder]
@@ -63,7 +64,7 @@ def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -
     subprocess.run([*command, "--no-deps"], check=True)
     shutil.copy(wheel, folder)
     version = wheel.name.split("-")[1]
-    listed.write_text(f"{text}palpate=={version} --hash=sha256:{sha256(wheel)}\n")
+    (folder / "palpate.txt").write_text(f"palpate=={version} --hash=sha256:{sha256(wheel)}\n")
     sums = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.iterdir())]
     (folder / "SHA256SUMS").write_text("".join(sums))
 

@@ -36,7 +36,8 @@ def board_python(tmp_path_factory):
     wheels = wheelhouse(folder / "wheelhouse", architecture="aarch64") / "edge" / "aarch64"
     begin_s = time.monotonic()
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--quiet", "--no-index", "--no-deps"]
-    command += ["--find-links", wheels, "--require-hashes", "--requirement", wheels / "requirements.txt"]
+    command += ["--find-links", wheels, "--require-hashes"]
+    command += ["--requirement", wheels / "packages.txt", "--requirement", wheels / "palpate.txt"]
     command += ["--target", folder / "packages", "--only-binary=:all:", "--python-version", "3.11"]
     for glibc in range(17, 37):
         command += ["--platform", f"manylinux_2_{glibc}_aarch64"]

@@ -77,17 +77,24 @@ def serving(board):
     return board.machine.run("readlink", "/opt/palpate/current").removeprefix("releases/")
 
 
+def links_of(board, file):
+    """How many releases have a file of the one that serves."""
+    site_packages = "/opt/palpate/current/lib/python3.11/site-packages"
+    return int(board.machine.run("stat", "--format=%h", f"{site_packages}/{file}"))
+
+
 def release_of(wheels):
     return (wheels / "RELEASE").read_text().strip()
 
 
 @pytest.fixture(scope="module")
-def another_release(tmp_path_factory, board):
+def another_release(tmp_path_factory, board, wheels):
     """Wheelhouses of sources with one place changed."""
 
     def make(name, file, old, new):
         folder = tmp_path_factory.mktemp(name)
-        return wheelhouse(folder / "wheelhouse", changed_sources(folder / "sources", file, old, new))
+        sources = changed_sources(folder / "sources", file, old, new)
+        return wheelhouse(folder / "wheelhouse", sources, packages=wheels / "edge/x86_64")
 
     return make
 
@@ -236,6 +243,9 @@ def test_a_release_is_switched_to_and_back(board, another_release, wheels):
     play(board, "update", release_wheelhouse=str(newer)).well()
     assert serving(board) == release_of(newer)
     board.master.contact_after(time.monotonic())
+    # Of others it has the same files, of palpate its own.
+    assert links_of(board, "numpy/__init__.py") > 1
+    assert links_of(board, "palpate_edge/__init__.py") == 1
     play(board, "rollback").well()
     assert serving(board) == release_of(wheels)
     board.master.contact_after(time.monotonic())

@@ -53,11 +53,20 @@ def _built(name: str, script: Path, *parts: Path) -> Path:
 
 
 def wheelhouse(
-    folder: Path, project: Path = PROJECT, architecture: str = "x86_64", parts: tuple[str, ...] = ("edge",)
+    folder: Path,
+    project: Path = PROJECT,
+    architecture: str = "x86_64",
+    parts: tuple[str, ...] = ("edge",),
+    packages: Path | None = None,
 ) -> Path:
-    """The wheelhouse of these sources, as `make wheelhouse` writes it; for a fingertip alone, unless told."""
+    """The wheelhouse of these sources, as `make wheelhouse` writes it; for a fingertip alone, unless told.
+
+    packages: another wheelhouse's folder that the wheels of others are taken from.
+    """
     command = [sys.executable, project / "ansible/wheelhouse.py", folder, "--architecture", architecture]
-    subprocess.run([*command, *(word for part in parts for word in ("--part", part))], check=True)
+    offline = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(packages)} if packages else {}
+    words = [word for part in parts for word in ("--part", part)]
+    subprocess.run([*command, *words], check=True, env={**os.environ, **offline})
     return folder
 
 
