@@ -9,5 +9,5 @@ import pytest
 # Parameters of a fixture whose tests run once in each kernel, beside those that need none.
 IN_A_KERNEL = (
     pytest.param("uml", marks=pytest.mark.uml),
-    pytest.param("vm", marks=pytest.mark.vm),
+    pytest.param("vm", marks=(pytest.mark.vm, pytest.mark.again)),
 )
