@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.node.slave import Output
 from palpate_host import hand_config
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.serve_devices import serve_devices
@@ -362,6 +363,28 @@ def test_a_second_node_with_the_same_id_stops_the_process() -> None:
             running.join()
         assert running.error is not None
         assert "node id 6" in str(running.error)
+
+
+class ListeningDrive(SimulatedDrive):
+    """A drive that notes what it is asked with."""
+
+    def __init__(self, node_id: int) -> None:
+        super().__init__(node_id)
+        self.heard: list[int] = []
+
+    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
+        self.heard += [frame.can_id for frame in frames_in]
+        return super().process(now_us, frames_in)
+
+
+def test_a_drive_hears_what_is_for_it_and_not_what_is_for_others() -> None:
+    mine, other = ListeningDrive(5), ListeningDrive(6)
+    with (
+        Running([mine, other]) as running,
+        open_bus(BusConfig(interface="virtual", channel=running.channel), "master") as bus,
+    ):
+        bus.send([CanFrame(0x206, struct.pack("<Hbh", 0x06, 10, 0)), rpdo(0x06), SYNC])
+        assert eventually(lambda: (mine.heard, other.heard) == ([0x205, 0x080], [0x206, 0x080]))
 
 
 def test_two_runs_of_the_same_frames_are_the_same() -> None:

@@ -17,7 +17,6 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host.drives.joint_command import DriveGoal
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
@@ -34,8 +33,6 @@ STEP_US = 500
 FRAME_US = 100
 FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
-
-FOLLOWING = (DriveGoal.VELOCITY, DriveGoal.POSITION)  # a drive's own controller is asked in every step
 
 Feel = Callable[[int, int, HandPose], tuple[float, float, float] | None]
 Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
@@ -148,8 +145,8 @@ class VirtualBench:
         if not heard and now_us < self._due_us.get(node_id, 0):
             return []
         output = node.process(now_us, heard)
-        follows = isinstance(node, SimulatedDrive) and node.motor.command.goal in FOLLOWING
-        self._due_us[node_id] = now_us if follows else output.next_due_us
+        is_following = isinstance(node, SimulatedDrive) and node.is_following
+        self._due_us[node_id] = now_us if is_following else output.next_due_us
         return [] if is_cut else list(output.frames_out)
 
     def _feel_and_publish(self, now_us: int) -> None:

@@ -95,6 +95,11 @@ class Cia402Device:
             return 0
         return round(self._command_now.torque_Nm / self.per_mille_Nm)
 
+    @property
+    def is_following(self) -> bool:
+        """Its motor follows a velocity or a position, which ramps and homing change between frames."""
+        return self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION)
+
     def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
         """Look at the joint, serve the frames, act on what they command."""
         step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 
 from palpate_edge.bus import Bus
+from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_edge.node.events import NodeIdConflict
-from palpate_edge.node.slave import Output
+from palpate_edge.local_clock import monotonic_us
+from palpate_edge.node.events import AcceptIdsChanged, NodeIdConflict
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.drives.cia402_device import Cia402Device
 
-LONGEST_WAIT_S = 0.05
+LONGEST_WAIT_US = 50_000
 
 
 def serve_devices(
@@ -22,30 +22,46 @@ def serve_devices(
     stop: threading.Event,
     each_turn: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the devices until `stop` is set; `each_turn` is called after each, at least every LONGEST_WAIT_S.
+    """Serve the devices until `stop` is set; `each_turn` is called at least every LONGEST_WAIT_US.
 
     Raises BusError when the bus is gone or when another node has the id of one of the devices.
     """
-    next_due_us = 0
+    nodes = [_Node(device) for device in devices]
     while not stop.is_set():
-        wait_s = min(max(next_due_us - now_us(), 0) * 1e-6, LONGEST_WAIT_S)
-        frames = tuple(frame for _, frame in bus.receive(wait_s))
-        now = now_us()
-        outputs = [device.process(now, frames) for device in devices]
-        for device, output in zip(devices, outputs, strict=True):
-            _check_conflict(device, output)
-            bus.send(output.frames_out)
-        next_due_us = min(output.next_due_us for output in outputs)
+        wait_us = max(0, min(node.due_us for node in nodes) - monotonic_us())
+        frames = [frame for _, frame in bus.receive(wait_us * 1e-6)]
+        now_us = monotonic_us()
+        for node in nodes:
+            bus.send(node.process(now_us, frames))
         each_turn()
 
 
-def _check_conflict(device: Cia402Device, output: Output) -> None:
-    for event in output.events:
-        if isinstance(event, NodeIdConflict):
-            raise BusError(
-                f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another node; "
-                "stop that node or give the drive another id"
-            )
+class _Node:
+    """One device: asked when a frame is for it, when it is due or its motor may have something to say, and in
+    every turn while it follows."""
+
+    def __init__(self, device: Cia402Device) -> None:
+        self._device = device
+        self._accept_ids = frozenset(device.slave.accept_ids())
+        self.due_us = 0
+
+    def process(self, now_us: int, frames: Sequence[CanFrame]) -> tuple[CanFrame, ...]:
+        """What it sends. Raises BusError when another node has its id."""
+        device = self._device
+        heard = [frame for frame in frames if frame.can_id in self._accept_ids]
+        if not heard and now_us < self.due_us and not device.is_following:
+            return ()
+        output = device.process(now_us, heard)
+        self.due_us = min(output.next_due_us, now_us + LONGEST_WAIT_US)
+        for event in output.events:
+            if isinstance(event, AcceptIdsChanged):
+                self._accept_ids = frozenset(event.can_ids)
+            elif isinstance(event, NodeIdConflict):
+                raise BusError(
+                    f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another "
+                    "node; stop that node or give the drive another id"
+                )
+        return output.frames_out
 
 
 def states_line(devices: Iterable[Cia402Device]) -> str:
@@ -53,8 +69,3 @@ def states_line(devices: Iterable[Cia402Device]) -> str:
     states = [device.state for device in devices]
     counts = [f"{states.count(state)} {state.value}" for state in DriveState if state in states]
     return ", ".join(counts)
-
-
-def now_us() -> int:
-    """Monotonic time in us: the devices need intervals alone."""
-    return time.monotonic_ns() // 1000

@@ -19,7 +19,7 @@ class PlantMotor:
         self.plant = plant
         self.rated_torque_mNm = round(plant.parameters.rated_torque_Nm * 1000)
         self._servo = JointServo()
-        self.command = JointCommand(DriveGoal.OFF)
+        self._command = JointCommand(DriveGoal.OFF)
         self._torque_Nm = 0.0
         self._now_us: int | None = None
 
@@ -27,15 +27,15 @@ class PlantMotor:
         left_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_ADVANCE_US)
         self._now_us = now_us
         plant, parameters = self.plant, self.plant.parameters
-        if self.command.goal not in (DriveGoal.VELOCITY, DriveGoal.POSITION):
-            self._torque_Nm = self._servo.torque_Nm(self.command, 0.0, 0.0, 0.0)
+        if self._command.goal not in (DriveGoal.VELOCITY, DriveGoal.POSITION):
+            self._torque_Nm = self._servo.torque_Nm(self._command, 0.0, 0.0, 0.0)
             plant.advance(left_us, self._torque_Nm)
             left_us = 0
         while left_us > 0:
             step_us = min(LONGEST_STEP_US, left_us)
             left_us -= step_us
             self._torque_Nm = self._servo.torque_Nm(
-                self.command, plant.position_rad, plant.velocity_rad_s, step_us * 1e-6
+                self._command, plant.position_rad, plant.velocity_rad_s, step_us * 1e-6
             )
             plant.advance(step_us, self._torque_Nm)
         q_rad = plant.position_rad
@@ -43,7 +43,7 @@ class PlantMotor:
         return MotorState(q_rad, plant.velocity_rad_s, torque_Nm=self._torque_Nm, at_limit=at_limit)
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - the plant has no delay
-        self.command = command
+        self._command = command
 
     def reset_fault(self) -> None:
         """A simulated joint has no fault of its own."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import rerun as rr
 
 from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.errors import ConfigError
+from palpate_edge.local_clock import unix_ahead_us
 from palpate_edge.record import INDEX
 
 JPEG_QUALITY = 80
@@ -68,7 +68,7 @@ class LiveCamera:
         if frame is None:
             return None
         # A ring's time is monotonic, the view's is Unix time.
-        exposed_us = frame.exposed_at_us + (time.time_ns() - time.monotonic_ns()) // 1000
+        exposed_us = frame.exposed_at_us + unix_ahead_us()
         colours = rr.ColorModel.L if frame.image.ndim == 2 else rr.ColorModel.BGR
         return exposed_us, rr.Image(frame.image, color_model=colours).compress(jpeg_quality=JPEG_QUALITY)
 

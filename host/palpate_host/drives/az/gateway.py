@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 
 from palpate_edge.bus import Bus
 from palpate_edge.errors import BusError
+from palpate_edge.local_clock import monotonic_us
 from palpate_edge.long_lived import long_lived
 from palpate_edge.sd_notify import Notifier, WatchdogGate
 from palpate_host.drives.az.axis import AzAxis, Question
@@ -21,7 +22,7 @@ from palpate_host.drives.az.common_rounds import CommonRounds
 from palpate_host.drives.az.config import AzConfig, PortConfig
 from palpate_host.drives.az.port import REPLY_TIMEOUT_S, AzPort
 from palpate_host.drives.cia402_device import Cia402Device
-from palpate_host.drives.serve_devices import now_us, serve_devices
+from palpate_host.drives.serve_devices import serve_devices
 
 START_LIMIT_S = 3.0
 PAUSE_S = 0.001  # a port on which nothing answers must not spin
@@ -53,7 +54,7 @@ class PortThread:
         try:
             for axis in self.axes:
                 self._port.watch(axis.settings.device_id, self._config.timeout_ms)
-                axis.measure(now_us(), self._port)
+                axis.measure(monotonic_us(), self._port)
             self._thread.start()
             self._wait_until_heard()
             yield
@@ -78,7 +79,7 @@ class PortThread:
         while not self._stop.is_set():
             asked, question = turn(self.rounds, len(self.axes))
             for number, axis in enumerate(self.axes):
-                axis.exchange(now_us(), self._port, question if number == asked else None)
+                axis.exchange(monotonic_us(), self._port, question if number == asked else None)
             self.rounds += 1
             time.sleep(PAUSE_S)
         for axis in self.axes:
@@ -104,7 +105,7 @@ def run_gateway(bus: Bus, config: AzConfig, stop: threading.Event, notifier: Not
 
     def feed_watchdog() -> None:
         on_bus = bus.counters.sent + bus.counters.received
-        if gate.may_feed(now_us(), rounds.count([port.answers for port in ports]), on_bus):
+        if gate.may_feed(monotonic_us(), rounds.count([port.answers for port in ports]), on_bus):
             notifier.feed_watchdog()
 
     with ExitStack() as stack:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.local_clock import monotonic_us
 from palpate_host.drives.az.config import PortConfig
 from palpate_host.drives.az.port import Parity
 from palpate_host.drives.az.registers import COMMUNICATION_TIMEOUT
@@ -81,7 +81,7 @@ class AzServer:
             written: list[int] | list[bool] | None,
         ) -> ExcCodes | None:
             with self.lock:
-                now_us = time.monotonic_ns() // 1000
+                now_us = monotonic_us()
                 if written is not None:
                     if not drive.writable(address, len(written)):
                         return ExcCodes.ILLEGAL_ADDRESS

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.errors import ConfigError
+from palpate_edge.local_clock import monotonic_us
 from palpate_host.twin.camera.random_presses import moving_press
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.probe import Probe
@@ -44,7 +45,7 @@ def run_camera(
     with ExitStack() as stack:
         note = _open_truth(truth, stack)
         ring = stack.enter_context(closing(RingWriter(path, form)))
-        start_us = time.monotonic_ns() // 1000
+        start_us = monotonic_us()
         sequence = written = 0
         while seconds is None or sequence * period_us < 1e6 * seconds:
             exposed_at_us = start_us + round(sequence * period_us)
@@ -56,7 +57,7 @@ def run_camera(
             place = ["", "", ""] if press is None else [f"{v:.4f}" for v in radius_mm * press.outward]
             note([str(sequence), str(exposed_at_us), *place, *(f"{v:.5f}" for v in force_N)])
             written += 1
-            sequence = max(sequence + 1, int((time.monotonic_ns() / 1000 - start_us) / period_us))
+            sequence = max(sequence + 1, int((monotonic_us() - start_us) / period_us))
             after_frame(written, sequence - written)
 
 
