@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import Calibration, save_calibration
 from palpate_edge.dataset import read_dataset
+from palpate_edge.training.dome_model import load_dome_model
 
 Array = NDArray[np.float64]
 
@@ -37,7 +41,7 @@ os.environ["PALPATE_CONTROL"] = str(Path(tempfile.gettempdir()) / f"palpate-test
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 STIFFNESS_N_MM = 0.8
-LONGEST = ("test_namespace_board.py", "test_dome_cli.py", "test_coverage_on_twins.py", "test_endurance.py")
+LONGEST = ("test_namespace_board.py", "test_closed_loop.py", "test_endurance.py", "test_fuzz_million.py")
 """Files of minutes begin first: one that begins last keeps one of two workers waiting."""
 HEADER = "frame,split,t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost\n"
 
@@ -233,6 +237,26 @@ def drawn_calibration_file(drawn_calibration: Calibration, tmp_path_factory: pyt
     path = tmp_path_factory.mktemp("calibration") / "drawn.cal"
     save_calibration(drawn_calibration, path)
     return path
+
+
+@pytest.fixture(scope="session")
+def sample_calibration(shared_data: Callable[[str], Path]) -> Calibration:
+    """The recorded press sample's, with all its presses and the dome model that is shipped."""
+    return calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model())
+
+
+@pytest.fixture
+def made_fingertips(fingertips_of_the_demo: Path, tmp_path: Path) -> None:
+    """A demo with tmp_path as its output finds its fingertips made, as the second demo of a person does."""
+    shutil.copytree(fingertips_of_the_demo, tmp_path / "sensors")
+
+
+@pytest.fixture(scope="session")
+def fingertips_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "sensors"
+    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "fingertips", "-o", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder
 
 
 @pytest.hookimpl(wrapper=True)

@@ -99,6 +99,7 @@ def test_the_budget_is_within_5_percent_of_what_the_hub_measures(tmp_path):
 
 
 @pytest.mark.demo
+@pytest.mark.usefixtures("made_fingertips")
 def test_a_running_hand_is_within_5_percent_of_its_budget(tmp_path):
     """Three daemons, nine drives and the host, run for this."""
     command = [sys.executable, "-m", "palpate_host.cli", "demo", "--no-view", "--output", str(tmp_path)]

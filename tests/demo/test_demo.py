@@ -189,7 +189,7 @@ def test_recorded_contacts(tmp_path, processes_of):
 
 
 @pytest.fixture
-def operating_demo(tmp_path):
+def operating_demo(tmp_path, made_fingertips):
     """A demo that shows its first line, hence operates; killed at the end if it is still there."""
     with subprocess.Popen(
         command(tmp_path, "--duration", "600"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

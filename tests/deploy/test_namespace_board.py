@@ -23,6 +23,9 @@ from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
 from palpate_edge.bus import BusConfig
+from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration import save_calibration
+from palpate_edge.dataset import read_dataset
 
 pytestmark = pytest.mark.deploy_namespace
 
@@ -38,11 +41,23 @@ MAY_BE_WRITTEN = (  # while a provisioned board serves
 
 
 @pytest.fixture(scope="module")
-def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_factory):
+def slow_camera(drawn_dataset, tmp_path_factory):
+    """Presses at 10 frames a second, which no busy machine drops, and their calibration."""
+    folder = tmp_path_factory.mktemp("slow")
+    presses = shutil.copytree(drawn_dataset, folder / "presses")
+    sensor = presses / "sensor.toml"
+    sensor.write_text(sensor.read_text().replace("fps = 30", "fps = 10"))
+    save_calibration(calibrate(read_dataset(presses)), folder / "slow.cal")
+    return presses, folder / "slow.cal"
+
+
+@pytest.fixture(scope="module")
+def board(bare_board, wheels, slow_camera, tmp_path_factory):
     """A booted board, the hub that stands for its bus, a master on it, and its playbooks."""
     folder = tmp_path_factory.mktemp("board")
+    presses, calibration = slow_camera
     with namespace_board(bare_board / "tree", folder / "board") as machine:
-        shutil.copytree(drawn_dataset, machine.outside / "presses")
+        shutil.copytree(presses, machine.outside / "presses")
         socket = machine.outside / "hub.sock"
         with subprocess.Popen(
             [sys.executable, "-c", HUB, "hub", "--socket", socket], stderr=subprocess.PIPE, text=True
@@ -52,7 +67,7 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
             variables = {
                 **machine.ssh,
                 "release_wheelhouse": str(wheels),
-                "fingertip_calibration": str(drawn_calibration_file),
+                "fingertip_calibration": str(calibration),
                 "fingertip_capture": {"source": "recorded", "path": "/run/outside/presses", "loop": True},
                 "fingertip_bus": {"interface": "palpate", "channel": "/run/outside/hub.sock"},
             }

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.calibrate import calibrate
 from palpate_edge.capture.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.drift import MAX_TOTAL_PX, Drift, Skin
@@ -17,7 +16,6 @@ from palpate_edge.images import read_image
 from palpate_edge.motion import SkinMotion
 from palpate_edge.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.tracking import Beads, Reference
-from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_host.twin.dome.library import load_library
 
@@ -194,11 +192,6 @@ def warped(image, amount):
     to_y = height / 2 + (y - turn * x) / zoom + 0.7 * amount
     out = cv2.remap(image, to_x.astype(np.float32), to_y.astype(np.float32), cv2.INTER_CUBIC)
     return np.asarray(np.clip(out * (1 - 0.2 * amount), 0, 255), np.uint8)  # and the light fades
-
-
-@pytest.fixture(scope="module")
-def sample_calibration(shared_data):
-    return calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model())
 
 
 @pytest.mark.parametrize("finger", ["finger-1", "finger-2"])

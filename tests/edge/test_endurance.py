@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.calibrate import calibrate
 from palpate_edge.capture.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
-from palpate_edge.training.dome_model import load_dome_model
 
 FRAMES, WARM_UP = 100_000, 5_000
 MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more
@@ -25,9 +23,9 @@ def resident_bytes():
 
 
 @pytest.mark.slow
-def test_a_hundred_thousand_frames_leave_nothing_behind(shared_data):
+def test_a_hundred_thousand_frames_leave_nothing_behind(shared_data, sample_calibration):
     """Recorded frames in a loop: touches, sheared and rolling, and pauses; the clock goes on."""
-    estimator = Estimator(calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model()))
+    estimator = Estimator(sample_calibration)
     sequence = read_dataset(shared_data("press-sequences/finger-1"))
     frames = [Frame(read_image(sequence.path(p), grey=True), 0, 0, "") for p in sequence.presses]
     before = 0

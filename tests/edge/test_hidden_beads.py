@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.calibrate import calibrate
 from palpate_edge.capture.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
 from palpate_edge.markers import plane
 from palpate_edge.tracking import Tracker
-from palpate_edge.training.dome_model import load_dome_model
 
 HIDDEN = 25  # of 85
 SEEDS = range(10)
@@ -34,9 +32,9 @@ def painted(image, beads_px, diameter_px, random):
 
 
 @pytest.mark.slow
-def test_error_at_most_doubles_and_the_radius_grows(shared_data):
+def test_error_at_most_doubles_and_the_radius_grows(shared_data, sample_calibration):
     sample = read_dataset(shared_data("press-sample"))
-    calibration = calibrate(sample, dome=load_dome_model())
+    calibration = sample_calibration
     reference = calibration.reference()
     presses = [press for press in sample.split("test") if press.position_mm is not None]
     images = [read_image(sample.path(press), grey=True) for press in presses]

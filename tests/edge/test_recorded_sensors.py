@@ -16,7 +16,6 @@ from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
 from palpate_edge.inspect import beads_without_layout
-from palpate_edge.training.dome_model import load_dome_model
 
 
 @pytest.fixture(scope="module")
@@ -125,10 +124,10 @@ def test_the_frame_rate_does_not_make_another_sensor(shared_data, sample):
     assert faster.fingerprint() == sample.sensor.fingerprint()
 
 
-def test_torn_frames_are_refused(shared_data, tmp_path):
+def test_torn_frames_are_refused(shared_data, sample_calibration, tmp_path):
     """The lower part of each frame moved sideways, as when a camera's transfer loses its place."""
     sample = read_dataset(shared_data("press-sample"))
-    estimator = Estimator(calibrate(sample, dome=load_dome_model()))
+    estimator = Estimator(sample_calibration)
     presses = [press for press in sample.split("test") if press.normal_force_N > 0.2]
     for number, press in enumerate(presses):
         whole = read_image(sample.path(press), grey=True)

@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 
-from palpate_edge.calibrate import calibrate
 from palpate_edge.capture.frame import Frame
 from palpate_edge.contact_type import Contact, refused_contact
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
 from palpate_edge.slip import SlipWatch
-from palpate_edge.training.dome_model import load_dome_model
 
 FRAME_US = 33_333
 
@@ -65,9 +63,9 @@ def test_another_contact_does_not_go_on_from_the_last():
         assert not any(slips([*[first] * 5, between, *[second] * 5]))
 
 
-def test_the_recorded_presses_do_not_slip(shared_data):
+def test_the_recorded_presses_do_not_slip(shared_data, sample_calibration):
     """Plates that press, shear and roll with up to 14 mm/s, 24 s."""
-    estimator = Estimator(calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model()))
+    estimator = Estimator(sample_calibration)
     false_alarms = []
     for finger in ("finger-1", "finger-2", "finger-3"):
         sequence = read_dataset(shared_data(f"press-sequences/{finger}"))

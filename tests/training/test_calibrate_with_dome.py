@@ -42,18 +42,13 @@ def calibrated(dataset):
     return calibrate(dataset, dome=load_dome_model())
 
 
-@pytest.fixture(scope="module")
-def with_all(sample):
-    return calibrated(sample)
-
-
 def figures_of(dataset, calibration):
     return evaluate_dataset(dataset.folder, "test", calibration, dataset.folder / "sample.cal", None)
 
 
-def test_the_sample_with_all_its_presses(sample, with_all):
+def test_the_sample_sample_calibration_its_presses(sample, sample_calibration):
     """The goals: 0.30 mm and 1.0 mm (mean and 95th percentile), 1.5 % of the largest force, 5 deg."""
-    found = figures_of(sample, with_all)
+    found = figures_of(sample, sample_calibration)
     assert found.method == "corrected"
     assert found.refused == {}
     assert found.overall.mean_mm <= 0.30
@@ -81,13 +76,13 @@ def test_the_sample_without_presses(sample):
     assert found.overall.covered_percent >= 90
 
 
-def test_hidden_beads_double_the_error_at_most(sample, with_all):
+def test_hidden_beads_double_the_error_at_most(sample, sample_calibration):
     """30 % of the beads that the tracker found are taken away; positions against the truth."""
     measured = measure(sample, sample.split("test"))
     radius_mm = sample.sensor.markers.radius_mm
-    view = View(with_all.sensor.camera, with_all.pose)
-    reader = DisplacementReader(with_all.reference().position_px, view, radius_mm)
-    model = CorrectionModel(with_all.model, with_all.sensor.fingerprint())
+    view = View(sample_calibration.sensor.camera, sample_calibration.pose)
+    reader = DisplacementReader(sample_calibration.reference().position_px, view, radius_mm)
+    model = CorrectionModel(sample_calibration.model, sample_calibration.sensor.fingerprint())
     rng = np.random.default_rng(5)
     errors_mm, radii_mm = [], []
     for press in training_presses(measured):

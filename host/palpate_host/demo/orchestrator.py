@@ -54,8 +54,9 @@ class Command:
 def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
     """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin.
 
-    What runs on boards in the real-time class does so here beside a recording. The twin's pictures cost more
-    than all else: ahead of them, the others would only wait longer for the next one.
+    What runs on boards in the real-time class does so here beside a recording, and so do the drives, which
+    are hardware elsewhere. The twin's pictures cost more than all else: ahead of them, the others would only
+    wait longer for the next one.
     """
     real_time = recording is not None
     header = log_header(hand, "palpate demo")
@@ -73,7 +74,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
     else:
         calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
         first = Command("calibrate", Program.EDGE, calibrate)
-        moves = Command("drives", Program.HOST, ("drives", *config))
+        moves = Command("drives", Program.HOST, ("drives", *config), real_time)
     return [
         first,
         Command("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), real_time),

@@ -21,7 +21,7 @@ from types import TracebackType
 
 from palpate_edge.errors import PalpateError
 
-STOP_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 30.0
 POLL_S = 0.02
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 REAL_TIME_PRIORITY = 10

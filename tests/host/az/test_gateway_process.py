@@ -171,9 +171,9 @@ def test_without_an_adapter_nothing_is_ready(
     systemd: socket.socket, stack: ExitStack, config_path: Path
 ) -> None:
     gateway = start_gateway(stack, config_path)
-    _, said = gateway.communicate(timeout=PATIENCE_S)
-    assert gateway.returncode == 6
-    assert "port-5: cannot be opened" in said
+    assert gateway.stderr is not None
+    assert "port-5: cannot be opened" in gateway.stderr.read()
+    assert gateway.wait(PATIENCE_S) == 6
     assert is_silent(systemd, 0.1)
 
 
