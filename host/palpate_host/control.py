@@ -19,6 +19,7 @@ from palpate_host.rotation import Array
 
 SINE_LIMIT_RAD = math.radians(60.0)
 COSINE_LIMIT = math.cos(SINE_LIMIT_RAD)
+_Rows = list[tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +49,22 @@ class Gains:
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
     """(n, 3) force on each tip towards the centroid x_cp of the tips' centres, Eqs. (10)-(11)."""
-    return np.asarray(-_pull_N_m(tip_centre_m, gains) * _lever_m(tip_centre_m))
+    return np.asarray(-_pull_N_m(tip_centre_m, gains) * np.array(_levers_m(tip_centre_m)))
 
 
 def _pull_N_m(tip_centre_m: Array, gains: Gains) -> float:
     return gains.f_d_N / (len(tip_centre_m) * gains.tip_radius_m)
 
 
-def _lever_m(tip_centre_m: Array) -> Array:
-    """From the centroid to each tip's centre (n, 3)."""
-    return np.asarray(tip_centre_m - tip_centre_m.sum(axis=0) / len(tip_centre_m))
+def _levers_m(tip_centre_m: Array) -> _Rows:
+    """From the centroid to each tip's centre. Plain floats: numpy takes longer to look at nine numbers than
+    to compute with them."""
+    tips = tip_centre_m.tolist()
+    share = 1.0 / len(tips)
+    x0 = y0 = z0 = 0.0
+    for x, y, z in tips:
+        x0, y0, z0 = x0 + share * x, y0 + share * y, z0 + share * z
+    return [(x - x0, y - y0, z - z0) for x, y, z in tips]
 
 
 def rotation_error(R_vir: Array, R_d_vir: Array) -> Array:
@@ -66,14 +73,18 @@ def rotation_error(R_vir: Array, R_d_vir: Array) -> Array:
     As printed (Eq. 14) it vanishes again at 180 degrees. Beyond 60 degrees it therefore goes on with the
     slope it has there, along the rotation's logarithm: continuous, growing up to half a turn.
     """
-    missing = R_d_vir @ R_vir.T
-    sine_axis = rotation.axial(missing)
-    cosine = 0.5 * (float(missing[0, 0] + missing[1, 1] + missing[2, 2]) - 1.0)
-    if cosine >= COSINE_LIMIT:
-        return 2.0 * sine_axis
-    vector = rotation.log(missing)
-    angle = rotation.norm(vector)
-    return np.asarray(vector / angle * (2.0 * math.sin(SINE_LIMIT_RAD) + angle - SINE_LIMIT_RAD))
+    return np.array(_rotation_error(R_vir, R_d_vir))
+
+
+def _rotation_error(R_vir: Array, R_d_vir: Array) -> tuple[float, float, float]:
+    missing = R_d_vir.dot(R_vir.T)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = missing.tolist()
+    if 0.5 * (xx + yy + zz - 1.0) >= COSINE_LIMIT:
+        return zy - yz, xz - zx, yx - xy
+    x, y, z = rotation.log(missing).tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    per_rad = (2.0 * math.sin(SINE_LIMIT_RAD) + angle - SINE_LIMIT_RAD) / angle
+    return per_rad * x, per_rad * y, per_rad * z
 
 
 def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains: Gains) -> Array:
@@ -87,19 +98,21 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
     by one factor so that none exceeds friction_ratio of its grasp force; their sum stays zero and their
     moment its axis.
     """
-    lever_m = _lever_m(tip_centre_m)
-    return _turning_force_N(lever_m, _pull_N_m(tip_centre_m, gains), R_vir, R_d_vir, gains)
+    turning = _turning_levers_m(_levers_m(tip_centre_m), R_vir, R_d_vir, gains)
+    return np.asarray(_pull_N_m(tip_centre_m, gains) * np.array(turning))
 
 
-def _turning_force_N(lever_m: Array, pull_N_m: float, R_vir: Array, R_d_vir: Array, gains: Gains) -> Array:
-    turn = gains.K_r * rotation_error(R_vir, R_d_vir)
-    # Both forces are the same pull times K_r omega x lever and lever: the pull cancels from their ratio.
-    per_pull = lever_m @ rotation.skew(turn).T
-    excess = max(
-        (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24)
-        for (fx, fy, fz), (x, y, z) in zip(per_pull.tolist(), lever_m.tolist(), strict=True)
-    )
-    return np.asarray(per_pull * (pull_N_m / max(1.0, math.sqrt(excess) / gains.friction_ratio)))
+def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gains) -> _Rows:
+    """F_di over the pull. Both forces are the pull times a lever, turned or not: it cancels from their
+    ratio."""
+    wx, wy, wz = (gains.K_r * error for error in _rotation_error(R_vir, R_d_vir))
+    turning, excess = [], 0.0
+    for x, y, z in levers_m:
+        fx, fy, fz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        turning.append((fx, fy, fz))
+        excess = max(excess, (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24))
+    scale = 1.0 / max(1.0, math.sqrt(excess) / gains.friction_ratio)
+    return [(scale * fx, scale * fy, scale * fz) for fx, fy, fz in turning]
 
 
 def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
@@ -126,14 +139,18 @@ def joint_torque_Nm(
     hold_at_m: where the tips' centroid is to stay with a grasped object, None: nothing is carried.
     tip_force_N: (n, 3) that the tips add (contact_force.py).
     """
-    lever_m, pull_N_m = _lever_m(pose.tip_centre_m), _pull_N_m(pose.tip_centre_m, gains)
-    force = -pull_N_m * lever_m
+    tips_m = pose.tip_centre_m
+    levers_m = _levers_m(tips_m)
+    if R_vir is not None and R_d_vir is not None:
+        turning_m = _turning_levers_m(levers_m, R_vir, R_d_vir, gains)
+        rows = [(tx - x, ty - y, tz - z) for (x, y, z), (tx, ty, tz) in zip(levers_m, turning_m, strict=True)]
+    else:
+        rows = [(-x, -y, -z) for x, y, z in levers_m]
+    force = _pull_N_m(tips_m, gains) * np.array(rows)
     if tip_force_N is not None:
         force = force + tip_force_N
     if hold_at_m is not None:
-        force = force + carrying_force_N(pose.tip_centre_m, hold_at_m, gains)
-    if R_vir is not None and R_d_vir is not None:
-        force = force + _turning_force_N(lever_m, pull_N_m, R_vir, R_d_vir, gains)
+        force = force + carrying_force_N(tips_m, hold_at_m, gains)
     return force_torque_Nm(pose, qdot_rad_s, force, gains)
 
 
@@ -141,7 +158,7 @@ def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Ga
     """(nq,) sum over the tips of J_i^T F_i, less damping, plus gravity; neither where joints turn with
     torque / B_d: their drives hold them up, and a torque against gravity would make them climb."""
     jacobian = pose.tip_jacobian_m
-    forces_to_joints = force_N.ravel() @ jacobian.reshape(-1, jacobian.shape[2])
+    forces_to_joints = force_N.ravel().dot(jacobian.reshape(-1, jacobian.shape[2]))
     if gains.velocity_joints:
         return np.asarray(forces_to_joints)
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)

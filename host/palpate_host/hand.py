@@ -70,10 +70,8 @@ class Hand:
         """Kinematics, Jacobians and gravity torque at `q_rad` (nq,)."""
         model, data = self._model, self._scratch
         data.qpos[self._q_address] = q_rad
-        data.qvel[:] = 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
         gravity = np.zeros(model.nv)
         mujoco.mj_rne(model, data, 0, gravity)
         jacobian = np.zeros((len(self._sites), 3, model.nv))

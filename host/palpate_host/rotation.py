@@ -13,12 +13,6 @@ _SMALL_ANGLE_RAD = 1e-8
 _NEAR_HALF_TURN = 1e-6
 
 
-def skew(v: Array) -> Array:
-    """The matrix whose product with w is v x w."""
-    x, y, z = v.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def cross(a: Array, b: Array) -> Array:
     """a x b of two vectors (3,); numpy's own spends most of its time on shapes."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
@@ -30,20 +24,16 @@ def norm(v: Array) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-def axial(R: Array) -> Array:
-    """Rotation axis times sin(angle): half the sum of e_k x R e_k over the columns."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = R.tolist()
-    return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])
-
-
 def log(R: Array) -> Array:
     """Rotation vector (3,) of `R`, angle in 0..pi; the axis' sign is arbitrary at pi."""
-    s = axial(R)
-    sine = norm(s)
-    cosine = 0.5 * (float(R[0, 0] + R[1, 1] + R[2, 2]) - 1.0)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+    sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (xx + yy + zz - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > _NEAR_HALF_TURN:
-        return np.asarray(s * (angle / sine))
+        per_sine = angle / sine
+        return np.array([per_sine * x, per_sine * y, per_sine * z])
+    s = np.array([x, y, z])
     if cosine > 0.0:
         return s
     # R = 2 a a^T - I at half a turn: the largest column of (R + I)/2 is the axis, up to its length.

@@ -137,7 +137,7 @@ def fit_residual_deg(R: Array, reference: Array, normals: Array) -> float:
 
 def desired_virtual_frame(R_d: Array, M: Array) -> Array:
     """R_d_vir = R_d R_c(t - tau)^T R_vir(t - tau), Eq. (15), with M = R_vir(t - tau)^T R_c(t - tau)."""
-    return np.asarray(R_d @ M.T)
+    return np.asarray(R_d.dot(M.T))
 
 
 def low_pass(previous: Array, measured: Array, dt_s: float, time_constant_s: float) -> Array:
