@@ -97,19 +97,19 @@ class Bus:
         for frame in frames[count:]:
             self._send_one(frame)
 
-    def try_send(self, frame: CanFrame) -> bool:
-        """Queues one frame without waiting; False while the transmit queue is full. Raises BusError."""
-        message = can.Message(
-            arbitration_id=frame.can_id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
-        )
+    def try_send(self, frames: Sequence[CanFrame]) -> int:
+        """Queues the first of the frames without waiting; how many: fewer where the transmit queue is full.
+
+        Raises BusError when the bus is off or gone; after some were taken only at the next call.
+        """
+        count = self._send_together(frames) if len(frames) > 1 else 0
         try:
-            self._bus.send(message)
-        except can.CanError as error:
-            if error.error_code == errno.ENOBUFS or SOCKET_BUFFER_FULL in str(error):
-                return False
-            raise self._cannot_send(error) from error
-        self.counters.sent += 1
-        return True
+            while count < len(frames) and self._try_one(frames[count]):
+                count += 1
+        except BusError:
+            if count == 0:
+                raise
+        return count
 
     def receive(self, timeout_s: float) -> list[tuple[int, CanFrame]]:
         """Waits up to `timeout_s` for a first frame, then takes all that is pending (at most 512).
@@ -172,13 +172,26 @@ class Bus:
         self.counters.sent += count
         return count
 
+    def _try_one(self, frame: CanFrame) -> bool:
+        message = can.Message(
+            arbitration_id=frame.can_id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
+        )
+        try:
+            self._bus.send(message)
+        except can.CanError as error:
+            if error.error_code == errno.ENOBUFS or SOCKET_BUFFER_FULL in str(error):
+                return False
+            raise self._cannot_send(error) from error
+        self.counters.sent += 1
+        return True
+
     def _cannot_send(self, error: can.CanError) -> BusError:
         return BusError(f"{self._where}: cannot send: {_one_line(error)}")
 
     def _send_one(self, frame: CanFrame) -> None:
         back_off_s = FIRST_BACK_OFF_S
         for attempt in range(SEND_TRIES):
-            if self.try_send(frame):
+            if self._try_one(frame):
                 return
             if attempt < SEND_TRIES - 1:
                 self.counters.send_retries += 1

@@ -136,21 +136,22 @@ class BusLink:
 
     def _flush(self, now_us: int) -> None:
         self._resend_at_us = None
-        while self.state is LinkState.UP and (frame := self._queue.first(now_us)) is not None:
-            assert self._bus is not None
-            try:
-                taken = self._bus.try_send(frame)
-            except BusError as error:
-                self._go_down(now_us, str(error))
-                return
-            if not taken:
-                self.retries += 1
-                self._resend_at_us = now_us + self._resend_us
-                self._resend_us = min(2 * self._resend_us, LONGEST_RESEND_US)
-                return
-            self._queue.sent()
-            self.sent += 1
+        frames = self._queue.fresh(now_us)
+        if self._bus is None or self.state is not LinkState.UP or not frames:
+            return
+        try:
+            taken = self._bus.try_send(frames)
+        except BusError as error:
+            self._go_down(now_us, str(error))
+            return
+        self._queue.sent(taken)
+        self.sent += taken
+        if taken:
             self._resend_us = FIRST_RESEND_US
+        if taken < len(frames):
+            self.retries += 1
+            self._resend_at_us = now_us + self._resend_us
+            self._resend_us = min(2 * self._resend_us, LONGEST_RESEND_US)
 
     def _reopen(self, now_us: int) -> None:
         """Open it and look whether it carries anything: a socket on a link that is down opens as well."""

@@ -41,19 +41,20 @@ class TransmitQueue:
         if pdos > MAX_PDOS:
             self._drop_oldest_pdos(pdos - MAX_PDOS)
 
-    def first(self, now_us: int) -> CanFrame | None:
-        """What is to be sent next; PDOs that are too old by now are given up."""
-        while self._waiting:
-            since_us, frame = self._waiting[0]
-            if frame.can_id not in PDO_IDS or now_us - since_us <= MAX_PDO_AGE_US:
-                return frame
-            self._waiting.popleft()
-            self.dropped += 1
-        return None
+    def fresh(self, now_us: int) -> list[CanFrame]:
+        """What is to be sent, in order; PDOs that are too old by now are given up."""
+        kept = [
+            one for one in self._waiting if one[1].can_id not in PDO_IDS or now_us - one[0] <= MAX_PDO_AGE_US
+        ]
+        if len(kept) < len(self._waiting):
+            self.dropped += len(self._waiting) - len(kept)
+            self._waiting = deque(kept)
+        return [frame for _, frame in kept]
 
-    def sent(self) -> None:
-        """The first one is on its way."""
-        self._waiting.popleft()
+    def sent(self, count: int) -> None:
+        """The first ones are on their way."""
+        for _ in range(count):
+            self._waiting.popleft()
 
     def keep_emergencies(self) -> None:
         """The bus is gone: what others wait for they ask again, what the node has to report stays."""

@@ -65,16 +65,17 @@ def test_frames_before_a_bus_off_are_given_first(pair):
 
 
 class Grudging(can.BusABC):
-    """A driver that refuses the first frames with ENOBUFS."""
+    """A driver that refuses frames, with ENOBUFS unless told; it takes `first` before that."""
 
-    def __init__(self, refusals: int, code: int = errno.ENOBUFS) -> None:
+    def __init__(self, refusals: int, code: int = errno.ENOBUFS, first: int = 0) -> None:
         self.refusals = refusals
         self.code = code
+        self.first = first
         self.sent: list[int] = []
         super().__init__(channel="grudging")
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
-        if self.refusals:
+        if self.refusals and len(self.sent) >= self.first:
             self.refusals -= 1
             raise can.CanOperationError("Failed to transmit: No buffer space available", self.code)
         self.sent.append(msg.arbitration_id)
@@ -95,6 +96,24 @@ def test_enobufs_is_not_retried_for_ever():
         pytest.raises(BusError, match="transmit queue full, frame 190 refused 9 times"),
     ):
         bus.send([CanFrame(0x190)])
+
+
+def test_what_a_full_queue_does_not_take_is_told_at_once():
+    driver = Grudging(1, first=2)
+    with Bus(driver, BusConfig(), "finger-1") as bus:
+        assert bus.try_send([CanFrame(1), CanFrame(2), CanFrame(3)]) == 2
+        assert bus.try_send([CanFrame(3)]) == 1
+        assert driver.sent == [1, 2, 3]
+        assert (bus.counters.sent, bus.counters.send_retries) == (3, 0)
+
+
+def test_a_bus_that_goes_amid_some_frames_is_told_with_the_next():
+    driver = Grudging(2, errno.ENETDOWN, first=1)
+    with Bus(driver, BusConfig(), "finger-1") as bus:
+        assert bus.try_send([CanFrame(1), CanFrame(2)]) == 1
+        with pytest.raises(BusError, match="cannot send"):
+            bus.try_send([CanFrame(2)])
+        assert driver.sent == [1]
 
 
 def test_any_other_error_is_not_retried():

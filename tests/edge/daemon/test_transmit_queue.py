@@ -18,10 +18,9 @@ def tpdo(number):
 
 
 def all_of(queue, now_us=0):
-    frames = []
-    while (frame := queue.first(now_us)) is not None:
-        frames.append(frame)
-        queue.sent()
+    frames = queue.fresh(now_us)
+    queue.sent(len(frames))
+    assert queue.fresh(now_us) == []
     return frames
 
 
@@ -72,10 +71,9 @@ def test_nothing_but_contacts_is_ever_lost(batches, taken_each_time):
             queue.put(0, batch)
         except BusError:
             return
-        for _ in range(taken_each_time):
-            if (frame := queue.first(0)) is not None:
-                taken.append(frame)
-                queue.sent()
+        some = queue.fresh(0)[:taken_each_time]
+        taken += some
+        queue.sent(len(some))
         assert sum(frame == tpdo(1) for frame in put) - queue.dropped - taken.count(tpdo(1)) <= MAX_PDOS
     taken += all_of(queue)
     for frame in (EMCY, SDO):
