@@ -7,7 +7,7 @@ VM     := vm
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit demo-test kernel-test uml-test vm-test vm-disks deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo test lint unit demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -36,11 +36,14 @@ kernel-test: uml-test vm-test  ## the tests that need a kernel of their own
 uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part of make test)
 	$(BIN)/pytest -m uml $(PYTEST_ARGS)
 
-vm-test: vm-disks  ## those in a virtual machine: SocketCAN, CAN cards, V4L2
+vm-test: $(VENV)/dev.stamp vm-disks  ## those in a virtual machine: SocketCAN, CAN cards, V4L2
 	$(BIN)/pytest -m "$(VM)" $(PYTEST_ARGS)
 
-vm-disks: $(VENV)/dev.stamp  ## the virtual machine's disks, where they are missing (5 minutes, once)
-	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.virtual_machine
+vm-disks: $(VENV)/pyvenv.cfg  ## the virtual machine's disks, where they are missing (5 minutes, once)
+	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks
+
+board-image: $(VENV)/pyvenv.cfg  ## the bare board that is provisioned in tests, where it is missing (2 minutes, once)
+	PYTHONPATH=tests/kernel:tests/deploy $(BIN)/python -m deploy_rig.image
 
 wheelhouse: $(VENV)/host.stamp  ## build/wheelhouse: what boards install from, for aarch64 and x86-64 (docs/deploying.md)
 	$(BIN)/python ansible/wheelhouse.py build/wheelhouse

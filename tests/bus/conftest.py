@@ -14,7 +14,7 @@ import can
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kernel_guest import IN_A_KERNEL
+from kernel_guest.kernels import IN_A_KERNEL
 from palpate_edge.bus import Bus, BusConfig, open_bus
 
 # No test depends on how busy the machine is.

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from kernel_guest import IN_A_KERNEL
+from kernel_guest.kernels import IN_A_KERNEL
 from kernel_guest.links import PATIENCE_S
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration

@@ -14,7 +14,7 @@ import can
 import canopen
 import pytest
 
-from kernel_guest import IN_A_KERNEL
+from kernel_guest.kernels import IN_A_KERNEL
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method

@@ -1,4 +1,5 @@
-"""What boards are made of, built once and kept in .cache/deploy: bare Debian, and the wheelhouse."""
+"""What boards are made of: bare Debian, built once and kept in .cache/deploy, and the wheelhouse; needs no
+other library."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from kernel_guest.virtual_machine import PROJECT, _digest, _made
+from kernel_guest.disks import PROJECT, digest, made
 
 CACHE = PROJECT / ".cache" / "deploy"
 RIG = Path(__file__).parent
@@ -45,9 +46,9 @@ def foreign_python() -> Path:
 
 def _built(name: str, script: Path, *parts: Path) -> Path:
     recipe = b"".join(path.read_bytes() for path in (script, *parts))
-    target = CACHE / f"{name}-{_digest(recipe)}"
+    target = CACHE / f"{name}-{digest(recipe)}"
     if not target.exists():
-        with _made(target) as folder:
+        with made(target) as folder:
             subprocess.run([script, folder], check=True)
     return target
 
@@ -81,3 +82,7 @@ def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
     assert old in text, f"{file} has no {old!r}"
     (folder / file).write_text(text.replace(old, new, 1))
     return folder
+
+
+if __name__ == "__main__":
+    print(board_image())

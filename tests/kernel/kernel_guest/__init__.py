@@ -3,11 +3,3 @@
 A test marked ``uml`` runs inside user-mode Linux, one marked ``vm`` inside a virtual machine. pytest outside
 collects it as any other test; `forwarding` sends it in and reports what came out.
 """
-
-import pytest
-
-# Parameters of a fixture whose tests run once in each kernel, beside those that need none.
-IN_A_KERNEL = (
-    pytest.param("uml", marks=pytest.mark.uml),
-    pytest.param("vm", marks=(pytest.mark.vm, pytest.mark.again)),
-)
