@@ -27,15 +27,18 @@ from palpate_host.twin.hand.fingertip_feel import DirectFeel
 from palpate_host.twin.hand.lockstep import LockstepLoop
 
 LOOK_S = 0.1
+YARDSTICK_TURNS = 5000
 
 
 @dataclass(frozen=True, slots=True)
 class Minute:
-    """Virtual time since the start; the host's ticks in processor time; the process's memory; how far the
-    hand is from its target as the host feels it, None while it does not turn; frames on the bus."""
+    """Virtual time since the start; the host's ticks in processor time, and an empty loop beside them, which
+    tells how fast the processor was; the process's memory; how far the hand is from its target as the host
+    feels it, None while it does not turn; frames on the bus."""
 
     end_s: float
     tick_s: np.ndarray
+    yardstick_s: np.ndarray
     resident_bytes: int
     orientation_error_deg: float | None
     bus_frames: int
@@ -74,17 +77,28 @@ def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator
             return loop.status
 
         programme = Programme(ask, folder.commands, duration_s)
+        yardstick_s: list[float] = []
         looks, every = round(duration_s / LOOK_S), round(every_s / LOOK_S)
         for look in range(1, looks + 1):
             loop.run(LOOK_S)
             programme.look(loop.status)
+            yardstick_s.append(_yardstick_s())
             if look % every == 0 or look == looks or loop.is_over:
-                yield _minute(loop, host, look * LOOK_S)
+                yield _minute(loop, host, yardstick_s, look * LOOK_S)
+                yardstick_s.clear()
             if loop.is_over:
                 return
 
 
-def _minute(loop: LockstepLoop, host: TimedHost, end_s: float) -> Minute:
+def _yardstick_s() -> float:
+    """Processor time of an empty loop."""
+    begin_s = time.thread_time()
+    for _ in range(YARDSTICK_TURNS):
+        pass
+    return time.thread_time() - begin_s
+
+
+def _minute(loop: LockstepLoop, host: TimedHost, yardstick_s: list[float], end_s: float) -> Minute:
     """What the minute was like; what the loop records of a run is let go, which an hour would pile up."""
     ticks_s, host.tick_s = np.array(host.tick_s), []
     record, status = loop.record, loop.status
@@ -95,6 +109,7 @@ def _minute(loop: LockstepLoop, host: TimedHost, end_s: float) -> Minute:
     return Minute(
         end_s,
         ticks_s,
+        np.array(yardstick_s),
         resident_bytes(os.getpid()),
         None if status is None else status.orientation_error_deg,
         frames,
