@@ -46,7 +46,7 @@ def figures_of(dataset, calibration):
     return evaluate_dataset(dataset.folder, "test", calibration, dataset.folder / "sample.cal", None)
 
 
-def test_the_sample_sample_calibration_its_presses(sample, sample_calibration):
+def test_the_sample_with_all_its_presses(sample, sample_calibration):
     """The goals: 0.30 mm and 1.0 mm (mean and 95th percentile), 1.5 % of the largest force, 5 deg."""
     found = figures_of(sample, sample_calibration)
     assert found.method == "corrected"
