@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import DatasetError
+from palpate_edge.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host import rotation
@@ -226,6 +226,13 @@ def turning(tmp_path):
     assert bench.hand.waited_us == 0
     yield bench
     bench.motion.__exit__(None, None, None)
+
+
+def test_another_node_with_a_drives_id_ends_a_live_hand(turning):
+    heartbeat = CanFrame(0x700 + load_hand(TABLE_4)[0].joints[4].drive_node, bytes([5]))
+    now_us = turning.now_us + 1000
+    with pytest.raises(BusError, match="is taken: frame"):
+        turning.hand.process(now_us, [(now_us, heartbeat)])
 
 
 def test_a_live_hand_waits_for_commands_no_longer_than_for_a_slow_host(turning):

@@ -9,7 +9,7 @@ from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
 from palpate_edge.local_clock import monotonic_us
-from palpate_edge.node.events import AcceptIdsChanged, NodeIdConflict
+from palpate_edge.node.events import AcceptIdsChanged, Event, NodeIdConflict
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.drives.cia402_device import Cia402Device
 
@@ -56,12 +56,18 @@ class _Node:
         for event in output.events:
             if isinstance(event, AcceptIdsChanged):
                 self._accept_ids = frozenset(event.can_ids)
-            elif isinstance(event, NodeIdConflict):
-                raise BusError(
-                    f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another "
-                    "node; stop that node or give the drive another id"
-                )
+        refuse_conflict(device, output.events)
         return output.frames_out
+
+
+def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
+    """Raises BusError when another node has the device's id."""
+    for event in events:
+        if isinstance(event, NodeIdConflict):
+            raise BusError(
+                f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another node; "
+                "stop that node or give the drive another id"
+            )
 
 
 def states_line(devices: Iterable[Cia402Device]) -> str:

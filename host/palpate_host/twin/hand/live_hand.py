@@ -17,10 +17,9 @@ from typing import Protocol
 
 from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
 from palpate_edge.local_clock import monotonic_us, unix_ahead_us
-from palpate_edge.node.events import NodeIdConflict
 from palpate_edge.twin_clock import ClockKeeper
+from palpate_host.drives.serve_devices import refuse_conflict
 from palpate_host.fingertips import Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
@@ -188,12 +187,7 @@ class LiveHand:
         output = device.process(self.own_us, frames)
         own = [(frame, self.own_us) for frame in output.frames_out if frame.can_id in self.accept_ids]
         self._echoes.extend(own)
-        for event in output.events:
-            if isinstance(event, NodeIdConflict):
-                raise BusError(
-                    f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another "
-                    "node; stop that node or give the drive another id"
-                )
+        refuse_conflict(device, output.events)
         self._device_due_us[index] = output.next_due_us
         return output.frames_out
 
