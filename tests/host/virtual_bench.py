@@ -72,7 +72,6 @@ class VirtualBench:
         self.silent: set[int] = set()  # nodes without power; the host's id: the host does not run
         self.cut_off: set[int] = set()  # nodes that run and neither hear nor are heard
         self._due_us: dict[int, int] = {}  # node with power -> when it wants to be asked
-        self._quiet_until_us = 0
         self._to_nodes: list[CanFrame] = []
         self._echo: list[tuple[int, CanFrame]] = []
         self._exposed: list[tuple[int, int, int, HandPose]] = []
@@ -91,7 +90,6 @@ class VirtualBench:
     def wake(self, node_id: int) -> None:
         """Something was done to a node from outside of the bus: it is asked in the next step."""
         self._due_us.pop(node_id, None)
-        self._quiet_until_us = 0
 
     def run(self, duration_s: float) -> HostStatus:
         """Move on; returns the last status. Stops early when the host has finished."""
@@ -107,8 +105,6 @@ class VirtualBench:
         from_nodes = self._serve(self.drives, now_us, to_nodes)
         self._feel_and_publish(now_us)
         from_nodes += self._serve(self.tips, now_us, to_nodes)
-        powered = len(self.drives) + len(self.tips) - len(self.silent - {self.host_id})
-        self._quiet_until_us = min(self._due_us.values()) if len(self._due_us) == powered > 0 else 0
         stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
         self.log += stamped
         heard = sorted(
@@ -130,12 +126,10 @@ class VirtualBench:
         self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
 
     def _serve(self, nodes, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
-        """Only when something came or is due, which is what a process does too."""
-        if not to_nodes and now_us < self._quiet_until_us:
-            return []
         return [frame for node in nodes for frame in self._served(node, now_us, to_nodes)]
 
     def _served(self, node, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
+        """A node is asked only when something came or is due, which is what a process does too."""
         node_id = node.slave.node_id
         if node_id in self.silent:
             self._due_us.pop(node_id, None)
