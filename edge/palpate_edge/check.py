@@ -28,6 +28,7 @@ from palpate_edge.health import (
 )
 from palpate_edge.health_report import clock_health, light_health
 from palpate_edge.illumination import Illumination
+from palpate_edge.last_minute import DroppedFrames
 from palpate_edge.light import LightState
 from palpate_edge.open_source import open_source
 from palpate_edge.twin_clock import clock_of
@@ -67,7 +68,7 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[Row]:
         rows = [*_try_frames(config, calibration), *calibration_rows, *_try_bus(config)]
     else:
         rows = [
-            judge_camera(report.camera, report.frames, config.capture.timeout_ms),
+            judge_camera(report.camera, config.capture.timeout_ms),
             judge_beads(report.beads),
             *calibration_rows,
             judge_bus(report.bus),
@@ -117,19 +118,20 @@ def as_table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def judge_camera(camera: CameraHealth, frames: int, timeout_ms: int) -> Row:
-    """Frames of the last second against the rate that was asked for."""
-    limit = f"a frame each {timeout_ms} ms"
+def judge_camera(camera: CameraHealth, timeout_ms: int) -> Row:
+    """Frames of the last second against the rate that was asked for, and what the last minute dropped."""
+    limit = f"a frame each {timeout_ms} ms, <= {100 * MOST_DROPPED_SHARE:.0f} % dropped"
     if camera.wanted_fps is not None:
         limit = f">= {LEAST_RATE_SHARE * camera.wanted_fps:.1f} frames/s, {limit}"
-    value = f"{camera.fps:.1f} frames/s, {camera.dropped} dropped"
+    lately_percent = 100 * camera.dropped_share
+    value = f"{camera.fps:.1f} frames/s, {camera.dropped} dropped, {lately_percent:.1f} % lately"
     if camera.age_ms is None or camera.age_ms > timeout_ms:
         way_out = f"{camera.source} gives no frames: check its cable, then the daemon's last lines"
         return Row("camera", value, limit, Verdict.FAIL, way_out)
     if camera.wanted_fps is not None and camera.fps < LEAST_RATE_SHARE * camera.wanted_fps - 1:
         way_out = "shorten capture.camera.exposure_us, or choose another capture.camera.format"
         return Row("camera", value, limit, Verdict.WARN, way_out)
-    if camera.dropped > MOST_DROPPED_SHARE * (frames + camera.dropped):
+    if camera.dropped_share > MOST_DROPPED_SHARE:
         way_out = "the board is too slow for this rate, or USB too narrow: lower capture.camera.fps"
         return Row("camera", value, limit, Verdict.WARN, way_out)
     return Row("camera", value, limit, Verdict.OK, "")
@@ -150,11 +152,12 @@ def judge_beads(beads: BeadHealth) -> Row:
 def judge_bus(bus: BusHealth) -> Row:
     """Whether it carries frames."""
     value = f"{bus.interface} {bus.state}, {bus.sent} sent, {bus.received} received"
-    limit = "up, nothing dropped"
+    limit = "up, nothing dropped lately"
     if bus.state != "up":
         return Row("bus", value, limit, Verdict.FAIL, "check wiring, termination, bit rate; ip -s link")
-    if bus.error_passive or bus.dropped:
-        trouble = "error passive" if bus.error_passive else f"{bus.dropped} PDOs dropped"
+    if bus.error_passive or bus.dropped_lately:
+        dropped = f"{bus.dropped_lately} PDOs dropped in the last minute"
+        trouble = "error passive" if bus.error_passive else dropped
         way_out = f"{trouble}: check wiring and termination, and the load (palpate-host bus budget)"
         return Row("bus", value, limit, Verdict.WARN, way_out)
     return Row("bus", value, limit, Verdict.OK, "")
@@ -196,13 +199,16 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         return [Row("camera", "not tried", "", Verdict.WARN, "needs a calibration, see below")]
     notes: list[str] = []
     try:
-        source = open_source(config, calibration, clock_of(config.bus), notes.append)
+        clock = clock_of(config.bus)
+        source = open_source(config, calibration, clock, notes.append)
         try:
             estimator = Estimator(calibration)
             begin_s = time.monotonic()
             contacts = []
+            dropped_frames, dropped_share = DroppedFrames(), 0.0
             while time.monotonic() < begin_s + TRY_S and (frame := source.read()) is not None:
                 contacts.append(estimator.estimate(frame))
+                dropped_share = dropped_frames.share(clock.now_us(), len(contacts), source.dropped)
             fps = len(contacts) / (time.monotonic() - begin_s)
         finally:
             source.close()
@@ -215,8 +221,9 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         wanted_fps=wanted if config.capture.source == "v4l2" else None,
         age_ms=0.0 if contacts else None,
         dropped=source.dropped,
+        dropped_share=dropped_share,
     )
-    rows = [judge_camera(camera, len(contacts), config.capture.timeout_ms)]
+    rows = [judge_camera(camera, config.capture.timeout_ms)]
     rows += [Row("camera", "", "", Verdict.WARN, note) for note in notes]
     if contacts:
         last = contacts[-1]
@@ -254,6 +261,7 @@ def _try_bus(config: FingertipConfig) -> list[Row]:
             received=received,
             retries=0,
             dropped=0,
+            dropped_lately=0,
             restarts=0,
             error_passive=passive,
         )

@@ -26,6 +26,7 @@ from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import HealthFile, health_path
 from palpate_edge.health_report import health_report
 from palpate_edge.illumination import Illumination
+from palpate_edge.last_minute import DroppedFrames, LastMinute
 from palpate_edge.light import Light
 from palpate_edge.local_clock import LocalClock
 from palpate_edge.long_lived import long_lived
@@ -115,6 +116,7 @@ class _Daemon:
         path = health_path(config.name, config.health)
         self._health_file = stack.enter_context(closing(HealthFile(path, self._say)))
         self._health_at_us = 0
+        self._dropped_frames, self._dropped_pdos = DroppedFrames(), LastMinute()
         self._said_of_camera = ""
 
     def calls(self) -> dict[signal.Signals, Callable[[], None]]:
@@ -243,6 +245,9 @@ class _Daemon:
 
     def _tell_health(self, now_us: int) -> None:
         light = self._light.latest if self._light else None
+        frames, dropped = self._core.watch.frames, self._pixels.source.dropped
+        dropped_share = self._dropped_frames.share(now_us, frames, dropped)
+        (pdos_dropped_lately,) = self._dropped_pdos.grown(now_us, (self._link.dropped,))
         report = health_report(
             self._config,
             self._core,
@@ -251,6 +256,8 @@ class _Daemon:
             self._fps,
             self.recording.folder,
             light,
+            dropped_share,
+            pdos_dropped_lately,
             now_us,
         )
         trouble = ", ".join(report.emergencies)

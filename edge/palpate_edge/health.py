@@ -17,13 +17,17 @@ SYSTEM_FOLDER = Path("/run/palpate")  # RuntimeDirectory= of the service
 
 
 class CameraHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """fps: of the last second; wanted_fps: asked for, None for a recording; age_ms: of the last frame."""
+    """fps: of the last second; wanted_fps: asked for, None for a recording; age_ms: of the last frame.
+
+    dropped: frames since the start; dropped_share: of the last minute's, 0 to 1.
+    """
 
     source: str
     fps: float
     wanted_fps: float | None
     age_ms: float | None
     dropped: int
+    dropped_share: float
 
 
 class BeadHealth(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,7 +40,9 @@ class BeadHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """state: up, bus-off, down. dropped: PDOs that a full transmit queue cost."""
+    """state: up, bus-off, down. dropped: PDOs that a full transmit queue cost since the start;
+    dropped_lately: those of the last minute.
+    """
 
     interface: str
     state: str
@@ -44,6 +50,7 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
     received: int
     retries: int
     dropped: int
+    dropped_lately: int
     restarts: int
     error_passive: bool
 

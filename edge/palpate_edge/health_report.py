@@ -30,10 +30,12 @@ def health_report(
     fps: float,
     recording: str,
     light: LightState | None,
+    dropped_share: float,
+    pdos_dropped_lately: int,
     now_us: int,
 ) -> HealthReport:
     """fps: that a camera was asked for; recording: its folder, or empty; light: None without a
-    controller; now_us: on the daemon's clock."""
+    controller; dropped_share: of the last minute's frames; now_us: on the daemon's clock."""
     watch = core.watch
     contact = watch.last_contact
     return HealthReport(
@@ -54,6 +56,7 @@ def health_report(
             wanted_fps=fps if config.capture.source == "v4l2" else None,
             age_ms=None if watch.last_us is None else (now_us - watch.last_us) / 1000,
             dropped=pixels.source.dropped,
+            dropped_share=dropped_share,
         ),
         beads=BeadHealth(
             found=contact.beads_found if contact else 0,
@@ -68,6 +71,7 @@ def health_report(
             received=link.received,
             retries=link.retries,
             dropped=link.dropped,
+            dropped_lately=pdos_dropped_lately,
             restarts=link.restarts,
             error_passive=link.error_passive,
         ),

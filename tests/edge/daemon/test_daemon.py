@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import struct
 import time
 
@@ -92,6 +93,22 @@ def test_check_asks_the_daemon(rig):
     assert "running" in done.stdout
     assert "fail   bus" in done.stdout
     assert "-> check wiring" in done.stdout
+
+
+def test_frames_dropped_in_a_pause_are_told_of_the_last_minute(rig):
+    def report():
+        return json.loads((rig.folder / "finger.health").read_bytes())
+
+    rig.until((rig.folder / "finger.health").exists)
+    rig.until(lambda: report()["frames"] >= 2)
+    before = report()["camera"]["dropped"]
+    rig.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)  # nine frames, and no stall
+    rig.process.send_signal(signal.SIGCONT)
+    rig.until(lambda: report()["camera"]["dropped"] >= before + 5)
+    assert 0.01 < report()["camera"]["dropped_share"] < 1
+    assert report()["bus"]["dropped_lately"] == 0
+    assert "% lately" in rig.edge("check").stdout
 
 
 def test_check_without_a_daemon_tries_the_parts(rig):
