@@ -68,7 +68,12 @@ def board(bare_board, wheels, slow_camera, tmp_path_factory):
                 **machine.ssh,
                 "release_wheelhouse": str(wheels),
                 "fingertip_calibration": str(calibration),
-                "fingertip_capture": {"source": "recorded", "path": "/run/outside/presses", "loop": True},
+                "fingertip_capture": {
+                    "source": "recorded",
+                    "path": "/run/outside/presses",
+                    "loop": True,
+                    "timeout_ms": 1000,  # ten frames
+                },
                 "fingertip_bus": {"interface": "palpate", "channel": "/run/outside/hub.sock"},
             }
             playbooks = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}})
