@@ -47,11 +47,13 @@ class ReopeningSource:
 
     @property
     def dropped(self) -> int:
-        return self._dropped_before + (0 if self._source is None else self._source.dropped)
+        source = self._source
+        return self._dropped_before + (0 if source is None else source.dropped)
 
     @property
     def exposure_us(self) -> int:
-        return 0 if self._source is None else self._source.exposure_us
+        source = self._source
+        return 0 if source is None else source.exposure_us
 
     def read(self) -> Frame | None:
         if self._source is None:
@@ -69,8 +71,8 @@ class ReopeningSource:
 
     def close(self) -> None:
         """Also between two readings, which then opens it again."""
-        if self._source is not None:
-            self._dropped_before += self._source.dropped
-            self._source.close()
-            self._source = None
+        source, self._source = self._source, None  # at once: the bus loop asks for `dropped` meanwhile
+        if source is not None:
+            self._dropped_before += source.dropped
             self._first_sequence = self._next_sequence
+            source.close()
