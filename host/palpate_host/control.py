@@ -98,21 +98,21 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
     by one factor so that none exceeds friction_ratio of its grasp force; their sum stays zero and their
     moment its axis.
     """
-    turning = _turning_levers_m(_levers_m(tip_centre_m), R_vir, R_d_vir, gains)
-    return np.asarray(_pull_N_m(tip_centre_m, gains) * np.array(turning))
+    turning, share = _turning_levers_m(_levers_m(tip_centre_m), R_vir, R_d_vir, gains)
+    return np.asarray(share * _pull_N_m(tip_centre_m, gains) * np.array(turning))
 
 
-def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gains) -> _Rows:
-    """F_di over the pull. Both forces are the pull times a lever, turned or not: it cancels from their
-    ratio."""
-    wx, wy, wz = (gains.K_r * error for error in _rotation_error(R_vir, R_d_vir))
+def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gains) -> tuple[_Rows, float]:
+    """F_di over the pull, and the share of it that friction bears. Both forces are the pull times a lever,
+    turned or not: it cancels from their ratio."""
+    wx, wy, wz = _rotation_error(R_vir, R_d_vir)
+    wx, wy, wz = gains.K_r * wx, gains.K_r * wy, gains.K_r * wz
     turning, excess = [], 0.0
     for x, y, z in levers_m:
         fx, fy, fz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
         turning.append((fx, fy, fz))
         excess = max(excess, (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24))
-    scale = 1.0 / max(1.0, math.sqrt(excess) / gains.friction_ratio)
-    return [(scale * fx, scale * fy, scale * fz) for fx, fy, fz in turning]
+    return turning, 1.0 / max(1.0, math.sqrt(excess) / gains.friction_ratio)
 
 
 def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
@@ -142,8 +142,11 @@ def joint_torque_Nm(
     tips_m = pose.tip_centre_m
     levers_m = _levers_m(tips_m)
     if R_vir is not None and R_d_vir is not None:
-        turning_m = _turning_levers_m(levers_m, R_vir, R_d_vir, gains)
-        rows = [(tx - x, ty - y, tz - z) for (x, y, z), (tx, ty, tz) in zip(levers_m, turning_m, strict=True)]
+        turning, share = _turning_levers_m(levers_m, R_vir, R_d_vir, gains)
+        rows = [
+            (share * fx - x, share * fy - y, share * fz - z)
+            for (x, y, z), (fx, fy, fz) in zip(levers_m, turning, strict=True)
+        ]
     else:
         rows = [(-x, -y, -z) for x, y, z in levers_m]
     force = _pull_N_m(tips_m, gains) * np.array(rows)
@@ -166,10 +169,13 @@ def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Ga
 
 def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
     """Clamp each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
-    per_rad = 1.0 / max(gains.soft_limit_rad, 1e-9)
-    up = np.minimum(np.maximum((gains.q_max_rad - q_rad) * per_rad, 0.0), 1.0)
-    down = np.minimum(np.maximum((q_rad - gains.q_min_rad) * per_rad, 0.0), 1.0)
+    above_rad, below_rad = gains.q_max_rad - q_rad, q_rad - gains.q_min_rad
     limit = gains.torque_limit_Nm
+    if np.minimum(above_rad, below_rad).min() >= gains.soft_limit_rad:  # the usual, in half the time
+        return np.asarray(np.minimum(np.maximum(u_Nm, -limit), limit))
+    per_rad = 1.0 / max(gains.soft_limit_rad, 1e-9)
+    up = np.minimum(np.maximum(above_rad * per_rad, 0.0), 1.0)
+    down = np.minimum(np.maximum(below_rad * per_rad, 0.0), 1.0)
     return np.asarray(np.minimum(np.maximum(u_Nm, -limit * down), limit * up))
 
 

@@ -8,7 +8,7 @@ centre.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,8 +19,7 @@ from palpate_edge.errors import ConfigError
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class HandPose:
+class HandPose(NamedTuple):
     """What Eqs. (9)-(16) need of the hand in one joint configuration.
 
     q_rad: (nq,) the configuration it was computed for.

@@ -274,7 +274,7 @@ def test_clockwise_fingers_are_refused_at_the_start(table_4):
     config, hand = table_4
     config = msgspec.structs.replace(config, fingers=config.fingers[::-1])
     mirrored = dataclasses.make_dataclass("Mirrored", ["pose"])(
-        lambda q: dataclasses.replace(hand.pose(q), tip_centre_m=hand.pose(q).tip_centre_m[::-1])
+        lambda q: hand.pose(q)._replace(tip_centre_m=hand.pose(q).tip_centre_m[::-1])
     )
     with pytest.raises(FrameError, match="numbered clockwise"):
         HostCore(config, mirrored)
