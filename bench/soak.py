@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -24,31 +24,27 @@ def virtual(duration_s: float) -> Iterator[str]:
     """
     yield f"Closed loop, {duration_s:.0f} s of virtual time"
     yield "    min  tick median ms  p99 ms  loops  resident MB  bus frames  off deg  mode"
-    seen = []
+    seen: list[tuple[float, float, int]] = []  # a minute's end, loops, bytes; its ticks would be growth too
     for minute in soak_virtual.minutes(duration_s):
-        seen.append(minute)
+        loops = float(np.median(minute.tick_s) / np.median(minute.yardstick_s))
+        seen.append((minute.end_s, loops, minute.resident_bytes))
         off_deg = minute.orientation_error_deg
         yield (
             f"{minute.end_s / 60:7.1f}  {1e3 * np.median(minute.tick_s):14.3f}"
-            f"  {1e3 * np.percentile(minute.tick_s, 99):6.3f}  {_loops([minute]):5.2f}"
+            f"  {1e3 * np.percentile(minute.tick_s, 99):6.3f}  {loops:5.2f}"
             f"  {minute.resident_bytes / MB:11.1f}  {minute.bus_frames:10d}"
             f"  {'' if off_deg is None else f'{off_deg:.2f}':>7}  {minute.mode}"
         )
     if len(seen) >= 4:
         quarter = len(seen) // 4
-        first, last = seen[:quarter], seen[-quarter:]
-        grown_MB = (last[-1].resident_bytes - first[-1].resident_bytes) / MB
-        minutes = (last[-1].end_s - first[-1].end_s) / 60
-        yield (
-            f"first to last quarter: tick {_loops(first):.2f} to {_loops(last):.2f} loops,"
-            f" memory {grown_MB:+.2f} MB in {minutes:.0f} min"
+        (first_s, first, first_bytes), (last_s, last, last_bytes) = (
+            (part[-1][0], float(np.median([loops for _, loops, _ in part])), part[-1][2])
+            for part in (seen[:quarter], seen[-quarter:])
         )
-
-
-def _loops(minutes: Sequence[soak_virtual.Minute]) -> float:
-    """The median tick of these minutes, each over its own minute's empty loop."""
-    ticks = [minute.tick_s / np.median(minute.yardstick_s) for minute in minutes]
-    return float(np.median(np.concatenate(ticks)))
+        yield (
+            f"first to last quarter: tick {first:.2f} to {last:.2f} loops,"
+            f" memory {(last_bytes - first_bytes) / MB:+.2f} MB in {(last_s - first_s) / 60:.0f} min"
+        )
 
 
 def real(duration_s: float) -> Iterator[str]:
