@@ -30,7 +30,7 @@ def main() -> None:
         )
     )
     print()
-    print(latency.report())
+    print(latency.report_of_a_demo())
     print()
     print(table("The twin's camera, 640x480 in colour, processor time", twin.rows()))
     print()

@@ -1,4 +1,7 @@
-"""From a frame's exposure to the torque that it moved, in a recorded run's bus log, part by part.
+"""From a frame's exposure to the torque that it moved, part by part, by the bus log of a run.
+
+python -m bench.latency                  # of a demo beside its recording, run now for this
+python -m bench.latency demo/run/bus.log # of a run that was
 
 Of every contact that made a whole triple: processing (exposure to publication, as TPDO 3 tells), bus (to TPDO
 3 on the wire), wait for the host's tick (its next SYNC), and the tick with its commands on the wire (to the
@@ -7,7 +10,9 @@ last one). Stamps are the interface's, exposures the bus clock's.
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,9 +27,10 @@ from palpate_host.network import SYNC
 from palpate_host.replay import EXPOSURE, TPDO_3_ID, read_bound_log
 
 ROOT = Path(__file__).resolve().parents[1]
-LOG = ROOT / "tests" / "replay" / "demo.log.gz"
+RECORDING = ROOT / "demo" / "recording"
 TABLE_4 = ROOT / "host" / "palpate_host" / "models" / "table4.toml"
 RPDO_1_ID = 0x200
+DURATION_S = 20
 
 
 def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
@@ -50,7 +56,15 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
     return np.diff(times, axis=1) * 1e-6
 
 
-def report(log: Path = LOG, hand_toml: Path = TABLE_4) -> str:
+def report_of_a_demo() -> str:
+    """The table of a run of `DURATION_S`: three fingertips' daemons, hub, drives and host, in real time."""
+    with tempfile.TemporaryDirectory() as name:
+        words = ["demo", "--no-view", "--recording", RECORDING, "--duration", str(DURATION_S), "--output", name]
+        subprocess.run([sys.executable, "-m", "palpate_host.cli", *words], check=True, stdout=subprocess.DEVNULL)
+        return report(Path(name) / "run" / "bus.log")
+
+
+def report(log: Path, hand_toml: Path = TABLE_4) -> str:
     """A table of the parts, and of processing and bus together."""
     config, _ = load_hand(hand_toml)
     processing, bus, wait, tick = parts(read_bound_log(log, config), config).T
@@ -66,4 +80,5 @@ def report(log: Path = LOG, hand_toml: Path = TABLE_4) -> str:
 
 
 if __name__ == "__main__":
-    print(report(*(Path(argument) for argument in sys.argv[1:])))
+    given = [Path(argument) for argument in sys.argv[1:]]
+    print(report(*given) if given else report_of_a_demo())

@@ -29,7 +29,11 @@ def disks(places, diameters, shape, slope=(0.0, 0.0), blur=0.7, noise=0.0, seed=
     row, column = ((np.arange(size * fine) + 0.5) / fine - 0.5 for size in shape)
     scene = 150 + slope[0] * (column - width / 2) + slope[1] * (row[:, None] - height / 2)
     for (x, y), diameter in zip(places, diameters, strict=True):
-        scene[np.hypot(column - x, row[:, None] - y) < diameter / 2] = 50
+        rows, columns = (
+            slice(*np.searchsorted(at, middle + np.array([-diameter, diameter])))
+            for at, middle in ((row, y), (column, x))
+        )
+        scene[rows, columns][np.hypot(column[columns] - x, row[rows, None] - y) < diameter / 2] = 50
     picture = scene.reshape(height, fine, width, fine).mean(axis=(1, 3))
     picture = cv2.GaussianBlur(picture, (0, 0), blur)
     noisy = picture + noise * np.random.default_rng(seed).standard_normal(shape)
