@@ -59,8 +59,9 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
 def report_of_a_demo() -> str:
     """The table of a run of `DURATION_S`: three fingertips' daemons, hub, drives and host, in real time."""
     with tempfile.TemporaryDirectory() as name:
-        words = ["demo", "--no-view", "--recording", RECORDING, "--duration", str(DURATION_S), "--output", name]
-        subprocess.run([sys.executable, "-m", "palpate_host.cli", *words], check=True, stdout=subprocess.DEVNULL)
+        command = [sys.executable, "-m", "palpate_host.cli", "demo", "--no-view", "--recording", RECORDING]
+        options = ["--duration", str(DURATION_S), "--output", name]
+        subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)
         return report(Path(name) / "run" / "bus.log")
 
 
