@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -227,15 +228,17 @@ def test_a_viewer_that_runs_is_given_the_hand(tmp_path: Path, statuses: list[Hos
     saved = tmp_path / "got.rrd"
     command = [rerun, "--bind", "127.0.0.1", "--port", port, "--save", saved]
     home = os.environ | {"HOME": str(tmp_path)}  # where nobody has agreed to statistics
-    process = subprocess.Popen([str(part) for part in command], env=home, stderr=subprocess.DEVNULL)
+    words = [str(part) for part in command]
+    process = subprocess.Popen(words, env=home, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         wait_for(lambda: _listens(port), "the viewer")
         done = view(LOG, "--connect", f"rerun+http://127.0.0.1:{port}/proxy")
         assert done.returncode == 0, done.stderr
         time.sleep(1.0)
     finally:
-        process.terminate()
+        os.killpg(process.pid, signal.SIGTERM)  # `rerun` is a script that starts the program
         process.wait(timeout=PATIENCE_S)
+    wait_for(lambda: not _listens(port), "the viewer's end")
     assert len(values(read(saved), "/torque/curl_1")) == len(statuses)
 
 
