@@ -170,10 +170,10 @@ def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Ga
 def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
     """Clamp each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
     above_rad, below_rad = gains.q_max_rad - q_rad, q_rad - gains.q_min_rad
-    limit = gains.torque_limit_Nm
-    if np.minimum(above_rad, below_rad).min() >= gains.soft_limit_rad:  # the usual, in half the time
+    limit, soft_rad = gains.torque_limit_Nm, max(gains.soft_limit_rad, 1e-9)
+    if np.minimum(above_rad, below_rad).min() >= soft_rad:  # the usual, in half the time
         return np.asarray(np.minimum(np.maximum(u_Nm, -limit), limit))
-    per_rad = 1.0 / max(gains.soft_limit_rad, 1e-9)
+    per_rad = 1.0 / soft_rad
     up = np.minimum(np.maximum(above_rad * per_rad, 0.0), 1.0)
     down = np.minimum(np.maximum(below_rad * per_rad, 0.0), 1.0)
     return np.asarray(np.minimum(np.maximum(u_Nm, -limit * down), limit * up))

@@ -182,6 +182,12 @@ def test_torque_outwards_fades_before_the_end_of_the_range():
     np.testing.assert_allclose(limit_torque_Nm(np.full(9, -5.0), near_end, GAINS), -0.5)
 
 
+def test_at_its_end_a_joint_takes_no_torque_outwards_though_nothing_fades_before():
+    hard = dataclasses.replace(GAINS, soft_limit_rad=0.0)
+    assert (limit_torque_Nm(np.full(9, 5.0), GAINS.q_max_rad, hard) == 0.0).all()
+    assert (limit_torque_Nm(np.full(9, -5.0), GAINS.q_max_rad, hard) == -GAINS.torque_limit_Nm).all()
+
+
 def test_target_ramps_along_one_axis():
     full = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
     for share in (0.0, 0.25, 1.0, 2.0):
