@@ -1,10 +1,12 @@
 """Regression -> ONNX: one graph, compared with numpy before it is given out.
 
 Its numbers are float32 where that moves a contact by a few hundredths of a millimetre at most: half the
-memory to read for every frame. A kernel expansion of many centres is a sum of terms that nearly cancel; where
-its weights are so large that float32 does not do, they are float64. Each step costs more than its arithmetic,
-so that offsets and levels stand in the matrices. What they are multiplied by are columns, on their right:
-onnxruntime copies a matrix of float64 on the right before it multiplies, for every frame.
+memory to read for every frame. A kernel expansion of many centres is a sum of large terms that nearly cancel,
+most of it in the kernels' constant and linear parts. These are summed here; the graph has what is left of
+exp(2 h) - 1 - 2 h = 2 (tanh h / (1 - tanh h) - h), a form that keeps small numbers whole. Where the weights
+are so large that this does not do, numbers are float64. Each step costs more than its arithmetic, so that
+offsets and levels stand in the matrices; constant ones are on the right of a product, where onnxruntime lays
+them out once.
 """
 
 from __future__ import annotations
@@ -26,12 +28,13 @@ from palpate_edge.training.kernel_ridge import SIZE_WEIGHT, Regression
 
 Array = NDArray[np.float64]
 
+LEVEL = 0.25  # after each point, to multiply what is the same for all points; of their own size
 OPSET = 17
 IR_VERSION = 8
 PRECISIONS: dict[type[np.floating], int] = {np.float32: TensorProto.FLOAT, np.float64: TensorProto.DOUBLE}
-MAX_DIRECTION_ERROR = 1e-3  # 0.03 mm on the paper's dome; usual is a sixth of it
+MAX_DIRECTION_ERROR = 1e-3  # 0.03 mm on the paper's dome; usual is a seventh of it
 MAX_MISFIT_ERROR = 0.02  # of estimator.MAX_MISFIT and the misfit together
-MAX_FORCE_ERROR = 1e-2  # of the largest force; usual is a third of it
+MAX_FORCE_ERROR = 1e-2  # of the largest force; usual is an eighth of it
 
 
 def export(regression: Regression, sensor_fingerprint: str, fields: Array) -> bytes:
@@ -50,45 +53,48 @@ def export(regression: Regression, sensor_fingerprint: str, fields: Array) -> by
 
 
 def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.floating]) -> Any:
-    """Kernels are exp(2 a c - |a|^2 - |c|^2) of points a and centres c over sqrt(2) times the length."""
+    """Kernels are exp(2 h), h = 2 a c - |a|^2 - |c|^2 of points a and centres c over 2 times the length."""
     projection, answer_field = regression.projection, regression.answer_field
-    point_scale = 1 / (np.sqrt(2) * regression.length)
+    point_scale = 1 / (2 * regression.length)
     width, kept = projection.components.shape
-    point_parts = np.zeros((kept + 2, width + 1))  # from shape and log size to the point, and a 1
-    point_parts[:kept, :width] = point_scale * projection.components.T
-    point_parts[kept, width] = point_scale * SIZE_WEIGHT
-    point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, 1.0])
-    answer_weights = np.vstack([answer_field.weights.T, np.zeros(len(answer_field.weights))])
-    answer_offset = np.append(answer_field.offset, 1.0)  # the 1 is for the mean shape
-    hidden_slope = np.zeros((1, 7))
-    hidden_slope[0, 6] = regression.hidden_slope
+    point_parts = np.zeros((width + 1, kept + 2))  # from shape and log size to the point, and the level
+    point_parts[:width, :kept] = point_scale * projection.components
+    point_parts[width, kept] = point_scale * SIZE_WEIGHT
+    point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, LEVEL])
+    answer_weights = np.column_stack([2 * answer_field.weights, np.zeros(len(answer_field.weights))])
+    answer_offset = np.append(answer_field.offset + answer_field.weights.sum(axis=0), 1.0)  # for the mean
+    point_centres, weights = _centres(point_scale * regression.centres), 2 * regression.weights
+    level_parts = np.vstack([point_centres @ weights, -weights.sum(axis=0), np.zeros(7)])
+    level_parts[-1, 6] = regression.hidden_slope
     constants = {
+        "one": np.array(1.0),
         "point_parts": point_parts,
-        "point_origin": point_origin[:, None],
-        "point_centres": _centres(point_scale * regression.centres),
-        "weights": regression.weights,
-        "offset": regression.offset[None],
-        "hidden_slope": hidden_slope,
+        "point_origin": point_origin[None],
+        "point_centres": point_centres,
+        "weights": weights,
+        "offset": (regression.offset + regression.weights.sum(axis=0))[None],
+        "level_parts": level_parts,
         "answer_parts": _answer_parts(),
-        "answer_origin": np.eye(8)[:, 7:],
-        "answer_centres": _centres(answer_field.centres / (np.sqrt(2) * LENGTH)),
+        "answer_origin": LEVEL * np.eye(8)[7:],
+        "answer_centres": _centres(answer_field.centres / (2 * LENGTH)),
         "answer_weights": answer_weights,
-        "answer_offset": answer_offset[:, None],
-        "shapes": np.column_stack([projection.components, projection.mean]),
+        "answer_offset": answer_offset[None],
+        "shapes": np.vstack([projection.components.T, projection.mean]),
     }
     initializers = [numpy_helper.from_array(v.astype(precision), k) for k, v in constants.items()]
-    integers = {"parts": np.array([3, 3, 1]), "column": np.array([width, 1])}
-    initializers += [numpy_helper.from_array(v.astype(np.int64), k) for k, v in integers.items()]
+    initializers.append(numpy_helper.from_array(np.array([3, 3, 1]), "parts"))
     node = helper.make_node
     nodes = [
         node("ReduceL2", ["field"], ["size"], axes=[1], keepdims=1),
         node("Div", ["field", "size"], ["shape_"]),
         node("Log", ["size"], ["log_size"]),
         node("Concat", ["shape_", "log_size"], ["parts_of_point"], axis=1),
-        node("Gemm", ["point_parts", "parts_of_point", "point_origin"], ["point"], transB=1),
+        node("Gemm", ["parts_of_point", "point_parts", "point_origin"], ["point"]),
         *_kernel("point"),
-        node("Gemm", ["hidden", "hidden_slope", "offset"], ["level"]),
-        node("Gemm", ["point_kernel", "weights", "level"], ["raw"], transA=1),
+        node("Sub", ["point_kernel", "point_half"], ["point_bend"]),
+        node("Concat", ["point", "point_squared", "hidden"], ["parts_of_level"], axis=1),
+        node("Gemm", ["parts_of_level", "level_parts", "offset"], ["level"]),
+        node("Gemm", ["point_bend", "weights", "level"], ["raw"]),
         node("Split", ["raw", "parts"], ["direction_raw", "stiffness", "log_radius"], axis=1),
         node("LpNormalization", ["direction_raw"], ["direction"], axis=1, p=2),
         node("Mul", ["stiffness", "size"], ["force"]),
@@ -96,12 +102,11 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         # The way back (answer_field.py): what the answer's own field leaves of the given one.
         node("LpNormalization", ["stiffness"], ["force_way"], axis=1, p=2),
         node("Concat", ["direction", "force_way", "log_size"], ["parts_of_answer"], axis=1),
-        node("Gemm", ["answer_parts", "parts_of_answer", "answer_origin"], ["answer"], transB=1),
+        node("Gemm", ["parts_of_answer", "answer_parts", "answer_origin"], ["answer"]),
         *_kernel("answer"),
-        node("Gemm", ["answer_weights", "answer_kernel", "answer_offset"], ["answered"]),
-        node("Reshape", ["shape_", "column"], ["shape_column"]),
-        node("Gemm", ["shapes", "answered", "shape_column"], ["left"], alpha=-1.0),
-        node("ReduceSumSquare", ["left"], ["misfit"], axes=[0], keepdims=1),
+        node("Gemm", ["answer_kernel", "answer_weights", "answer_offset"], ["answered"]),
+        node("Gemm", ["answered", "shapes", "shape_"], ["left"], alpha=-1.0),
+        node("ReduceSumSquare", ["left"], ["misfit"], axes=[1], keepdims=1),
     ]
 
     def tensor(name: str, shape: list[int]) -> Any:
@@ -125,28 +130,31 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
 
 
 def _answer_parts() -> Array:
-    """(8, 7): from direction, the force's way and the log size to answer_field.answers, scaled; the last
-    row is for a 1."""
-    parts = np.zeros((8, 7))
+    """(7, 8): from direction, the force's way and the log size to answer_field.answers, scaled; the last
+    column is for the level."""
+    parts = np.zeros((7, 8))
     parts[:3, :3] = PLACE_WEIGHT * np.eye(3)
-    parts[3:6, :3] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
+    parts[:3, 3:6] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
     parts[6, 6] = ANSWER_SIZE_WEIGHT
-    return np.asarray(parts / (np.sqrt(2) * LENGTH))
+    return np.asarray(parts / (2 * LENGTH))
 
 
 def _centres(scaled: Array) -> Array:
-    """(c, d + 1) of centres (c, d) over sqrt(2) times the kernel's length: what multiplies a point and a 1
-    after it. The 1 is in the point's square, and is taken off again here."""
-    return np.column_stack([2 * scaled, 1.0 - (scaled**2).sum(axis=1)])
+    """(d + 1, c) of centres (c, d) over 2 times the kernel's length: what multiplies a point and the level
+    after it. The level is in the point's square, and is taken off again here."""
+    return np.vstack([2 * scaled.T, LEVEL - (scaled**2).sum(axis=1) / LEVEL])
 
 
 def _kernel(point: str) -> list[Any]:
-    """Gaussian kernel `point`_kernel (c, 1) of the point (d, 1) with `point`_centres (c, d)."""
+    """(1, c): half of the Gaussian kernel less 1, of the point (1, d) with `point`_centres (d, c)."""
     node = helper.make_node
+    squared, half, tanh, rest = (f"{point}_{part}" for part in ("squared", "half", "tanh", "rest"))
     return [
-        node("ReduceSumSquare", [point], [f"{point}_squared"], axes=[0], keepdims=1),
-        node("Gemm", [f"{point}_centres", point, f"{point}_squared"], [f"{point}_exponent"], beta=-1.0),
-        node("Exp", [f"{point}_exponent"], [f"{point}_kernel"]),
+        node("ReduceSumSquare", [point], [squared], axes=[1], keepdims=1),
+        node("Gemm", [point, f"{point}_centres", squared], [half], beta=-1.0),
+        node("Tanh", [half], [tanh]),
+        node("Sub", ["one", tanh], [rest]),
+        node("Div", [tanh, rest], [f"{point}_kernel"]),
     ]
 
 

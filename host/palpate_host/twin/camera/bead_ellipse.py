@@ -60,12 +60,15 @@ class BeadProjector:
 
 def _polygon_moments(corner: Array) -> tuple[Array, Array]:
     """Centroid (n, 2) and central second moments (n, 2, 2) over the area of polygons (n, k, 2)."""
-    following = np.roll(corner, -1, axis=1)
-    cross = corner[..., 0] * following[..., 1] - corner[..., 1] * following[..., 0]
+    x, y = corner[..., 0], corner[..., 1]
+    next_x, next_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+    cross = x * next_y - y * next_x
+    both_x, both_y = x + next_x, y + next_y
     area = cross.sum(axis=1) / 2
-    both = corner + following
-    mean = np.einsum("nk,nki->ni", cross, both) / (6 * area[:, None])
-    squares = both[..., :, None] * both[..., None, :]
-    squares += corner[..., :, None] * corner[..., None, :] + following[..., :, None] * following[..., None, :]
-    second = np.einsum("nk,nkij->nij", cross, squares) / (24 * area[:, None, None])
-    return mean, second - mean[:, :, None] * mean[:, None, :]
+    mean_x, mean_y = (np.vecdot(cross, both) / (6 * area) for both in (both_x, both_y))
+    xx = np.vecdot(cross, both_x * both_x + x * x + next_x * next_x)
+    xy = np.vecdot(cross, both_x * both_y + x * y + next_x * next_y)
+    yy = np.vecdot(cross, both_y * both_y + y * y + next_y * next_y)
+    xx, xy, yy = (second / (24 * area) for second in (xx, xy, yy))
+    xx, xy, yy = xx - mean_x * mean_x, xy - mean_x * mean_y, yy - mean_y * mean_y
+    return np.stack([mean_x, mean_y], axis=1), np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)

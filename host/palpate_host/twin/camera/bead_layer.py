@@ -54,11 +54,30 @@ class BeadLayer:
         y = span[None, :, None] - shift_px[:, 1, None, None].astype(np.float32)
         a, b, c = (inverse[:, i, j, None, None].astype(np.float32) for i, j in ((0, 0), (0, 1), (1, 1)))
         by_x, by_y = a * x + b * y, b * x + c * y
-        radius = np.sqrt(x * by_x + y * by_y) + np.float32(1e-6)  # 1 on the outline
-        slope = np.sqrt(by_x * by_x + by_y * by_y) + np.float32(1e-9)  # its gradient's size, times it
-        inwards_px = (1 - radius) * radius / slope
-        step = np.clip(inwards_px / self._edge + np.float32(0.5), 0, 1)
-        covered = step * step * (3 - 2 * step) * np.float32(WHOLE)
+        radius = x * by_x
+        radius += y * by_y
+        np.sqrt(radius, out=radius)
+        radius += np.float32(1e-6)  # 1 on the outline
+        slope, step = np.multiply(by_x, by_x, out=by_x), np.multiply(by_y, by_y, out=by_y)
+        slope += step
+        np.sqrt(slope, out=slope)
+        slope += np.float32(1e-9)  # the radius' gradient's size, times it
+        np.subtract(1, radius, out=step)
+        step *= radius
+        step /= slope  # inwards, in pixels
+        step /= self._edge
+        step += np.float32(0.5)
+        np.clip(step, 0, 1, out=step)
+        covered = np.multiply(step, step, out=slope)
+        step *= -2
+        step += 3
+        covered *= step
+        covered *= np.float32(WHOLE)
         if self._highlight:
-            covered += self._highlight * np.clip(1 - radius / np.float32(HIGHLIGHT_RADIUS), 0, 1)
-        return np.asarray(covered + np.float32(0.5)).astype(np.uint8)
+            radius /= np.float32(-HIGHLIGHT_RADIUS)
+            radius += 1
+            np.clip(radius, 0, 1, out=radius)
+            radius *= self._highlight
+            covered += radius
+        covered += np.float32(0.5)
+        return covered.astype(np.uint8)

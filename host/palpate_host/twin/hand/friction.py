@@ -23,7 +23,7 @@ from palpate_host.twin.hand.twin_model import TwinModel
 
 IMPEDANCE = 0.5
 NOSLIP_ITERATIONS = 5
-TANGENTS = np.array([1, 2])  # rows of a contact after its normal
+CONTACT_ROWS = 3  # of a contact among the constraints, which end with the contacts: normal, two tangents
 IMPRATIO = 100.0
 
 
@@ -46,11 +46,10 @@ class FrictionHand:
         self._braked = twin.v_address[:0]
         self._tip_of_geom = np.full(model.ngeom, -1)
         self._tip_of_geom[list(twin.tip_geoms)] = np.arange(3)
-        self._tip_bodies = [int(model.geom_bodyid[geom]) for geom in twin.tip_geoms]
+        self._tip_bodies = model.geom_bodyid[list(twin.tip_geoms)]
         # With |solref| = K (1 - d) A a contact of effective inverse mass A has the stiffness K.
         inverse_mass = model.body_invweight0[self._tip_bodies, 0] + model.body_invweight0[twin.object_body, 0]
         self._scale = (1.0 - IMPEDANCE) * inverse_mass
-        self._jac_r = np.zeros((3, 3, model.nv))
         self._force = np.zeros(6)
 
     @property
@@ -104,32 +103,34 @@ class FrictionHand:
         mujoco.mj_makeM(model, data)
         mujoco.mj_factorM(model, data)
         mujoco.mj_collision(model, data)
-        data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self.twin.v_address] = torque_Nm
         contact = data.contact
         tips = self._tip_of_geom[contact.geom1]
-        self._soften(tips)
+        normal = contact.frame[:, :3]
+        self._soften(contact, normal, self._scale[tips])
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
         mujoco.mj_fwdVelocity(model, data)
+        self._resist_twist(normal, self._tip_bodies[tips])
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
         mujoco.mj_fwdConstraint(model, data)
-        sliding = data.efc_vel[contact.efc_address[:, None] + TANGENTS]
-        self.slip_m[tips] += self.step_s * np.sqrt((sliding * sliding).sum(axis=1))
+        rows = data.efc_vel[data.nefc - CONTACT_ROWS * len(tips) :].reshape(-1, CONTACT_ROWS)
+        self.slip_m[tips] += self.step_s * np.hypot(rows[:, 1], rows[:, 2])
         mujoco.mj_implicit(model, data)
 
-    def _soften(self, tips: npt.NDArray[np.int64]) -> None:
-        """Eqs. (7), (8). A contact's first geom is the tip (spheres precede meshes): its normal is C_iY."""
-        model, data, parameters = self.twin.model, self.data, self.twin.twin.tip
-        contact, scale = data.contact, self._scale[tips]
-        contact.solref[:, 0] = parameters.k_N_m2 * scale * contact.dist  # dist is -Delta r
-        contact.solref[:, 1] = -parameters.xi_Ns_m * scale
-        normal = contact.frame[:, :3]
-        contact.pos[:] += 0.5 * contact.dist[:, None] * normal
-        for row, tip in enumerate(tips):
-            mujoco.mj_jacBody(model, data, None, self._jac_r[row], self._tip_bodies[tip])
-        twist = np.matmul(normal[:, None, :], self._jac_r[: len(tips)])[:, 0]
-        spin = slice(self.twin.object_v + 3, self.twin.object_v + 6)
-        twist[:, spin] -= normal @ data.xmat[self.twin.object_body].reshape(3, 3)
-        data.qfrc_applied[:] -= parameters.b_Nms * (twist @ data.qvel) @ twist
+    def _soften(self, contact: mujoco._structs._MjContactList, normal: Array, scale: Array) -> None:
+        """Eq. (8). A contact's first geom is the tip (spheres precede meshes): its normal is C_iY."""
+        tip, solref, deep_m = self.twin.twin.tip, contact.solref, contact.dist  # deep_m is -Delta r
+        solref[:, 0] = tip.k_N_m2 * scale * deep_m
+        solref[:, 1] = -tip.xi_Ns_m * scale
+        contact.pos[:] += 0.5 * deep_m[:, None] * normal
+
+    def _resist_twist(self, normal: Array, bodies: npt.NDArray[np.int32]) -> None:
+        """Eq. (7), as moments on the bodies of the touching tips and on the object."""
+        thing, turning, applied = self.twin.object_body, self.data.cvel, self.data.xfrc_applied
+        twist = np.vecdot(normal, (turning[bodies] - turning[thing])[:, :3])
+        moment = (-self.twin.twin.tip.b_Nms * twist)[:, None] * normal
+        applied[:] = 0.0
+        applied[bodies, 3:] = moment
+        applied[thing, 3:] = -np.add.reduce(moment)
