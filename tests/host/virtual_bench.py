@@ -126,19 +126,20 @@ class VirtualBench:
         self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
 
     def _serve(self, nodes, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
-        return [frame for node in nodes for frame in self._served(node, now_us, to_nodes)]
+        """A node is asked only when something came or is due, which is what a process does too."""
+        due_us = self._due_us
+        asked = nodes if to_nodes else [n for n in nodes if now_us >= due_us.get(n.slave.node_id, 0)]
+        return [frame for node in asked for frame in self._served(node, now_us, to_nodes)]
 
     def _served(self, node, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
-        """A node is asked only when something came or is due, which is what a process does too."""
         node_id = node.slave.node_id
         if node_id in self.silent:
             self._due_us.pop(node_id, None)
             return []
         is_cut = node_id in self.cut_off
-        heard = [] if is_cut else to_nodes
-        if not heard and now_us < self._due_us.get(node_id, 0):
+        if is_cut and now_us < self._due_us.get(node_id, 0):
             return []
-        output = node.process(now_us, heard)
+        output = node.process(now_us, [] if is_cut else to_nodes)
         is_following = isinstance(node, SimulatedDrive) and node.is_following
         self._due_us[node_id] = now_us if is_following else output.next_due_us
         return [] if is_cut else list(output.frames_out)
