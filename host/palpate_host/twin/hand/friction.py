@@ -49,7 +49,10 @@ class FrictionHand:
         self._tip_bodies = model.geom_bodyid[list(twin.tip_geoms)]
         # With |solref| = K (1 - d) A a contact of effective inverse mass A has the stiffness K.
         inverse_mass = model.body_invweight0[self._tip_bodies, 0] + model.body_invweight0[twin.object_body, 0]
-        self._scale = (1.0 - IMPEDANCE) * inverse_mass
+        scale = (1.0 - IMPEDANCE) * inverse_mass
+        self._hardness = twin.twin.tip.k_N_m2 * scale
+        # A pair a tip, in their order; the first number is set before each step.
+        model.pair_solref[:, 0], model.pair_solref[:, 1] = -1.0, -twin.twin.tip.xi_Ns_m * scale
         self._force = np.zeros(6)
 
     @property
@@ -105,9 +108,8 @@ class FrictionHand:
         mujoco.mj_collision(model, data)
         data.qfrc_applied[self.twin.v_address] = torque_Nm
         contact = data.contact
-        tips = self._tip_of_geom[contact.geom1]
-        normal = contact.frame[:, :3]
-        self._soften(contact, normal, self._scale[tips])
+        tips, normal = self._tip_of_geom[contact.geom1], contact.frame[:, :3]
+        self._soften(tips, normal)
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
         mujoco.mj_fwdVelocity(model, data)
@@ -119,12 +121,12 @@ class FrictionHand:
         self.slip_m[tips] += self.step_s * np.hypot(rows[:, 1], rows[:, 2])
         mujoco.mj_implicit(model, data)
 
-    def _soften(self, contact: mujoco._structs._MjContactList, normal: Array, scale: Array) -> None:
+    def _soften(self, tips: npt.NDArray[np.int64], normal: Array) -> None:
         """Eq. (8). A contact's first geom is the tip (spheres precede meshes): its normal is C_iY."""
-        tip, solref, deep_m = self.twin.twin.tip, contact.solref, contact.dist  # deep_m is -Delta r
-        solref[:, 0] = tip.k_N_m2 * scale * deep_m
-        solref[:, 1] = -tip.xi_Ns_m * scale
-        contact.pos[:] += 0.5 * deep_m[:, None] * normal
+        contact = self.data.contact
+        deep_m = contact.dist  # -Delta r
+        contact.solref[:, 0] = self._hardness[tips] * deep_m
+        contact.pos[:] += (0.5 * deep_m)[:, None] * normal
 
     def _resist_twist(self, normal: Array, bodies: npt.NDArray[np.int32]) -> None:
         """Eq. (7), as moments on the bodies of the touching tips and on the object."""
