@@ -16,6 +16,7 @@ drift away, and what turning within a step leaves of it is summed in `slip_m`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -123,11 +124,11 @@ class RollingHand:
         k, xi, b = twin.twin.tip.k_N_m2, twin.twin.tip.xi_Ns_m, twin.twin.tip.b_Nms
         touching = indentation > 0.0
         while True:
-            normal, twist = Jn[touching], Jw[touching]
-            elastic = k * indentation[touching] ** 2  # Eq. (8)
-            rolling = Jt[np.repeat(touching, 2)]
-            D = xi * normal.T @ normal + b * twist.T @ twist  # Eqs. (8), (7)
-            D[np.diag_indices_from(D)] += self._damping
+            normal, elastic = Jn[touching], k * indentation[touching] ** 2  # Eq. (8)
+            rolling = Jt[touching.repeat(2)]
+            rates = np.concatenate((math.sqrt(xi) * normal, math.sqrt(b) * Jw[touching]))
+            D = rates.T @ rates  # Eqs. (8), (7)
+            D.ravel()[:: len(D) + 1] += self._damping
             new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), rolling)
             f = elastic + xi * (normal @ new_v)
             if f.size == 0 or f.min() >= 0.0:
@@ -140,7 +141,8 @@ class RollingHand:
         middle = 0.5 * (v + new_v)
         self.account.work_J += h * float(torque_Nm @ middle[twin.v_address])
         self.account.dissipated_J += h * float(new_v @ D @ middle)
-        self.slip_m += h * np.linalg.norm((Jt @ v).reshape(3, 2), axis=1) * touching
+        sliding = (Jt @ v).reshape(3, 2)
+        self.slip_m += h * np.hypot(sliding[:, 0], sliding[:, 1]) * touching
         data.qvel[:] = new_v
         mujoco.mj_integratePos(model, data.qpos, new_v, h)
         mujoco.mj_kinematics(model, data)
@@ -166,24 +168,23 @@ class RollingHand:
         R, x = self.object_rotation, self.object_position_m
         C = self._C @ R.T
         centre = self._centres()
-        gap = -np.einsum("ij,ij->i", centre - x, C[:, 1]) - self._distance_m
+        gap = -np.vecdot(centre - x, C[:, 1]) - self._distance_m
         return C, centre + gap[:, None] * C[:, 1], self.twin.tip_radius_m - gap
 
     def _contacts(self) -> tuple[Array, Array, Array, Array]:
         """Jn (3, nv), Jt (6, nv), Jw (3, nv) of the twist about C_Y, and Delta r (3,)."""
         model, data = self.twin.model, self.data
         C, contact, indentation = self._indentation()
-        R, x = self.object_rotation, self.object_position_m
-        Jp, Jr = self._jac_p, self._jac_r
+        R, Jp, Jr = self.object_rotation, self._jac_p, self._jac_r
         for i, body in enumerate(self._tip_bodies):
             mujoco.mj_jac(model, data, Jp[i], Jr[i], contact[i], body)
-        arm = contact - x
-        Jp[:, :, self._lin] = -np.eye(3)
-        # The object's skin moves with w x arm, so the relative velocity has -w x arm = arm x w.
-        Jp[:, :, self._rot] = np.cross(arm[:, None, :], R.T[None, :, :]).transpose(0, 2, 1)
-        Jr[:, :, self._rot] = -R
-        Jc = C @ Jp
-        Jw = np.matmul(C[:, 1:2, :], Jr)[:, 0]
+        Jc, normal = C @ Jp, C[:, 1]
+        # The object's skin moves with v + w x arm, so the relative velocity has -v and arm x w.
+        arm_cross = ((contact - self.object_position_m) @ _CROSS).reshape(3, 3, 3)
+        Jc[:, :, self._lin] = -C
+        Jc[:, :, self._rot] = C @ arm_cross @ R
+        Jw = np.matmul(normal[:, None], Jr)[:, 0]
+        Jw[:, self._rot] = -normal @ R
         return Jc[:, 1], Jc[:, ::2].reshape(6, -1), Jw, indentation
 
     def _applied(self, torque_Nm: Array) -> Array:
@@ -197,6 +198,10 @@ class RollingHand:
         force[self._lin] -= self._weight_N
         force[twin.v_address] += torque_Nm
         return force
+
+
+# (3, 9), a row each for x, y and z of a vector a: what it puts into the matrix that makes a x b of b.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
 
 
 def _solve(A: Array, b: Array, J: Array) -> tuple[Array, Array]:
