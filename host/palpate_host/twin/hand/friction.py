@@ -100,7 +100,8 @@ class FrictionHand:
     def step(self, torque_Nm: Array) -> None:
         """MuJoCo's own step, taken apart so that contacts can be made soft before they bear."""
         model, data = self.twin.model, self.data
-        data.qvel[self._braked] = 0.0
+        if self._braked.size:
+            data.qvel[self._braked] = 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
@@ -108,7 +109,7 @@ class FrictionHand:
         mujoco.mj_collision(model, data)
         data.qfrc_applied[self.twin.v_address] = torque_Nm
         contact = data.contact
-        tips, normal = self._tip_of_geom[contact.geom1], contact.frame[:, :3]
+        tips, normal = self._tip_of_geom.take(contact.geom1), contact.frame[:, :3]
         self._soften(tips, normal)
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
@@ -131,7 +132,7 @@ class FrictionHand:
     def _resist_twist(self, normal: Array, bodies: npt.NDArray[np.int32]) -> None:
         """Eq. (7), as moments on the bodies of the touching tips and on the object."""
         thing, turning, applied = self.twin.object_body, self.data.cvel, self.data.xfrc_applied
-        twist = np.vecdot(normal, (turning[bodies] - turning[thing])[:, :3])
+        twist = np.vecdot(normal, (turning.take(bodies, axis=0) - turning[thing])[:, :3])
         moment = (-self.twin.twin.tip.b_Nms * twist)[:, None] * normal
         applied[:] = 0.0
         applied[bodies, 3:] = moment
