@@ -116,7 +116,7 @@ def law(terms: Terms, gains: Gains, normals: Array, R_d: Array, q_rad: Array, qd
     """One tick: the hand's terms, R_vir, R_c, R_d_vir, u and its limits."""
     pose = terms(q_rad)
     R_vir = virtual_frame(pose.tip_centre_m)
-    R_d_vir = desired_virtual_frame(R_d, R_vir.T @ contact_frame(normals))
+    R_d_vir = desired_virtual_frame(R_d, R_vir.T.dot(contact_frame(normals)))
     return limit_torque_Nm(joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, gains), q_rad, gains)
 
 
@@ -139,7 +139,8 @@ def cases() -> tuple[Gains, Array, Array, list[tuple[Array, Array]]]:
     moved = [(start + rng.uniform(-0.1, 0.1, 15), rng.uniform(-1, 1, 15)) for _ in range(POSES)]
     angle = np.radians([30.0, 150.0, 270.0])
     normals = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(3)))
-    return gains_of(config), normals, rotation.from_rpy_deg(5.0, -10.0, 20.0), moved
+    turn = rotation.from_rpy_deg(5.0, -10.0, 20.0)
+    return gains_of(config), normals, turn @ contact_frame(normals), moved
 
 
 def disagreement() -> float:
