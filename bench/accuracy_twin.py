@@ -68,7 +68,7 @@ class Line:
 @click.option("--sensors", type=click.IntRange(1), default=SENSORS, show_default=True)
 def main(data: Path, output: Path, sensors: int) -> None:
     """Make datasets of simulated sensors, calibrate and evaluate each, and set the press sample beside them
-    (about 20 minutes of two busy cores); OUTPUT is written anew after each."""
+    (5 to 20 minutes of two busy cores); OUTPUT is written anew after each."""
     begin = time.monotonic()
 
     def say(what: str) -> None:
