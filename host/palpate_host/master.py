@@ -7,7 +7,6 @@ exactly.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -35,8 +34,9 @@ from palpate_host.network import (
     TimeStampProducer,
     foreign_stop,
 )
+from palpate_host.power_down import PowerDown
 from palpate_host.rotation import Array
-from palpate_host.status import LATE_BINS_US, Counters, HostStatus, matrix
+from palpate_host.status import Counters, HostStatus, matrix
 from palpate_host.supervisor import (
     MOVING,
     STOPPED,
@@ -47,10 +47,9 @@ from palpate_host.supervisor import (
     Wish,
     decide,
 )
+from palpate_host.tick_schedule import TickSchedule
 from palpate_host.virtual_frame import FrameError, check_numbering, virtual_frame
 
-QUICK_STOP_LIMIT_US = 500_000
-POWER_OFF_US = 50_000
 EXPOSURE_AHEAD_LIMIT_US = 50_000
 
 OPERATOR_STOP = "stopped by the operator"
@@ -84,6 +83,7 @@ class HostCore:
         self._config = config
         self._hand = hand
         self._tick_us = 1_000_000 // config.control.tick_Hz
+        self._schedule = TickSchedule(self._tick_us)
         network, s = config.network, config.staleness
         self._network = Network(
             config.node_names,
@@ -111,7 +111,6 @@ class HostCore:
         self._target_rpy_deg = config.target.rpy_deg
         self._wish = Wish.NOTHING if self._waits_for_commands else Wish.TURN
         self._decision = Decision(Mode.INIT, "starting", 0)
-        self._next_tick_us: int | None = None
         self._last_sync_us: int | None = None
         self._stop_reason = self._fault = ""
         self._leaves = False
@@ -120,11 +119,10 @@ class HostCore:
         self._back_us = 0
         self._command_Nm = np.zeros(len(config.joints))
         self._R_vir: Array | None = None
-        self._power_off_us: int | None = None
+        self._power_down = PowerDown()
         self._finished = False
         self._last_emergency = ""
         self._counters = Counters()
-        self._lateness = [0] * (len(LATE_BINS_US) + 1)
         self._status: HostStatus | None = None
 
     @property
@@ -204,11 +202,11 @@ class HostCore:
             raise _refusal("recover", self._decision, "there is nothing to recover from")
         if self._is_away:
             raise _refusal("recover", self._decision, "the bus is away, it is opened again by itself")
-        if self._power_off_us is None:
+        if not self._power_down.is_off:
             raise _refusal("recover", self._decision, "the drives are still stopping, try again")
         self._stop_reason = self._fault = self._bus_fault = self._last_emergency = ""
         self._wish = Wish.NOTHING
-        self._power_off_us = None
+        self._power_down = PowerDown()
         self._control = Manipulation(self._config)
         self._history = JointHistory(self._config.control.tick_Hz)
         self._network.restart()
@@ -232,25 +230,18 @@ class HostCore:
                 self._receive(stamp_us, frame)
             except BusError as exc:
                 self._fault = self._fault or str(exc)
-        if self._next_tick_us is None:
-            self._next_tick_us = now_us
+        tick_us = None if self._finished else self._schedule.take(now_us)
         frames_out: list[CanFrame] = []
-        ticked = now_us >= self._next_tick_us and not self._finished
-        if ticked:
-            left_out = (now_us - self._next_tick_us) // self._tick_us
-            self._counters.late_ticks += left_out
-            self._lateness[bisect_right(LATE_BINS_US, now_us - self._next_tick_us)] += 1
-            tick_us = self._next_tick_us + left_out * self._tick_us
-            self._counters.ticks += 1
+        if tick_us is not None:
             if self._is_away:
                 self._tick_without_bus(tick_us)
             else:
                 frames_out = self._tick(tick_us)
-            self._next_tick_us = tick_us + self._tick_us
             self._counters.frames_out += len(frames_out)
             self._status = self._make_status(tick_us)
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
-        return Output(tuple(frames_out), ticked, self._next_tick_us, self._status, self._finished, failure)
+        next_us = now_us if self._schedule.next_us is None else self._schedule.next_us
+        return Output(tuple(frames_out), tick_us is not None, next_us, self._status, self._finished, failure)
 
     def _receive(self, stamp_us: int, frame: CanFrame) -> None:
         node_id = frame.can_id & 0x7F
@@ -336,8 +327,7 @@ class HostCore:
         goal, torque = self._control_step(tick_us)
         self._command_Nm = torque
         frames += self._drives.commands(goal, torque)
-        is_over = self._power_off_us is not None and tick_us - self._power_off_us >= POWER_OFF_US
-        if is_over and (self._leaves or not self._waits_for_commands):
+        if self._power_down.is_over(tick_us) and (self._leaves or not self._waits_for_commands):
             frames += self._network.stop_all()
             self._finished = True
         return frames
@@ -355,7 +345,8 @@ class HostCore:
         self._R_vir = R_vir
         decision = self._decide(tick_us, no_virtual_frame, None if angles is None else angles[1])
         if decision.mode in STOPPED:
-            return self._stopping(tick_us, decision), np.zeros_like(self._command_Nm)
+            goal = self._power_down.goal(tick_us, decision.since_us, self._drives.any_powered())
+            return goal, np.zeros_like(self._command_Nm)
         if pose is None or angles is None:
             torque = np.zeros_like(self._command_Nm)
         else:
@@ -409,14 +400,6 @@ class HostCore:
         torque_Nm = [drive.torque_Nm for drive in self._drives.drives]
         return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
 
-    def _stopping(self, tick_us: int, decision: Decision) -> DriveGoal:
-        """Quick stop until no drive has power, at most 500 ms; then off."""
-        if self._power_off_us is None:
-            if self._drives.any_powered() and tick_us - decision.since_us < QUICK_STOP_LIMIT_US:
-                return DriveGoal.QUICK_STOP
-            self._power_off_us = tick_us
-        return DriveGoal.OFF
-
     def _make_status(self, now_us: int) -> HostStatus:
         control, M, R_vir = self._control, self._control.M, self._R_vir
         R_d_vir = control.R_d_vir
@@ -436,9 +419,9 @@ class HostCore:
             fit_residual_deg=control.orientation.residual_deg,
             target_rpy_deg=self._target_rpy_deg,
             last_emergency=self._last_emergency,
-            counters=replace(self._counters),
+            counters=replace(self._counters, ticks=self._schedule.ticks, late_ticks=self._schedule.left_out),
             turned=control.turned,
-            lateness=tuple(self._lateness),
+            lateness=tuple(self._schedule.lateness),
         )
 
 
