@@ -240,8 +240,8 @@ class HostCore:
             self._counters.frames_out += len(frames_out)
             self._status = self._make_status(tick_us)
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
-        next_us = now_us if self._schedule.next_us is None else self._schedule.next_us
-        return Output(tuple(frames_out), tick_us is not None, next_us, self._status, self._finished, failure)
+        ticked, next_us = tick_us is not None, self._schedule.next_us
+        return Output(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
 
     def _receive(self, stamp_us: int, frame: CanFrame) -> None:
         node_id = frame.can_id & 0x7F

@@ -8,19 +8,19 @@ from palpate_host.status import LATE_BINS_US
 
 
 class TickSchedule:
-    """next_us: when the next tick is due; ticks: taken so far; left_out: not taken, as the loop was more than
-    a period late; lateness: of the ticks taken, by how much later than due they began (LATE_BINS_US)."""
+    """next_us: when the next tick is due, 0 before the first; ticks: taken so far; left_out: not taken, as
+    the loop was more than a period late; lateness: of the ticks taken, by how much later than due they began
+    (LATE_BINS_US)."""
 
     def __init__(self, period_us: int) -> None:
-        self.next_us: int | None = None
-        self.ticks = self.left_out = 0
+        self.next_us = self.ticks = self.left_out = 0
         self.lateness = [0] * (len(LATE_BINS_US) + 1)
         self._period_us = period_us
 
     def take(self, now_us: int) -> int | None:
         """The tick that is due, by its own time, which is at most a period ago; None where none is. The first
         call's is `now_us`."""
-        due_us = now_us if self.next_us is None else self.next_us
+        due_us = self.next_us or now_us
         if now_us < due_us:
             return None
         left_out = (now_us - due_us) // self._period_us

@@ -103,7 +103,7 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         node("LpNormalization", ["stiffness"], ["force_way"], axis=1, p=2),
         node("Concat", ["direction", "force_way", "log_size"], ["parts_of_answer"], axis=1),
         node("Gemm", ["parts_of_answer", "answer_parts", "answer_origin"], ["answer"]),
-        *_kernel("answer"),
+        *_kernel("answer"),  # as it is: its weights are a thousandth of the point's
         node("Gemm", ["answer_kernel", "answer_weights", "answer_offset"], ["answered"]),
         node("Gemm", ["answered", "shapes", "shape_"], ["left"], alpha=-1.0),
         node("ReduceSumSquare", ["left"], ["misfit"], axes=[1], keepdims=1),

@@ -2,8 +2,8 @@
 
 MuJoCo finds the contacts, their friction and the motion. What makes the tips those of the paper:
 
-- softness, Eq. (8): before each step a contact's spring is set to the secant k Delta r, so that the force at
-  rest is k Delta r^2, and its damper to xi. MuJoCo's impedance d adds d/(1 - d) of the contact's effective
+- softness, Eq. (8): a contact's damper is xi, and its spring is set before each step to the secant k Delta r,
+  so that the force at rest is k Delta r^2. MuJoCo's impedance d adds d/(1 - d) of the contact's effective
   mass to the normal motion; 0.5 adds once the 3.5 g of it and keeps xi stable in steps of 0.5 ms.
 - the contact stands on the object's face, as x_i does, not in the middle of the overlap.
 - torsion, Eq. (7): a viscous moment about the normal.
