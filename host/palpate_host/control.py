@@ -169,14 +169,20 @@ def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Ga
 
 def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
     """Clamp each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
-    above_rad, below_rad = gains.q_max_rad - q_rad, q_rad - gains.q_min_rad
-    limit, soft_rad = gains.torque_limit_Nm, max(gains.soft_limit_rad, 1e-9)
-    if np.minimum(above_rad, below_rad).min() >= soft_rad:  # the usual, in half the time
-        return np.asarray(np.minimum(np.maximum(u_Nm, -limit), limit))
-    per_rad = 1.0 / soft_rad
-    up = np.minimum(np.maximum(above_rad * per_rad, 0.0), 1.0)
-    down = np.minimum(np.maximum(below_rad * per_rad, 0.0), 1.0)
-    return np.asarray(np.minimum(np.maximum(u_Nm, -limit * down), limit * up))
+    soft_rad = max(gains.soft_limit_rad, 1e-9)
+    limited = []
+    for u, q, low, high, most in zip(
+        u_Nm.tolist(),
+        q_rad.tolist(),
+        gains.q_min_rad.tolist(),
+        gains.q_max_rad.tolist(),
+        gains.torque_limit_Nm.tolist(),
+        strict=True,
+    ):
+        ahead_rad = high - q if u > 0.0 else q - low
+        limit = most if ahead_rad >= soft_rad else most * max(ahead_rad, 0.0) / soft_rad
+        limited.append(min(max(u, -limit), limit))
+    return np.array(limited)
 
 
 def target_step(full_turn_rad: Array, elapsed_s: float, ramp_s: float) -> Array:
