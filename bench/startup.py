@@ -41,8 +41,6 @@ sys.stdin.read()
 """
 RUN = "from palpate_edge.cli import main; main()"
 HUB = "from palpate_host.cli import main; main()"
-RUN = "from palpate_edge.cli import main; main()"
-HUB = "from palpate_host.cli import main; main()"
 DAEMON = """
 name = "bench"
 [capture]

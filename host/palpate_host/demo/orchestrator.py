@@ -18,7 +18,7 @@ from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale
 from palpate_host.demo.monitor import Monitor, Sight
-from palpate_host.demo.processes import Children, DemoError, Program
+from palpate_host.demo.processes import Children, DemoError, Program, Urgency
 from palpate_host.demo.programme import Programme, ask_by_socket
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
@@ -39,12 +39,12 @@ class DemoInterruptedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One process of the demo, by name, with what a person would type; real_time: Children.start."""
+    """One process of the demo, by name, with what a person would type."""
 
     name: str
     program: Program
     arguments: tuple[str, ...]
-    real_time: bool = False
+    urgency: Urgency = Urgency.NONE
 
     @property
     def text(self) -> str:
@@ -54,11 +54,9 @@ class Command:
 def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
     """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin.
 
-    What runs on boards in the real-time class does so here beside a recording, and so do the drives, which
-    are hardware elsewhere. The twin's pictures cost more than all else: ahead of them, the others would only
-    wait longer for the next one.
+    Beside a recording they run in the real-time class, as on boards. The twin's pictures cost more than all
+    else: ahead of them, the others would only wait longer for the next one.
     """
-    real_time = recording is not None
     header = log_header(hand, "palpate demo")
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
     hub = ("bus", "hub", "--socket", str(folder.hub_socket), "--bitrate", str(hand.bus.bitrate))
@@ -66,29 +64,31 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
     config = ("--config", str(folder.hand_toml))
     sockets = ("--status", str(folder.status_socket), "--socket", str(folder.control_socket))
     if recording is None:
+        bus = fingertip = host = Urgency.NONE
         made = ("simulate", "fingertips", "--hand", str(folder.hand_toml), "-o", str(folder.sensors))
         rings = [text for finger in hand.fingers for text in ("--ring", str(folder.ring(finger.name)))]
         paths = ("--sensors", str(folder.sensors), "--truth", str(folder.truth))
         first = Command("fingertips", Program.HOST, made)
         moves = Command("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
     else:
+        bus, fingertip, host = Urgency.BUS, Urgency.FINGERTIP, Urgency.HOST
         calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
         first = Command("calibrate", Program.EDGE, calibrate)
-        moves = Command("drives", Program.HOST, ("drives", *config), real_time)
+        moves = Command("drives", Program.HOST, ("drives", *config), Urgency.DRIVES)
     return [
         first,
-        Command("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), real_time),
+        Command("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), bus),
         moves,
         *(
             Command(
                 finger.name,
                 Program.EDGE,
                 ("run", "--config", str(folder.finger_toml(finger.name))),
-                real_time,
+                fingertip,
             )
             for finger in hand.fingers
         ),
-        Command("host", Program.HOST, ("run", *config, *sockets), real_time),
+        Command("host", Program.HOST, ("run", *config, *sockets), host),
     ]
 
 
@@ -172,7 +172,7 @@ class _Watch:
         self._stopped = stopped
 
     def start(self, command: Command) -> None:
-        self._children.start(command.name, command.program, command.arguments, real_time=command.real_time)
+        self._children.start(command.name, command.program, command.arguments, command.urgency)
 
     def finish(self, command: Command, say: Callable[[str], None]) -> None:
         """Run a process to its end and pass on what it says."""

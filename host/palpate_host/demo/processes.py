@@ -15,7 +15,8 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -24,7 +25,6 @@ from palpate_edge.errors import PalpateError
 STOP_TIMEOUT_S = 30.0
 POLL_S = 0.02
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
-REAL_TIME_PRIORITY = 10
 
 _libc = ctypes.CDLL(None)
 
@@ -43,6 +43,17 @@ class Program(Enum):
     def command(self) -> str:
         """The name it has in a shell."""
         return self.value.removesuffix(".cli").replace("_", "-")
+
+
+class Urgency(IntEnum):
+    """Who goes ahead where all share a machine, as a priority of SCHED_RR: first what is hardware or a board
+    of its own elsewhere and holds the others up."""
+
+    NONE = 0
+    DRIVES = 10
+    HOST = 20
+    FINGERTIP = 30
+    BUS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +93,9 @@ class Children:
         self._running.clear()
 
     def start(
-        self, name: str, program: Program, arguments: Sequence[str], *, real_time: bool = False
+        self, name: str, program: Program, arguments: Sequence[str], urgency: Urgency = Urgency.NONE
     ) -> Child:
-        """Start `program` with `arguments`; real_time: ahead of everything else, where that is allowed."""
+        """Start `program` with `arguments`, in the real-time class where it has an urgency and may."""
         path = self._folder / f"{name}.stderr"
         with path.open("wb") as stderr:
             process = subprocess.Popen(
@@ -93,7 +104,7 @@ class Children:
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
                 start_new_session=True,
-                preexec_fn=_ahead_of_all if real_time else _end_with_parent,  # noqa: PLW1509 - one thread
+                preexec_fn=partial(_before_the_program, urgency),  # noqa: PLW1509 - one thread
             )
         child = Child(name, process, path)
         self._running.append(child)
@@ -145,12 +156,9 @@ def _status_text(status: int) -> str:
     return f"signal {-status}" if status < 0 else f"exit status {status}"
 
 
-def _end_with_parent() -> None:
+def _before_the_program(urgency: Urgency) -> None:
+    """End with the parent; urgent ones of a kind take turns, as several share a core here."""
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def _ahead_of_all() -> None:
-    """In turns, as several share a core here; what a machine has to itself asks for more (real_time.py)."""
-    _end_with_parent()
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME_PRIORITY))
+    if urgency:
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(urgency))
