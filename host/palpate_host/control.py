@@ -111,7 +111,8 @@ def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gain
     for x, y, z in levers_m:
         fx, fy, fz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
         turning.append((fx, fy, fz))
-        excess = max(excess, (fx * fx + fy * fy + fz * fz) / max(x * x + y * y + z * z, 1e-24))
+        ratio = (fx * fx + fy * fy + fz * fz) / (x * x + y * y + z * z + 1e-24)
+        excess = ratio if ratio > excess else excess
     return turning, 1.0 / max(1.0, math.sqrt(excess) / gains.friction_ratio)
 
 
@@ -140,16 +141,17 @@ def joint_torque_Nm(
     tip_force_N: (n, 3) that the tips add (contact_force.py).
     """
     tips_m = pose.tip_centre_m
-    levers_m = _levers_m(tips_m)
+    levers_m, pull = _levers_m(tips_m), _pull_N_m(tips_m, gains)
     if R_vir is not None and R_d_vir is not None:
         turning, share = _turning_levers_m(levers_m, R_vir, R_d_vir, gains)
+        along = share * pull
         rows = [
-            (share * fx - x, share * fy - y, share * fz - z)
+            (along * fx - pull * x, along * fy - pull * y, along * fz - pull * z)
             for (x, y, z), (fx, fy, fz) in zip(levers_m, turning, strict=True)
         ]
     else:
-        rows = [(-x, -y, -z) for x, y, z in levers_m]
-    force = _pull_N_m(tips_m, gains) * np.array(rows)
+        rows = [(-pull * x, -pull * y, -pull * z) for x, y, z in levers_m]
+    force = np.array(rows)
     if tip_force_N is not None:
         force = force + tip_force_N
     if hold_at_m is not None:
@@ -181,7 +183,7 @@ def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
     ):
         ahead_rad = high - q if u > 0.0 else q - low
         limit = most if ahead_rad >= soft_rad else most * max(ahead_rad, 0.0) / soft_rad
-        limited.append(min(max(u, -limit), limit))
+        limited.append(limit if u > limit else -limit if u < -limit else u)
     return np.array(limited)
 
 

@@ -71,16 +71,16 @@ class Hand:
         data.qpos[self._q_address] = q_rad
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        gravity = np.zeros(model.nv)
+        gravity = np.zeros(self._joint_count)
         mujoco.mj_rne(model, data, 0, gravity)
-        jacobian = np.zeros((len(self._sites), 3, model.nv))
+        jacobian = np.zeros((len(self._sites), 3, self._joint_count))
         for i, site in enumerate(self._sites):
             mujoco.mj_jacSite(model, data, jacobian[i], None, site)
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
-            tip_centre_m=np.array(data.site_xpos[self._site_rows]),
+            tip_centre_m=data.site_xpos[self._site_rows].copy(),
             tip_jacobian_m=jacobian[:, :, self._v_address],
-            tip_rotation=np.array(data.site_xmat[self._site_rows]).reshape(-1, 3, 3),
+            tip_rotation=data.site_xmat[self._site_rows].reshape(-1, 3, 3).copy(),
             gravity_Nm=gravity[self._v_address],
         )
 

@@ -48,12 +48,13 @@ def virtual_frame(tip_centre_m: Array) -> Array:
     x0, y0, z0 = tips[2]
     arms = [(x - x0, y - y0, z - z0) for x, y, z in tips]
     nx = ny = nz = longest_squared = 0.0
-    previous = arms[-1]
-    for arm in arms:
-        (ax, ay, az), (bx, by, bz) = previous, arm
+    ax, ay, az = arms[-1]
+    for bx, by, bz in arms:
         nx, ny, nz = nx + ay * bz - az * by, ny + az * bx - ax * bz, nz + ax * by - ay * bx
-        longest_squared = max(longest_squared, (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
-        previous = arm
+        dx, dy, dz = bx - ax, by - ay, bz - az
+        squared = dx * dx + dy * dy + dz * dz
+        longest_squared = squared if squared > longest_squared else longest_squared
+        ax, ay, az = bx, by, bz
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     if length <= MIN_TRIANGLE_FLATNESS * longest_squared * math.sqrt(3.0) / 2.0:
         raise FrameError(
