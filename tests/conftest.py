@@ -25,7 +25,12 @@ from palpate_edge.training.dome_model import load_dome_model
 
 Array = NDArray[np.float64]
 
-pytest_plugins = ("kernel_guest.forwarding", "kernel_guest.links", "kernel_guest.cameras")
+pytest_plugins = (
+    "kernel_guest.forwarding",
+    "kernel_guest.links",
+    "kernel_guest.cameras",
+    "kernel_guest.usb_cameras",
+)
 
 # FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
 # that ran earlier in this process may have opened one. test_run.py sees the command line's own doing.

@@ -86,4 +86,5 @@ def test_a_path_is_taken_as_it_is(machine):
 
 def test_numbers_of_nodes_are_no_stable_names():
     assert not is_stable_name("/dev/video0")
+    assert not is_stable_name("/dev/v4l/by-id/usb-Webcam_Vendor_01.00.00-video-index0")
     assert is_stable_name("/dev/v4l/by-path/platform-usb-1-1-video-index0")

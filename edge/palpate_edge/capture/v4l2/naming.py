@@ -38,8 +38,11 @@ def find_camera(
 
 
 def is_stable_name(path: str) -> bool:
-    """False for a name that another camera may have after the next boot."""
-    return not Path(path).name.startswith("video")
+    """False for a name that another camera may have after the next boot.
+
+    That in ``by-id`` is of the make and the serial number; many makes give all their cameras one.
+    """
+    return not Path(path).name.startswith("video") and Path(path).parent.name != "by-id"
 
 
 def _is_image_node(node: Path, usb_serial: str) -> bool:
