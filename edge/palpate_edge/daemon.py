@@ -156,6 +156,7 @@ class _Daemon:
     def _turn(self) -> int:
         """One turn of the loop; returns when the next is due at the latest."""
         core, link, clock = self._core, self._link, self._clock
+        self._take_pixels()
         link.poll(clock.now_us())
         frames = link.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
@@ -163,7 +164,6 @@ class _Daemon:
             self._say(f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
             core.link_changed(change)
         core.error_passive(link.error_passive)
-        self._take_pixels()
         self._see_to_light()
         now_us = clock.now_us()
         step = core.poll(now_us)
@@ -179,7 +179,7 @@ class _Daemon:
         return min(one for one in due if one is not None)
 
     def _take_pixels(self) -> None:
-        """Contacts go on the bus as they come; what ends the daemon withdraws the last one first."""
+        """Contacts go on the bus before all else; what ends the daemon withdraws the last one first."""
         now_us = self._clock.now_us()
         try:
             outcomes = self._pixels.take()
