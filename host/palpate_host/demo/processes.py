@@ -46,8 +46,8 @@ class Program(Enum):
 
 
 class Urgency(IntEnum):
-    """Who goes ahead where all share a machine, as a priority of SCHED_RR: first what is hardware or a board
-    of its own elsewhere and holds the others up."""
+    """Who goes ahead where all share a machine, as a priority of SCHED_RR: the bus, as all wait for it; the
+    fingertips, boards of their own elsewhere; the host; last the drives, which have until the next SYNC."""
 
     NONE = 0
     DRIVES = 10
