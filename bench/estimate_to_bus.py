@@ -28,6 +28,7 @@ from palpate_edge.capture.frame import Frame
 from palpate_edge.contact_type import Contact
 from palpate_edge.estimator import Estimator
 from palpate_edge.fingertip_core import FingertipCore
+from palpate_edge.long_lived import long_lived
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method
 from palpate_edge.pixel_thread import PixelThread
@@ -83,7 +84,7 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
             closing(BusLink(lambda: open_bus(config, "fingertip"))) as link,
             open_bus(config, "host", [0x390]) as host,
         ):
-            with scheduling:
+            with scheduling, long_lived():
                 sent_s, busy_s = _publish(link, PixelThread(Camera(material), estimator))
             assert host.receive(1.0)
     return [

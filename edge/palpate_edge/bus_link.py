@@ -108,13 +108,15 @@ class BusLink:
 
     def send(self, now_us: int, frames: Sequence[CanFrame]) -> None:
         """Send these behind what waits; while there is no bus only emergencies wait for it."""
+        if self.state is LinkState.UP and not self._queue:
+            frames = frames[self._offer(now_us, frames) :]
         if self.state is not LinkState.UP:
             frames = [frame for frame in frames if frame.can_id in EMCY_IDS]
         try:
             self._queue.put(now_us, frames)
         except BusError as error:
             self._go_down(now_us, str(error))
-        if self._resend_at_us is None or now_us >= self._resend_at_us:
+        if self._queue and (self._resend_at_us is None or now_us >= self._resend_at_us):
             self._flush(now_us)
 
     def poll(self, now_us: int) -> None:
@@ -136,15 +138,18 @@ class BusLink:
 
     def _flush(self, now_us: int) -> None:
         self._resend_at_us = None
-        frames = self._queue.fresh(now_us)
-        if self._bus is None or self.state is not LinkState.UP or not frames:
-            return
+        if self.state is LinkState.UP:
+            self._queue.sent(self._offer(now_us, self._queue.fresh(now_us)))
+
+    def _offer(self, now_us: int, frames: Sequence[CanFrame]) -> int:
+        """How many of the frames the bus took at once; the others are due a little later."""
+        if self._bus is None or not frames:
+            return 0
         try:
             taken = self._bus.try_send(frames)
         except BusError as error:
             self._go_down(now_us, str(error))
-            return
-        self._queue.sent(taken)
+            return 0
         self.sent += taken
         if taken:
             self._resend_us = FIRST_RESEND_US
@@ -152,6 +157,7 @@ class BusLink:
             self.retries += 1
             self._resend_at_us = now_us + self._resend_us
             self._resend_us = min(2 * self._resend_us, LONGEST_RESEND_US)
+        return taken
 
     def _reopen(self, now_us: int) -> None:
         """Open it and look whether it carries anything: a socket on a link that is down opens as well."""

@@ -68,18 +68,12 @@ class PixelThread(threading.Thread):
         """What came since the last call, oldest first. Raises what stopped the thread, if anything did."""
         with suppress(BlockingIOError):  # nothing new; a failure may still wait behind the last contacts
             os.eventfd_read(self._wake)
-        failure = self._failure  # read first: what is appended later belongs to the next call
-        dead = not self._finished and self.ident is not None and not self.is_alive()
-        outcomes = []
+        outcomes: list[Outcome] = []
         while self._outcomes:
             outcomes.append(self._outcomes.popleft())
-        if outcomes:
-            return outcomes
-        if isinstance(failure, PalpateError):
-            raise failure
-        if failure is not None or dead:
-            raise RuntimeError("the pixel thread died") from failure
-        return []
+        if not outcomes:
+            self._raise_what_ended_it()
+        return outcomes
 
     @property
     def finished(self) -> bool:
@@ -94,6 +88,16 @@ class PixelThread(threading.Thread):
         if not self.is_alive():
             self.source.close()
             os.close(self._wake)
+
+    def _raise_what_ended_it(self) -> None:
+        failure = self._failure
+        dead = not self._finished and self.ident is not None and not self.is_alive()
+        if self._outcomes:  # given since they were looked for: first those, at the next call
+            return
+        if isinstance(failure, PalpateError):
+            raise failure
+        if failure is not None or dead:
+            raise RuntimeError("the pixel thread died") from failure
 
     def _give(self, outcome: Outcome) -> None:
         self._outcomes.append(outcome)

@@ -31,8 +31,7 @@ class TransmitQueue:
 
     def put(self, now_us: int, frames: Iterable[CanFrame]) -> None:
         """Raises BusError when nothing but frames that may not be dropped fills it: the bus is dead."""
-        for frame in frames:
-            self._waiting.append((now_us, frame))
+        self._waiting.extend((now_us, frame) for frame in frames)
         pdos = sum(frame.can_id in PDO_IDS for _, frame in self._waiting)
         if len(self._waiting) - pdos > MAX_OTHERS:
             raise BusError(

@@ -150,7 +150,7 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
         channel_values(contact), CHANNEL_OBJECTS, strict=True
     ):
         objects[input_key], status = encode_channel(value, increments_per_unit)
-        objects[status_key] = status
+        objects[status_key] = int(status)  # a plain one is found in its range at once
         if status and not (optional and value is None):
             doubt = True
     if contact.torsion_Nmm is None:

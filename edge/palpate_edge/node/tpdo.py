@@ -20,11 +20,12 @@ from palpate_edge.node.sync import COUNTER_OVERFLOW
 class Tpdo:
     """One TPDO in OPERATIONAL.
 
-    requested: the application has triggered it since it was sent. awaits_start: the SYNC with its start value
-    has not come yet.
+    goes_by_itself: valid and event-driven. requested: the application has triggered it since it was sent.
+    awaits_start: the SYNC with its start value has not come yet.
     """
 
     parameters: PdoParameters
+    goes_by_itself: bool
     awaits_start: bool = False
     requested: bool = False
     syncs: int = 0
@@ -32,8 +33,8 @@ class Tpdo:
     event_due_us: int | None = None
 
     def due_us(self) -> int | None:
-        """When an event-driven TPDO is to be sent."""
-        if not self.parameters.event_driven:
+        """When a valid event-driven TPDO is to be sent."""
+        if not self.goes_by_itself:
             return None
         if self.requested:
             return self.inhibited_until_us
@@ -83,7 +84,11 @@ class TpdoService:
         """After a write to one of the parameters of TPDO `number`."""
         parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
         counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
-        self._tpdos[number] = tpdo = Tpdo(parameters, awaits_start=counted and parameters.sync_start != 0)
+        self._tpdos[number] = tpdo = Tpdo(
+            parameters,
+            goes_by_itself=parameters.valid and parameters.event_driven,
+            awaits_start=counted and parameters.sync_start != 0,
+        )
         tpdo.start_event_timer(now_us)
 
     def stop(self) -> None:
@@ -102,7 +107,7 @@ class TpdoService:
                 self._tpdos[number].requested = True
 
     def due_us(self) -> int | None:
-        due = [tpdo.due_us() for tpdo in self._tpdos.values() if tpdo.parameters.valid]
+        due = [tpdo.due_us() for tpdo in self._tpdos.values()]
         return min((at_us for at_us in due if at_us is not None), default=None)
 
     def sync(self, now_us: int, counter: int | None) -> list[CanFrame]:
@@ -114,7 +119,7 @@ class TpdoService:
         frames = []
         for tpdo in self._tpdos.values():
             due_us = tpdo.due_us()
-            if tpdo.parameters.valid and due_us is not None and due_us <= now_us:
+            if due_us is not None and due_us <= now_us:
                 frames.append(self._send(tpdo, now_us))
         return frames
 

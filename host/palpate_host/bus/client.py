@@ -138,7 +138,9 @@ class HubBus(can.BusABC):
             self._take_arrived()
             if self._is_off or self._asks_verdict:
                 return 0
-            burst = list(itertools.takewhile(is_data_frame, frames[: min(self._credits, MAX_BURST)]))
+            burst = frames[: min(self._credits, MAX_BURST)]
+            if not all(map(is_data_frame, burst)):
+                burst = list(itertools.takewhile(is_data_frame, burst))
             if burst:
                 self._transmit(burst, 0)
             return len(burst)
@@ -197,7 +199,7 @@ class HubBus(can.BusABC):
         """Takes what the hub has sent, without waiting."""
         with self._receive_lock:
             try:
-                if self._gone is None:
+                if self._gone is None and self._epoll.poll(0):  # a look costs a fifth of a vain `recv`
                     for kind, payload in self._splitter.feed(link.receive(self._socket, self._path)):
                         self._handle(kind, payload)
                     self._show_pending()
