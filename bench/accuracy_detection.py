@@ -39,7 +39,7 @@ def measure(datasets: Sequence[PressDataset], calibration: Calibration) -> Motio
         tracker = Tracker(reference)
         for press in dataset.presses:
             image = read_image(dataset.path(press))
-            size_px = skin.size_px(tracker.follow(plane(image, calibration.appearance)))
+            size_px = skin.read(tracker.follow(plane(image, calibration.appearance))).size_px
             if press.position_mm is None:
                 rest.append(size_px)
             else:

@@ -71,7 +71,7 @@ def rows(material: Material) -> list[Row]:
         Row("corrected estimate, image to force", corrected_s),
         Row("paper's estimate, image to force", paper_s),
         Row("  follow the beads", follow_s),
-        Row("  touch test", after(beads, skin.size_px)),
+        Row("  touch test", after(beads, skin.read)),
         Row("  canonical displacement field", after(beads, reader.read)),
         Row("  correction model", after(fields, model.correct)),
         Row("find the beads in a whole image", search_s),

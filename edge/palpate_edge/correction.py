@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.displacement import CanonicalField, about_z
+from palpate_edge.contact_type import Vector3
+from palpate_edge.displacement import CanonicalField
 from palpate_edge.errors import CalibrationError
 
 Array = NDArray[np.float64]
@@ -28,12 +29,12 @@ SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """direction (3,) of the contact point, unit vector in F; force_N (3,) on the dome in F; radius95_mm:
+    """direction of the contact point, unit vector in F; force_N on the dome in F; radius95_mm:
     with 95 % probability the contact is no farther from the given point; misfit: squared
     distance of the field to the one that a contact with this answer makes, both of size 1."""
 
-    direction: Array
-    force_N: Array
+    direction: Vector3
+    force_N: Vector3
     radius95_mm: float
     misfit: float
 
@@ -93,11 +94,14 @@ class CorrectionModel:
         arrays["field"][0] = field.values
         arrays["hidden"][0] = field.hidden
         self._session.run_with_iobinding(self._binding)
-        turn = about_z(field.azimuth_rad)
-        direction, force = turn @ arrays["direction"][0], turn @ arrays["force"][0]
+        # Plain floats: numpy takes longer to look at three numbers than to compute with them.
+        cos, sin = math.cos(field.azimuth_rad), math.sin(field.azimuth_rad)
+        x, y, z = arrays["direction"][0].tolist()
+        x_N, y_N, z_N = arrays["force"][0].tolist()
+        length = math.hypot(x, y, z)
         return Correction(
-            direction / math.sqrt(direction @ direction),
-            force,
+            ((cos * x - sin * y) / length, (sin * x + cos * y) / length, z / length),
+            (cos * x_N - sin * y_N, sin * x_N + cos * y_N, z_N),
             float(arrays["radius95"][0, 0]),
             max(0.0, float(arrays["misfit"][0, 0])),
         )

@@ -28,6 +28,7 @@ CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.
 KERNEL_LENGTH = 0.45  # on the unit sphere: about four bead spacings of the paper's layout
 BEAD_NOISE = 1e-3  # variance of a bead's place relative to the field's
 PIXEL_STEP = 0.5
+PER_COSINE = 6.0 / KERNEL_LENGTH**2  # chord^2 = 2 - 2 cos, and 3 of it over the length's square
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +90,13 @@ class DisplacementReader:
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
         covariance = kernel(self._beads, self._beads) + BEAD_NOISE * np.eye(len(reference_px))
         self._inverse = np.linalg.inv(covariance)
-        self._beads_32 = self._beads.astype(np.float32)
+        self._beads_32 = self._beads.T.astype(np.float32)
 
-    def hidden(self, found: Mask) -> Hidden:
-        """The beads that are not found (n,)."""
-        if found.all():
+    def hidden(self, beads: Beads) -> Hidden:
+        """The beads that are not found."""
+        if not len(beads.lost):
             return NONE_HIDDEN
-        beads = np.flatnonzero(~found)
-        return Hidden(beads, np.linalg.inv(self._inverse[np.ix_(beads, beads)]))
+        return Hidden(beads.lost, np.linalg.inv(self._inverse[np.ix_(beads.lost, beads.lost)]))
 
     def read(self, beads: Beads, turn_rad: float = 0.0, hidden: Hidden | None = None) -> CanonicalField:
         """The canonical field of one frame; `turn_rad` turns the canonical frame (training's variety).
@@ -105,13 +105,13 @@ class DisplacementReader:
         """
         pixels = beads.position_px - self._reference_px
         moved = np.vecdot(self._mm_per_px, pixels[:, None])
-        hidden = hidden or self.hidden(beads.found)
+        hidden = hidden or self.hidden(beads)
         if len(hidden.beads):
             moved = self._filled(moved, beads.found, hidden)
         azimuth = self._azimuth(moved) + turn_rad
         weights = self._inverse @ moved
         turn = about_z(azimuth).astype(np.float32)  # float32: fields to 1e-6 in a third of the time
-        covariance = kernel(_DIRECTIONS_32 @ turn.T, self._beads_32)
+        covariance = _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
         field = covariance @ weights.astype(np.float32) @ turn
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
         return CanonicalField(values, azimuth, hidden.blind_spot)
@@ -132,8 +132,12 @@ class DisplacementReader:
 
 def kernel(a: Some, b: Some) -> Some:
     """Matern 3/2 covariance (n, m) of directions (n, 3) and (m, 3), by their chord."""
-    chord = (a * (-6.0 / KERNEL_LENGTH**2)) @ b.T
-    chord += 6.0 / KERNEL_LENGTH**2
+    return _matern(np.asarray((a * -PER_COSINE) @ b.T, a.dtype))
+
+
+def _matern(chord: Some) -> Some:
+    """chord: the directions' products times -PER_COSINE; its memory is used."""
+    chord += PER_COSINE
     np.sqrt(np.abs(chord, out=chord), out=chord)  # abs: rounding leaves it below 0 by a hair
     growth = np.exp(chord)
     chord += 1.0
@@ -163,6 +167,6 @@ def _jacobian(view: View, reference_px: Array, radius_mm: float) -> Array:
 NONE_HIDDEN = Hidden(np.empty(0, np.intp), np.empty((0, 0)))
 _DIRECTIONS = canonical_directions()
 _MERIDIONAL, _AZIMUTHAL = tangent_basis(_DIRECTIONS)
-_DIRECTIONS_32 = _DIRECTIONS.astype(np.float32)
+_DIRECTIONS_32 = (-PER_COSINE * _DIRECTIONS).astype(np.float32)
 _TANGENTS = np.stack([_MERIDIONAL, _AZIMUTHAL]).astype(np.float32)
 _MIRROR = np.array([int(np.argmax(_DIRECTIONS @ (d * (1.0, -1.0, 1.0)))) for d in _DIRECTIONS])

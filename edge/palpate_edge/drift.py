@@ -59,12 +59,13 @@ class Drift:
         self._threshold_px = threshold_px
         near = distances(rest.position_px, rest.position_px) / rest.spacing_px[:, None]
         self._around = np.exp(-0.5 * (near / DENT_SPACINGS) ** 2)
-        self._around_all = means(self._around)
+        self._around_all = means(self._around).astype(np.float32)
         self._modes = camera_motions(rest.position_px)
         self._flat_modes = self._modes.reshape(-1, MOTIONS)  # a stack of small ones multiplies slowly
         self._fit = np.linalg.pinv(self._flat_modes)
         self._whole_px = np.zeros_like(rest.position_px)
         self._dent_px = np.zeros_like(rest.position_px)
+        self._drift_px = self._whole_px + self._dent_px
         self._last_us: int | None = None
         self._unseen_px = math.inf  # how far the drift can have gone since it was last followed
         self._steady = 0
@@ -73,16 +74,16 @@ class Drift:
     @property
     def total_px(self) -> float:
         """Root mean square of the drift over the beads."""
-        return rms(self._whole_px + self._dent_px)
+        return rms(self._drift_px)
 
     def settled(self, beads: Beads) -> Beads:
         """The beads as they would be seen without the drift."""
-        return Beads(beads.position_px - self._whole_px - self._dent_px, beads.found, beads.searched)
+        return Beads(beads.position_px - self._drift_px, beads.found, beads.lost, beads.searched)
 
     def judge(self, beads: Beads, motion_px: float, at_us: int) -> Skin:
         """Whether something touches, and the drift followed when nothing does.
 
-        beads: settled; motion_px: their SkinMotion.size_px; at_us: exposure time.
+        beads: settled; motion_px: their Motion.size_px; at_us: exposure time.
         """
         elapsed_s = 0.0 if self._last_us is None else max(0.0, 1e-6 * (at_us - self._last_us))
         self._last_us = at_us
@@ -91,7 +92,7 @@ class Drift:
         whole_px, dent_px = self._split(beads)
         skin = Skin.UNTOUCHED
         if moved:
-            skin = self._moved_as_one(motion_px, whole_px, self._size(dent_px, beads.found))
+            skin = self._moved_as_one(motion_px, whole_px, self._size(dent_px, beads))
         self._catching_up = skin is Skin.KNOCKED
         self._steady = 0 if skin is Skin.TOUCHED else self._steady + 1
         plain = motion_px > PLAIN * self._threshold_px
@@ -119,6 +120,7 @@ class Drift:
         self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_SETTLING_S)) * dent_px
         limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._whole_px)
         self._dent_px *= min(1.0, limit_px / max(rms(self._dent_px), 1e-12))
+        self._drift_px = self._whole_px + self._dent_px
 
     def _room_px(self) -> float:
         return max(0.0, MAX_TOTAL_PX - rms(self._whole_px))
@@ -126,7 +128,7 @@ class Drift:
     def _split(self, beads: Beads) -> tuple[Array, Array]:
         """The beads' motion (n, 2) as one, and what is beside it: 0 for beads that were not found."""
         seen, moved = beads.found, beads.position_px - self._rest_px
-        if seen.all():
+        if not len(beads.lost):
             whole = (self._flat_modes @ (self._fit @ moved.ravel())).reshape(-1, 2)
             return whole, moved - whole
         modes = self._modes[seen].reshape(-1, MOTIONS)
@@ -134,11 +136,11 @@ class Drift:
         whole = (self._flat_modes @ shares).reshape(-1, 2)
         return whole, np.where(seen[:, None], moved - whole, 0.0)
 
-    def _size(self, dent_px: Array, seen: NDArray[np.bool_]) -> float:
+    def _size(self, dent_px: Array, beads: Beads) -> float:
         """Root mean square, over the found beads, of the dent averaged over each one's neighbourhood."""
-        if seen.all():
-            return rms(self._around_all @ dent_px)
-        return rms(found_means(self._around, dent_px, seen)[seen])
+        if not len(beads.lost):
+            return rms(self._around_all @ dent_px.astype(np.float32))
+        return rms(found_means(self._around, dent_px, beads.found)[beads.found])
 
 
 def camera_motions(position_px: Array) -> Array:

@@ -18,7 +18,7 @@ from palpate_edge.displacement import DisplacementReader, Hidden
 from palpate_edge.drift import Drift, Skin
 from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
-from palpate_edge.motion import MAX_ROUGHNESS, SkinMotion, faintness
+from palpate_edge.motion import MAX_ROUGHNESS, Motion, SkinMotion, faintness
 from palpate_edge.sensor import View
 from palpate_edge.slip import SlipWatch
 from palpate_edge.tracking import Beads, Reference, Tracker
@@ -122,17 +122,19 @@ class Estimator:
         if reason:
             return self._refuse(frame, reason, 0)
         beads = self._tracker.follow(plane(frame.image, self._calibration.appearance))
-        found = int(beads.found.sum())
-        hidden = self._reader.hidden(beads.found)
-        if self._tare_left and not self._doubt(beads, hidden):
+        expected = len(beads.found)
+        found = expected - len(beads.lost)
+        hidden = self._reader.hidden(beads)
+        if self._tare_left and not self._doubt(beads, self._motion.read(beads), hidden):
             self._take_tare(beads)
             return self._refuse(frame, "tare in progress", found)
         beads = self._drift.settled(beads)
-        reason = self._doubt(beads, hidden)
+        motion = self._motion.read(beads)
+        reason = self._doubt(beads, motion, hidden)
         if reason:
             self._tracker.reset()
             return self._refuse(frame, reason, found)
-        motion_px = self._motion.size_px(beads)
+        motion_px = motion.size_px
         skin = self._drift.judge(beads, motion_px, frame.exposed_at_us)
         if skin is Skin.KNOCKED:
             return self._refuse(frame, "the beads have moved as one: a knocked camera; tare", found)
@@ -152,10 +154,10 @@ class Estimator:
             normal_force_N=contact.normal_force_N,
             force_N=contact.force_N,
             torsion_Nmm=None,
-            quality=found / len(beads.found),
+            quality=found / expected,
             reason="",
             beads_found=found,
-            beads_expected=len(beads.found),
+            beads_expected=expected,
             radius95_mm=radius95_mm,
         )
         return replace(answer, slip=True) if self._slip.slips(answer) else answer
@@ -173,12 +175,13 @@ class Estimator:
         answer = radius95_mm / self._sensor.dome.outer_radius_mm
         return MAX_MISFIT + NOISE_MISFIT * noise**2 + ANSWER_MISFIT * answer**2
 
-    def _doubt(self, beads: Beads, hidden: Hidden) -> str:
+    def _doubt(self, beads: Beads, motion: Motion, hidden: Hidden) -> str:
         """Why the beads cannot be those of this skin, or do not tell enough of it; empty when they do."""
-        found = int(beads.found.sum())
-        if found < MIN_BEADS_SHARE * len(beads.found):
-            return f"only {found} of {len(beads.found)} beads found"
-        if self._motion.roughness(beads) > MAX_ROUGHNESS:
+        expected = len(beads.found)
+        found = expected - len(beads.lost)
+        if found < MIN_BEADS_SHARE * expected:
+            return f"only {found} of {expected} beads found"
+        if motion.roughness > MAX_ROUGHNESS:
             return "beads do not move as one skin: another sensor, or no dome"
         if hidden.blind_spot > MAX_BLIND_SPOT:
             return "the beads of a whole region are hidden"
@@ -192,11 +195,13 @@ class Estimator:
     def _by_model(self, beads: Beads, hidden: Hidden, correction: CorrectionModel) -> _Touch:
         """The correction model; the normal force is the force's part along the inward normal."""
         result = correction.correct(self._reader.read(beads, hidden=hidden))
-        position = self._sensor.dome.outer_radius_mm * result.direction
+        (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
+        radius_mm = self._sensor.dome.outer_radius_mm
+        position = radius_mm * x, radius_mm * y, radius_mm * z
         if self._calibration.stiffness_scale is None:
-            return _Touch(_vector(position), None, None, result.radius95_mm, result.misfit)
-        normal_N = max(0.0, -float(result.force_N @ result.direction))
-        return _Touch(_vector(position), normal_N, _vector(result.force_N), result.radius95_mm, result.misfit)
+            return _Touch(position, None, None, result.radius95_mm, result.misfit)
+        normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
+        return _Touch(position, normal_N, result.force_N, result.radius95_mm, result.misfit)
 
     def _by_paper(self, beads: Beads) -> _Touch:
         """Eqs. (1)-(3); all of the force along the inward normal."""
@@ -244,7 +249,7 @@ class Estimator:
         if self._is_last(image):
             return "frame is the same as the one before: the camera is frozen"
         _, deviation = cv2.meanStdDev(image[::BLANK_ROWS])
-        return "frame is blank" if deviation.max() < MIN_DEVIATION else ""
+        return "frame is blank" if max(deviation.ravel().tolist()) < MIN_DEVIATION else ""
 
     def _is_last(self, image: Image) -> bool:
         """A camera's noise never repeats; the middle row tells most frames apart."""

@@ -61,7 +61,7 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
         image=image,
         calibration=calibration,
         beads=beads,
-        motion_px=SkinMotion(reference).size_px(beads),
+        motion_px=SkinMotion(reference).read(beads).size_px,
         mesh=mesh,
         points=points,
         change=mesh.area_change(points),

@@ -60,13 +60,14 @@ def measure(
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
-        if skin.roughness(beads) > MAX_ROUGHNESS:
+        moved = skin.read(beads)
+        if moved.roughness > MAX_ROUGHNESS:
             pass  # beads taken for their neighbours would teach nonsense; the estimator refuses such a frame
         elif press.position_mm is None:
-            rest_motion.append(skin.size_px(beads))
+            rest_motion.append(moved.size_px)
         else:
             touches.append((press, beads))
-            motion_px.append(skin.size_px(beads))
+            motion_px.append(moved.size_px)
         progress(len(dataset.reference) + number)
     threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
     return Measured(
@@ -125,7 +126,7 @@ def _measure_reference(
     frames = [refiner.refine(dark, sight.position_px) for dark in planes]
     reference, measured = _reference(sight, frames, slope)
     skin = SkinMotion(reference)
-    motion = [skin.size_px(Beads(frame.position_px, measured, False)) for frame in frames]
+    motion = [skin.read(Beads.of(frame.position_px, measured)).size_px for frame in frames]
     return reference, motion
 
 

@@ -8,6 +8,7 @@ sample this lowers the motion of an untouched frame from 0.04 px to 0.018 px.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 from palpate_edge.tracking import Beads, Reference, distances
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 NEIGHBOURHOOD_SPACINGS = 2.0
-MAX_ROUGHNESS = 0.12  # see SkinMotion.roughness; rougher is no motion of one skin
+MAX_ROUGHNESS = 0.12  # see Motion; rougher is no motion of one skin
 
 FAINT = 36.0  # contact thresholds of motion above which more motion makes a place hardly surer
 
@@ -31,8 +33,21 @@ def faintness(motion_px: float, threshold_px: float) -> float:
     return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))
 
 
+class Motion(NamedTuple):
+    """Of the found beads against their reference.
+
+    size_px: root mean square of the smoothed motion. roughness: how little beads move like their neighbours,
+    root mean square difference between a bead's motion and its neighbours' mean, in bead spacings. Skin
+    stretches smoothly: 0.003 untouched, at most 0.052 in the press sample and sequences. Beads of another
+    dome taken for ours give 0.28.
+    """
+
+    size_px: float
+    roughness: float
+
+
 class SkinMotion:
-    """Size of the smoothed motion of one sensor's beads against their reference."""
+    """Reads the motion of one sensor's beads; with all of them found by one product, in float32."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference_px = reference.position_px
@@ -41,31 +56,20 @@ class SkinMotion:
         self._around = np.exp(-0.5 * (near / NEIGHBOURHOOD_SPACINGS) ** 2)
         self._beside = np.exp(-0.5 * near**2)
         np.fill_diagonal(self._beside, 0.0)
-        self._around_all, self._beside_all = means(self._around), means(self._beside)
-        self._rough_all = (np.eye(len(near)) - self._beside_all) / self._spacing_px[:, None]
+        rough_all = (np.eye(len(near)) - means(self._beside)) / self._spacing_px[:, None]
+        self._both_all = np.vstack([means(self._around), rough_all]).astype(np.float32)
 
-    def size_px(self, beads: Beads) -> float:
-        """Root mean square, over the found beads, of the smoothed motion, pixels."""
-        moved = beads.position_px - self._reference_px
-        if beads.found.all():
-            return rms(self._around_all @ moved)
-        return rms(found_means(self._around, moved, beads.found)[beads.found])
-
-    def roughness(self, beads: Beads) -> float:
-        """How little the found beads move like their neighbours: root mean square difference between a
-        bead's motion and its neighbours' mean, in bead spacings.
-
-        Skin stretches smoothly: 0.003 untouched, at most 0.052 in the press sample and sequences. Beads of
-        another dome taken for ours give 0.28.
-        """
-        moved = beads.position_px - self._reference_px
-        if beads.found.all():
-            return rms(self._rough_all @ moved)
-        rough = (moved - found_means(self._beside, moved, beads.found)) / self._spacing_px[:, None]
-        return rms(rough[beads.found])
+    def read(self, beads: Beads) -> Motion:
+        """The motion that these beads show."""
+        moved, found = beads.position_px - self._reference_px, beads.found
+        if not len(beads.lost):
+            both = self._both_all @ moved.astype(np.float32)
+            return Motion(rms(both[: len(found)]), rms(both[len(found) :]))
+        rough = (moved - found_means(self._beside, moved, found)) / self._spacing_px[:, None]
+        return Motion(rms(found_means(self._around, moved, found)[found]), rms(rough[found]))
 
 
-def rms(motion_px: Array) -> float:
+def rms(motion_px: Array | Floats) -> float:
     """Root mean square length of (n, 2) vectors; 0 of none."""
     flat = motion_px.ravel()
     return math.sqrt(float(flat @ flat) / max(1, len(motion_px)))

@@ -94,7 +94,8 @@ class Refiner:
         position = self._windows.inside(start)
         centre = np.rint(position).astype(np.intp)
         offset, contrast, area, unevenness = self._measure(centre, beads)
-        step = offset + (centre - position)
+        there = centre + offset
+        step = there - position
         settled_squared = self._settled_squared if beads is None else self._settled_squared[beads]
         settled = np.vecdot(step, step) <= settled_squared
         for _ in range(MOST_STEPS - 1):
@@ -107,9 +108,10 @@ class Refiner:
             again = self._windows.inside(again)
             centre = np.rint(again).astype(np.intp)
             offset, contrast[moving], area[moving], unevenness[moving] = self._measure(centre, which)
-            position[moving], step[moving] = again, offset + (centre - again)
+            position[moving], there[moving] = again, centre + offset
+            step[moving] = there[moving] - again
             settled[moving] = np.vecdot(step[moving], step[moving]) <= settled_squared[moving]
-        place_px = (position + step) * self._binning + half
+        place_px = there * self._binning + half
         if position is not start:
             outside = self._windows.outside(start)
             contrast[outside], place_px[outside] = 0.0, start_px[outside]

@@ -25,8 +25,9 @@ AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MORE_UNEVEN = 0.08  # of the contrast, than in the reference frames; JPEG and blur stay below 0.06
 MAX_RETRIES = 3
 JUMP = 0.2  # of the spacing, from one frame to the next
-SEARCH_AGAIN_BELOW = 0.9  # share of beads found in windows under which the whole image is searched
+MOST_LOST = 0.1  # share of the beads, in windows; of more the whole image is searched
 NO_PARTNER = -1
+NONE_LOST: Indices = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +53,20 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Beads:
-    """The beads of one frame: position_px (n, 2) in the reference's order, found (n,), and whether the
-    whole image had to be searched. Where found is False the position is where the neighbours' motion puts it.
+    """The beads of one frame: position_px (n, 2) in the reference's order, found (n,), lost: those (m,) that
+    were not found, and whether the whole image had to be searched. Where found is False the position is where
+    the neighbours' motion puts it.
     """
 
     position_px: Array
     found: Mask
+    lost: Indices
     searched: bool
+
+    @classmethod
+    def of(cls, position_px: Array, found: Mask, *, searched: bool = False) -> Beads:
+        """The beads at these places, of which these were found."""
+        return cls(position_px, found, NONE_LOST if found.all() else np.flatnonzero(~found), searched)
 
 
 @dataclass(slots=True)
@@ -78,13 +86,16 @@ class Tracker:
         self._spacing = reference.spacing_px
         self._refiner = Refiner(reference.diameter_px, self._spacing, reference.slope)
         self._last = reference.position_px.copy()
-        self._least_contrast = MIN_CONTRAST_SHARE * reference.contrast
-        self._least_area, self._most_area = (share * reference.area for share in AREA_RANGE)
+        self._least_contrast = (MIN_CONTRAST_SHARE * reference.contrast).astype(np.float32)
+        self._least_area, self._most_area = (
+            (share * reference.area).astype(np.float32) for share in AREA_RANGE
+        )
         self._farthest_squared = (0.45 * self._spacing) ** 2
         self._jump = (JUMP * self._spacing) ** 2
+        self._least_jump = float(self._jump.min())
         self._lost_disorder = float(np.median(0.5 * self._spacing)) ** 2
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
-        self._most_uneven = np.broadcast_to(unevenness + MORE_UNEVEN, self._spacing.shape)
+        self._most_uneven = np.full(self._spacing.shape, unevenness + MORE_UNEVEN, np.float32)
         self._unevener = 0.0
         distance = distances(reference.position_px, reference.position_px)
         self._farness = 0.5 * (distance / self._spacing[:, None]) ** 2
@@ -109,20 +120,18 @@ class Tracker:
             if self._growth.is_torn(position, found):
                 grown = self._complete(*self._growth.grow(position, found, self._windows))
                 position, found = self._tidier((position, found), grown)
-        searched, whole = False, bool(found.all())
-        if not whole and found.mean() < SEARCH_AGAIN_BELOW:
-            searched = True
+        beads = Beads.of(position, found)
+        if len(beads.lost) > MOST_LOST * len(found):
             self.counters.searches += 1
             position, found = self._search(dark)
             self._drop_doubles(position, found)
-            whole = bool(found.all())
+            beads = Beads.of(position, found, searched=True)
         self.counters.frames += 1
-        if not whole:
-            self.counters.beads_lost += int((~found).sum())
-            missing = np.flatnonzero(~found)
-            position[missing] = self._filled(position, found, missing)
+        if len(beads.lost):
+            self.counters.beads_lost += len(beads.lost)
+            position[beads.lost] = self._filled(position, found, beads.lost)
         self._last = position
-        return Beads(position, found, searched)
+        return beads
 
     def _from(self, start_px: Array) -> tuple[Array, Mask]:
         """Every bead refined from `start_px`, the missing ones again from where their neighbours went."""
@@ -150,8 +159,10 @@ class Tracker:
         """Whether some bead went so far since the last frame that it may be its neighbour: another touch,
         not the same one a little later."""
         moved = position_px - self._last
-        far = np.vecdot(moved, moved) > self._jump
-        return bool((far & found).any())
+        squared = np.vecdot(moved, moved)
+        if squared.max() <= self._least_jump:
+            return False
+        return bool(((squared > self._jump) & found).any())
 
     def _tidier(self, one: tuple[Array, Mask], other: tuple[Array, Mask]) -> tuple[Array, Mask]:
         """Of two readings of a frame that of less disorder; the first where they are alike."""

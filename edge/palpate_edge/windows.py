@@ -55,7 +55,8 @@ class Windows:
         self._bordered = np.zeros((height + 2 * border, width + 2 * border), dark.dtype)
         self._inner = self._bordered[border:-border, border:-border]
         self._high = np.array([width - 1.0, height - 1.0])
-        self._clear = self._high / 2 - border  # about the middle: no window reaches beyond the image
+        self._middle = self._high / 2
+        self._clear = self._middle - border  # from there: no window reaches beyond the image
         self._stride = self._bordered.shape[1]
         first = border * self._stride + border  # where the image's first pixel lies
         self._flat = self._bordered.ravel()
@@ -72,7 +73,7 @@ class Windows:
 
     def inside(self, position: Array) -> Array:
         """The nearest positions (m, 2) inside the image; the same array where no window leaves the image."""
-        if (np.abs(position - self._high / 2) < self._clear).all():
+        if (np.abs(position - self._middle) < self._clear).all():
             return position
         if not self._border_filled:
             self._fill_border()

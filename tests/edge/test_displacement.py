@@ -71,7 +71,7 @@ def read(directions, motion_mm, pose=UPRIGHT, found=None, turn_rad=0.0):
     reader = DisplacementReader(pinhole(RADIUS_MM * directions, pose), View(CAMERA, pose), RADIUS_MM)
     moved_px = pinhole(RADIUS_MM * directions + motion_mm, pose)
     seen = np.ones(len(directions), dtype=np.bool_) if found is None else found
-    return reader.read(Beads(moved_px, seen, False), turn_rad)
+    return reader.read(Beads.of(moved_px, seen), turn_rad)
 
 
 def vectors(field):

@@ -34,14 +34,14 @@ class Watched:
         self.random = np.random.default_rng(1)
 
     def motion_px(self, moved_px):
-        beads = Beads(self.reference.position_px + moved_px, np.ones(85, dtype=np.bool_), False)
-        return self.skin.size_px(beads)
+        beads = Beads.of(self.reference.position_px + moved_px, np.ones(85, dtype=np.bool_))
+        return self.skin.read(beads).size_px
 
     def see(self, moved_px, noise_px=NOISE_PX / 4):
         self.now_us += self.period_us
         place = self.reference.position_px + moved_px + noise_px * self.random.standard_normal((85, 2))
-        beads = self.drift.settled(Beads(place, np.ones(85, dtype=np.bool_), False))
-        return self.drift.judge(beads, self.skin.size_px(beads), self.now_us)
+        beads = self.drift.settled(Beads.of(place, np.ones(85, dtype=np.bool_)))
+        return self.drift.judge(beads, self.skin.read(beads).size_px, self.now_us)
 
 
 @pytest.fixture(scope="module")
@@ -162,8 +162,8 @@ def test_no_press_of_the_finite_elements_moves_as_one():
                 depth_mm = 0.05 * library.largest_depth_mm(theta, probe)
                 field = library.field(beads_mm / 26.5, theta, depth_mm, (0.2 * depth_mm, 0.0), 0.3, probe)
                 place = view.project(beads_mm + field.displacement_mm)
-                beads = Beads(place, one > 0, False)
-                assert drift.judge(beads, skin.size_px(beads), 0) is Skin.TOUCHED, (probe, theta)
+                beads = Beads.of(place, one > 0)
+                assert drift.judge(beads, skin.read(beads).size_px, 0) is Skin.TOUCHED, (probe, theta)
 
 
 def test_a_knock_is_no_contact_and_heals(watched, drawn_dome, another_dome):

@@ -90,8 +90,7 @@ def test_hidden_beads_double_the_error_at_most(sample, sample_calibration):
         some = beads.found.copy()
         some[rng.permutation(len(some))[: round(HIDDEN_SHARE * len(some))]] = False
         answers = [
-            model.correct(reader.read(Beads(beads.position_px, found, False)))
-            for found in (beads.found, some)
+            model.correct(reader.read(Beads.of(beads.position_px, found))) for found in (beads.found, some)
         ]
         errors_mm.append([30.0 * np.linalg.norm(a.direction - press.direction) for a in answers])
         radii_mm.append([a.radius95_mm for a in answers])

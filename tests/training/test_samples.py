@@ -29,7 +29,7 @@ def press_at(dome, theta_rad, phi_rad, depth_mm):
     direction = np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
     at_px = dome.project(dome.pressed_mm(theta_rad, phi_rad, depth_mm))
     found = np.ones(len(at_px), dtype=np.bool_)
-    return TrainingPress(Beads(at_px, found, False), direction, -depth_mm * direction, 2.0)
+    return TrainingPress(Beads.of(at_px, found), direction, -depth_mm * direction, 2.0)
 
 
 @pytest.fixture(scope="module")

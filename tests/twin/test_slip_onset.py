@@ -60,7 +60,7 @@ def slide(probe, friction, slide_mm):
         held_before = anchor
         place = view.project(beads_mm + sample(pressed.displacement_mm))
         place = place + NOISE_PX * random.standard_normal(place.shape)
-        field = reader.read(Beads(place, np.ones(len(place), dtype=np.bool_), False))
+        field = reader.read(Beads.of(place, np.ones(len(place), dtype=np.bool_)))
         direction, force, radius_mm = model.predict(field.values[None], np.zeros(1))
         turn = about_z(field.azimuth_rad)
         position, force_N = 30 * turn @ direction[0], SHEAR_MODULUS * turn @ force[0]

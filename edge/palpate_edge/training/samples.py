@@ -56,7 +56,7 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
             beads,
             np.array(press.position_mm) / np.linalg.norm(press.position_mm),
             np.array(press.force_N),
-            faintness(skin.size_px(beads), measured.threshold_px),
+            faintness(skin.read(beads).size_px, measured.threshold_px),
         )
         for press, beads in measured.touches
         if press.position_mm is not None
@@ -110,4 +110,4 @@ def _hide(beads: Beads, rng: np.random.Generator) -> Beads:
     lost = rng.permutation(count)[: int(rng.uniform(0.0, MAX_HIDDEN) * count)]
     found = beads.found.copy()
     found[lost] = False
-    return Beads(beads.position_px, found, beads.searched)
+    return Beads.of(beads.position_px, found)

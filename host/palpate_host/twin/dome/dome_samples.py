@@ -98,4 +98,4 @@ def _press(
     moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
     found = np.ones(len(reference_px), dtype=np.bool_)
     contact = np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
-    return TrainingPress(Beads(moved_px, found, False), contact, field.force_per_mu_mm2)
+    return TrainingPress(Beads.of(moved_px, found), contact, field.force_per_mu_mm2)
