@@ -40,7 +40,8 @@ class HandPose(NamedTuple):
 class Hand:
     """A hand's model; joints and tips in the order of the configuration.
 
-    Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next.
+    Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next. So a
+    copy is the hand itself; two threads take one each.
     """
 
     def __init__(
@@ -59,7 +60,12 @@ class Hand:
         self._v_address = _places([int(model.jnt_dofadr[j]) for j in joint_ids])
         self._sites = [_named(model, source, mujoco.mjtObj.mjOBJ_SITE, "site", name) for name in tip_sites]
         self._site_rows = _places(self._sites)
-        self._scratch = mujoco.MjData(model)
+        self._scratch = data = mujoco.MjData(model)
+        # Each look into MuJoCo's data makes another array; these go on showing what is there.
+        self._q_rad, self._place_m, self._axes = data.qpos, data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
+
+    def __deepcopy__(self, _memo: object) -> Hand:
+        return self
 
     @property
     def joint_count(self) -> int:
@@ -68,7 +74,7 @@ class Hand:
     def pose(self, q_rad: Array) -> HandPose:
         """Kinematics, Jacobians and gravity torque at `q_rad` (nq,)."""
         model, data = self._model, self._scratch
-        data.qpos[self._q_address] = q_rad
+        self._q_rad[self._q_address] = q_rad
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         gravity = np.zeros(self._joint_count)
@@ -78,9 +84,9 @@ class Hand:
             mujoco.mj_jacSite(model, data, jacobian[i], None, site)
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
-            tip_centre_m=data.site_xpos[self._site_rows].copy(),
+            tip_centre_m=self._place_m[self._site_rows].copy(),
             tip_jacobian_m=jacobian[:, :, self._v_address],
-            tip_rotation=data.site_xmat[self._site_rows].reshape(-1, 3, 3).copy(),
+            tip_rotation=self._axes[self._site_rows].copy(),
             gravity_Nm=gravity[self._v_address],
         )
 
