@@ -100,9 +100,21 @@ def test_fields_turned_by_phases_are_the_library_s_own(library: FieldLibrary) ->
 def test_a_ring_turned_by_its_own_spacing_is_shifted_by_one_place() -> None:
     values = np.random.default_rng(0).standard_normal((len(field_grid.ring_directions()), 2))
     turned = turned_rings(values, 2 * np.pi / field_grid.POINTS_A_RING)
-    assert turned[1:9] == pytest.approx(np.roll(values[1:9], 1, axis=0))
-    assert turned[9:25] == pytest.approx(np.roll(values[9:25], 2, axis=0))
-    assert turned[0] == pytest.approx(values[0])
+    assert turned[1, ::9] == pytest.approx(np.roll(values[1:9], 1, axis=0))
+    assert turned[3, ::3] == pytest.approx(np.roll(values[25:49], 3, axis=0))
+    assert turned[9] == pytest.approx(np.roll(values[-72:], 9, axis=0))
+    assert turned[0] == pytest.approx(np.tile(values[0], (72, 1)))
+
+
+def test_the_skin_between_a_ring_s_points_is_the_library_s_own(library: FieldLibrary) -> None:
+    """Inner rings have fewer points than the skin's grid."""
+    press = ProbePress(0.6, 2.0, 2.0, (0.3, 0.2))
+    skin = DeformableDome(library, SENSOR.dome, skin_directions()[3]).press(press).skin_mm
+    for ring in (1, 2, 5, 9):
+        theirs = library.field(
+            skin_directions()[ring], press.theta_rad, press.depth_mm, press.shear_mm, press.azimuth_rad
+        )
+        assert skin[ring] == pytest.approx(theirs.displacement_mm, abs=2e-3 * press.depth_mm)
 
 
 def test_a_dome_half_as_large_is_the_same_dome_drawn_small(library: FieldLibrary) -> None:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from palpate_edge.errors import ConfigError
 from palpate_edge.sensor import Dome
 from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.library import FieldLibrary, ring_weights
+from palpate_host.twin.dome.library import FieldLibrary, periodic, ring_weights
 from palpate_host.twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 
-AZIMUTHS = 72  # of the skin's polar grid
+AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # of the skin's polar grid: as many as the outermost ring's
 WALL_TOLERANCE = 0.02  # of wall over radius: fields of another ratio are others
 
 
@@ -65,9 +65,7 @@ class DeformableDome:
                 f"at radius {dome.outer_radius_mm:g} mm: give that one"
             )
         self._library = library
-        self._beads = ring_weights(bead_directions)
-        moving = skin_directions()[: grid.RINGS].reshape(-1, 3)  # all but the rim, which is fixed
-        self._skin = ring_weights(moving)
+        self._beads = ring_weights(bead_directions) @ _library_directions()
 
     def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
         return self.scale * self._library.largest_depth_mm(theta_rad, probe)
@@ -79,24 +77,39 @@ class DeformableDome:
         solved = self._library.solved(press.theta_rad, press.depth_mm / self.scale, shear_mm, press.probe)
         cos, sin = np.cos(press.azimuth_rad), np.sin(press.azimuth_rad)
         to_azimuth = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        moved = turned_rings(solved.displacement_mm, press.azimuth_rad) @ to_azimuth * self.scale
-        skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))
-        skin[:-1] = (self._skin @ moved).reshape(grid.RINGS, AZIMUTHS, 3)
+        skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the rim is fixed
+        skin[:-1] = turned_rings(solved.displacement_mm @ to_azimuth * self.scale, press.azimuth_rad)
         force = solved.force_per_mu_mm2 @ to_azimuth * self.scale**2
-        return Deformation(self._beads @ moved, skin, force)
+        return Deformation(self._beads @ skin[:-1].reshape(-1, 3), skin, force)
 
 
 def turned_rings(values: Array, azimuth_rad: float) -> Array:
-    """(d, k) on the library's directions, turned about z: each ring's trigonometric polynomial, shifted."""
-    turned = values.copy()
+    """(d, k) on the library's directions, turned about z -> (RINGS, AZIMUTHS, k): each ring's trigonometric
+    polynomial, shifted."""
+    waves = np.zeros((grid.RINGS, AZIMUTHS // 2 + 1, values.shape[1]), dtype=np.complex128)
+    waves[0, 0] = AZIMUTHS * values[0]
     first = 1
     for ring in range(1, grid.RINGS):
         count = grid.POINTS_A_RING * ring
-        waves = np.fft.rfft(values[first : first + count], axis=0)
-        waves *= np.exp(-1j * azimuth_rad * np.arange(len(waves)))[:, None]
-        turned[first : first + count] = np.fft.irfft(waves, count, axis=0)
+        waves[ring, : count // 2 + 1] = np.fft.rfft(values[first : first + count], axis=0)
+        waves[ring] *= AZIMUTHS / count
         first += count
-    return turned
+    waves *= np.exp(-1j * azimuth_rad * np.arange(AZIMUTHS // 2 + 1))[:, None]
+    inner = np.arange(1, grid.RINGS - 1)
+    last = grid.POINTS_A_RING * inner // 2  # of its own points a ring's last wave shows the even part, once
+    waves[inner, last] = waves[inner, last].real / 2
+    return np.fft.irfft(waves, AZIMUTHS, axis=1)
+
+
+def _library_directions() -> Array:
+    """(d, RINGS x AZIMUTHS): from every ring at all azimuths to the library's directions on it."""
+    x, y, _ = grid.ring_directions().T
+    ring_of = np.repeat(np.arange(grid.RINGS), [1, *grid.POINTS_A_RING * np.arange(1, grid.RINGS)])
+    phi = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
+    around = periodic(np.arctan2(y, x)[:, None] - phi, np.array(AZIMUTHS))
+    weights = np.zeros((len(ring_of), grid.RINGS, AZIMUTHS))
+    weights[np.arange(len(ring_of)), ring_of] = around
+    return weights.reshape(len(ring_of), -1)
 
 
 def skin_directions() -> Array:

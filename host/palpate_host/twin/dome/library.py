@@ -195,13 +195,13 @@ def ring_weights(directions: Array) -> Array:
         weight = np.prod([(inner - other) / (node - other) for other in others], axis=0)
         by_ring[np.arange(len(directions)), first + node + 1] = weight
     turn = phi[:, None] - phi_of
-    weights = by_ring[:, 1 + ring_of] * _periodic(turn, count[ring_of])
+    weights = by_ring[:, 1 + ring_of] * periodic(turn, count[ring_of])
     first_ring = ring_of == 1
-    weights[:, first_ring] += by_ring[:, :1] * _periodic(turn[:, first_ring] + np.pi, count[1:2])
+    weights[:, first_ring] += by_ring[:, :1] * periodic(turn[:, first_ring] + np.pi, count[1:2])
     return np.asarray(weights)
 
 
-def _periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
+def periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
     """Trigonometric interpolation on `count` even points: the weight of a point turn_rad away."""
     half = turn_rad / 2
     sine = np.sin(half)
