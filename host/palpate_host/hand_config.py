@@ -128,7 +128,8 @@ class TargetConfig(_Strict, frozen=True):
 class StalenessConfig(_Strict, frozen=True):
     """Age of the oldest finger's contact at which the host warns, goes blind, only grasps, or stops.
 
-    joint_stop_ms: age of a joint's position at which the host stops.
+    joint_stop_ms: age of a joint's position at which the host stops; up to twice that where the host itself
+    was late with its SYNC.
     """
 
     warn_ms: Milliseconds

@@ -315,10 +315,13 @@ class HostCore:
         self._finished = self._leaves
 
     def _tick(self, tick_us: int) -> list[CanFrame]:
-        if self._last_sync_us is not None and self._drives.sampled_after(self._last_sync_us):
-            angles = self._drives.angles()
-            if angles is not None:
-                self._history.add(self._last_sync_us, angles[0])
+        if self._last_sync_us is not None:
+            if tick_us > (due_us := self._last_sync_us + self._tick_us):
+                self._drives.not_asked(due_us, tick_us)
+            if self._drives.sampled_after(self._last_sync_us):
+                angles = self._drives.angles()
+                if angles is not None:
+                    self._history.add(self._last_sync_us, angles[0])
         self._last_sync_us = tick_us
         is_up = [self._network.is_up(drive.node_id) for drive in self._drives.drives]
         ready = [*self._drives.identified(), *(finger.node_id for finger in self._fingers)]

@@ -233,6 +233,31 @@ def test_a_silent_drive_stops_the_hand(rig):
     assert all(d.state is DriveState.SWITCH_ON_DISABLED for d in rig.drives if d.slave.node_id != 5)
 
 
+def test_a_host_that_got_no_processor_blames_no_drive(rig):
+    """150 ms are below the drives' own deadline of 200 ms: nobody was asked, and all go on."""
+    rig.run(1.5)
+    rig.silent.add(rig.host_id)
+    rig.run(0.15)
+    rig.silent.clear()
+    rig.run(0.5)
+    assert modes_of(rig) == [*START_UP, Mode.MANIPULATE]
+    assert rig.statuses[-1].counters.late_ticks == 15
+
+
+@pytest.mark.parametrize(("stall_s", "stops_after_s"), [(0.05, 0.15), (0.18, 0.20)])
+def test_a_drive_that_dies_while_the_host_gets_no_processor_stops_the_hand(rig, stall_s, stops_after_s):
+    """The host's own delay is added to the 100 ms, up to as much again."""
+    rig.run(1.5)
+    begun_us = rig.now_us
+    rig.silent |= {rig.host_id, 5}
+    rig.run(stall_s)
+    rig.silent.remove(rig.host_id)
+    rig.run(1.0)
+    stopped_us = next(status.time_us for status in rig.statuses if status.mode is Mode.FAULT)
+    assert "drive of flexion_2 (node 0x05): no position" in rig.output.failure
+    assert stops_after_s - 0.01 < 1e-6 * (stopped_us - begun_us) <= stops_after_s + 0.01
+
+
 def test_a_missing_node_is_named_while_the_host_waits(rig):
     rig.silent.add(0x12)
     status = rig.run(1.5)

@@ -149,6 +149,7 @@ class Cia402Drive:
         self.mode = OperationMode.CYCLIC_TORQUE
         self.homing: Homing | None = None
         self.joint: JointState | None = None
+        self.not_asked_us = 0  # of the time since `joint` came
         self.torque_Nm = 0.0
         self.status_stamp_us: int | None = None
         self.state: DriveState | None = None
@@ -174,6 +175,7 @@ class Cia402Drive:
         if frame.can_id == self._motion.cob_id:
             values = self._motion.decode(frame.data)
             self._position = values[POSITION]
+            self.not_asked_us = 0
             self.joint = JointState(
                 stamp_us=stamp_us,
                 position_rad=self._direction * self.scale.to_rad(values[POSITION]) + self._zero_offset_rad,

@@ -101,10 +101,19 @@ class DriveGroup:
                 return f"{drive.name} ({state})"
         return ""
 
-    def lost_joint(self, now_us: int, limit_us: int) -> str:
-        """The first joint whose position is older than `limit_us`; empty when none is."""
+    def not_asked(self, from_us: int, to_us: int) -> None:
+        """The host sent no SYNC meanwhile, by its own fault: no drive is to blame for its silence."""
         for drive in self.drives:
-            if drive.joint is None or now_us - drive.joint.stamp_us > limit_us:
+            if drive.joint is not None:
+                drive.not_asked_us += max(0, to_us - max(from_us, drive.joint.stamp_us))
+
+    def lost_joint(self, now_us: int, limit_us: int) -> str:
+        """The first joint whose position is older than `limit_us`, or than twice that where the drive was not
+        asked for a part of it; empty when none is."""
+        for drive in self.drives:
+            joint = drive.joint
+            silent_us = 0 if joint is None else now_us - joint.stamp_us
+            if joint is None or silent_us - min(drive.not_asked_us, limit_us) > limit_us:
                 where = f"{drive.name} (node 0x{drive.node_id:02X})"
                 return f"{where}: no position for more than {limit_us // 1000} ms"
         return ""
