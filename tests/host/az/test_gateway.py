@@ -88,6 +88,12 @@ def node(config: AzConfig, line: AzServer, slow_replies: None) -> Iterator[BaseN
         thread.join()
 
 
+@pytest.fixture
+def no_deadline(node: BaseNode402) -> None:
+    """A loaded test machine may command late: 1400h:05 off, where its 200 ms are not what is tested."""
+    node.sdo[0x1400][5].raw = 0
+
+
 def eventually(holds: Callable[[], bool]) -> bool:
     until = time.monotonic() + WAIT_S
     while not holds() and time.monotonic() < until:
@@ -126,6 +132,7 @@ def test_the_garbage_collector_passes_over_what_the_gateway_was_built_of(node: B
     assert gc.get_freeze_count() > 0
 
 
+@pytest.mark.usefixtures("no_deadline")
 def test_a_foreign_master_moves_an_az_joint(node: BaseNode402, line: AzServer) -> None:
     """0.19 N m over 0.4 N m s/rad is 0.48 rad/s, until the load, 4 N m/rad, takes the limit of 0.5 N m."""
     node.nmt.state = "OPERATIONAL"
@@ -137,6 +144,7 @@ def test_a_foreign_master_moves_an_az_joint(node: BaseNode402, line: AzServer) -
     assert eventually(lambda: abs(node.sdo[0x6064].raw) > 0)
 
 
+@pytest.mark.usefixtures("no_deadline")
 def test_a_foreign_master_turns_an_az_joint_with_a_velocity(node: BaseNode402, line: AzServer) -> None:
     assert node.sdo[0x6092][1].raw == 360_000
     node.nmt.state = "OPERATIONAL"
@@ -149,6 +157,7 @@ def test_a_foreign_master_turns_an_az_joint_with_a_velocity(node: BaseNode402, l
         assert line.drives[1].plant.velocity_rad_s == pytest.approx(velocity * RAD, rel=0.05)
 
 
+@pytest.mark.usefixtures("no_deadline")
 def test_a_foreign_master_sends_an_az_joint_to_a_position(node: BaseNode402, line: AzServer) -> None:
     node.nmt.state = "OPERATIONAL"
     node.sdo[0x607A].raw = target = -3_600  # 0.063 rad; the load, 4 N m/rad, takes 0.25 of the 0.5 N m
@@ -157,6 +166,7 @@ def test_a_foreign_master_sends_an_az_joint_to_a_position(node: BaseNode402, lin
         assert line.drives[1].plant.position_rad == pytest.approx(target * RAD, abs=0.002)
 
 
+@pytest.mark.usefixtures("no_deadline")
 def test_homing_by_the_drive_itself(node: BaseNode402, line: AzServer) -> None:
     """Method -1 is the maker's own: ZHOME, to the zero of the drive's absolute encoder."""
     with line.lock:
@@ -241,6 +251,7 @@ def is_reset(node: BaseNode402) -> bool:
     return statusword(node) & 0x4F == 0x40
 
 
+@pytest.mark.usefixtures("no_deadline")
 @pytest.mark.parametrize("hot", [(75.1, 30.0), (30.0, 75.1)], ids=["drive", "motor"])
 def test_an_axis_above_its_limit_is_switched_off_until_it_has_cooled(
     node: BaseNode402, line: AzServer, measured: Callable[[], None], hot: tuple[float, float]
