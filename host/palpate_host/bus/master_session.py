@@ -21,6 +21,7 @@ from palpate_host.bus.sdo_abort_text import abort_text
 
 SDO_TIMEOUT_S = 1.0
 _POLL_S = 0.1
+_STOP_TIMEOUT_S = 10.0
 _SEND_TRIES = 50
 _SEND_AGAIN_S = 0.002
 
@@ -67,7 +68,7 @@ def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
         raise BusError(f"{config.interface} bus is lost: {' '.join(str(error).split())}") from error
     finally:
         if network.notifier is not None:
-            network.notifier.stop(2 * _POLL_S)
+            network.notifier.stop(_STOP_TIMEOUT_S)  # its thread must not meet a closed bus
         bus.shutdown()
 
 
