@@ -2,15 +2,17 @@
 sleep.
 
 Inputs are the log's frames that are not the host's own, at their stamps; ticks fall where the core asks for
-them. A log is bound to its contract: its header carries the hash of each EDS and the node map, both are
-checked.
+them, and where its own SYNC stayed out for more than two, as late as that came. A log is bound to its
+contract: its header carries the hash of each EDS and the node map, both are checked.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from bisect import bisect
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from struct import Struct
@@ -24,7 +26,7 @@ from palpate_host.fingertips import unwrap_us
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore, Output
-from palpate_host.network import HEARTBEAT_ID
+from palpate_host.network import HEARTBEAT_ID, SYNC
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 
@@ -165,31 +167,55 @@ def replay_steps(taken_steps: Iterable[Step], config: HandConfig) -> Replay:
 
 
 def steps(
-    records: Sequence[LogRecord], config: HandConfig, hand: Hand, core: HostCore | None = None
+    records: Sequence[LogRecord],
+    config: HandConfig,
+    hand: Hand,
+    core: HostCore | None = None,
+    before: Callable[[int], None] = lambda _: None,
 ) -> Iterator[Step]:
     """The host's calls one by one, from its first frame in the log to the log's last frame.
 
     What came before the host's first heartbeat it did not hear; a log without a host is heard from its
-    beginning.
+    beginning. before: is told the time of each call.
     """
     core = core or HostCore(config, hand)
     wanted = set(core.accept_ids)
-    own_id = HEARTBEAT_ID + config.network.host_node
-    own = (record.stamp_us for record in records if record.frame.can_id == own_id)
-    now_us = next(own, records[0].stamp_us)
+    begin_us = first_beat_us(records, config)
+    now_us = records[0].stamp_us if begin_us is None else begin_us
     end_us = records[-1].stamp_us
+    stalls = [] if begin_us is None else _stalls(records, begin_us, 1_000_000 // config.control.tick_Hz)
     inputs = [r for r in records if r.frame.can_id in wanted and r.stamp_us >= now_us]
     taken = 0
     while True:
         upto = taken
         while upto < len(inputs) and inputs[upto].stamp_us <= now_us:
             upto += 1
+        before(now_us)
         output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
         yield Step(now_us, tuple(inputs[taken:upto]), output)
         taken = upto
         if output.finished or output.next_due_us > end_us:
             return
-        now_us = output.next_due_us
+        now_us = _or_after_its_stall(output.next_due_us, stalls)
+
+
+def first_beat_us(records: Iterable[LogRecord], config: HandConfig) -> int | None:
+    """The host beats in its first tick; its frame is on the wire within a fraction of a millisecond. None: no
+    host in the log."""
+    own_id = HEARTBEAT_ID + config.network.host_node
+    return next((record.stamp_us for record in records if record.frame.can_id == own_id), None)
+
+
+def _stalls(records: Iterable[LogRecord], begin_us: int, tick_us: int) -> list[tuple[int, int]]:
+    """From when to when the host did not tick: a SYNC of its own that came more than two ticks after the one
+    before."""
+    syncs = (r.stamp_us for r in records if r.frame.can_id == SYNC.can_id and r.stamp_us >= begin_us)
+    return [(last + tick_us // 2, late) for last, late in pairwise(syncs) if late - last > 2 * tick_us]
+
+
+def _or_after_its_stall(due_us: int, stalls: Sequence[tuple[int, int]]) -> int:
+    before = bisect(stalls, (due_us, 0)) - 1
+    return max(due_us, stalls[before][1]) if before >= 0 else due_us
 
 
 def write_output(path: Path, result: Replay) -> None:

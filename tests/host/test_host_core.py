@@ -10,9 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.can_frame import CanFrame
+from palpate_host.bus.candump import LogRecord
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.hand_config import ControlMode
 from palpate_host.master import HostCore
+from palpate_host.replay import replay
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 from palpate_host.virtual_frame import FrameError, virtual_frame
@@ -242,6 +244,20 @@ def test_a_host_that_got_no_processor_blames_no_drive(rig):
     rig.run(0.5)
     assert modes_of(rig) == [*START_UP, Mode.MANIPULATE]
     assert rig.statuses[-1].counters.late_ticks == 15
+
+
+def test_the_log_of_a_host_that_got_no_processor_is_replayed_with_its_gap(rig, table_4):
+    rig.run(1.5)
+    rig.silent.add(rig.host_id)
+    rig.run(0.15)
+    rig.silent.clear()
+    rig.run(0.5)
+    sent = [(stamp, frame) for stamp, frame in rig.log if 0x200 < frame.can_id < 0x20A]
+    result = replay([LogRecord(*entry) for entry in rig.log], *table_4)
+    assert result.modes == tuple(modes_of(rig))
+    assert result.status.counters.late_ticks == 15
+    again = [(r.stamp_us, r.frame) for r in result.records if 0x200 < r.frame.can_id < 0x20A]
+    assert again == sent
 
 
 @pytest.mark.parametrize(("stall_s", "stops_after_s"), [(0.05, 0.15), (0.18, 0.20)])

@@ -28,9 +28,9 @@ from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore
-from palpate_host.network import HEARTBEAT_ID
+from palpate_host.replay import first_beat_us, steps
 from palpate_host.rotation import Array
-from palpate_host.status import Matrix
+from palpate_host.status import HostStatus, Matrix
 from palpate_host.supervisor import Mode
 
 STEP_TOLERANCE_NM = 1e-9
@@ -127,40 +127,25 @@ def replay_modes(
 
     Raises ConfigError when the log has no heartbeat of the host.
     """
+    if first_beat_us(records, config) is None:
+        raise ConfigError("the log has no heartbeat of the host: record a run from its start")
     core = HostCore(config, hand)
-    wanted = set(core.accept_ids)
-    inputs = [record for record in records if record.frame.can_id in wanted]
-    now_us = _first_tick_us(records, config)
     stop_us = _operator_stop_us(records, config)
-    moments: list[Moment] = []
-    taken = 0
     commands = deque(given)
-    while True:
-        upto = taken
-        while upto < len(inputs) and inputs[upto].stamp_us <= now_us:
-            upto += 1
+
+    def tell(now_us: int) -> None:
         if now_us >= stop_us:
             core.request_stop()
         while commands and commands[0].after_us < now_us - HALF_TICK_US:
             core.command(commands.popleft().rotate)
-        output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
-        taken = upto
-        status = output.status
-        if status is not None:
-            error_deg = status.orientation_error_deg
-            moments.append(Moment(now_us, status.mode, status.reason, error_deg, status.R_c, status.R_d))
-        if output.finished or output.next_due_us > records[-1].stamp_us:
-            return moments
-        now_us = output.next_due_us
+
+    taken = steps(records, config, hand, core, tell)
+    return [_moment(step.now_us, step.output.status) for step in taken if step.output.status is not None]
 
 
-def _first_tick_us(records: Sequence[LogRecord], config: HandConfig) -> int:
-    """The host beats in its first tick; its frame is on the wire within a fraction of a millisecond."""
-    beat = HEARTBEAT_ID + config.network.host_node
-    for record in records:
-        if record.frame.can_id == beat:
-            return record.stamp_us
-    raise ConfigError("the log has no heartbeat of the host: record a run from its start")
+def _moment(now_us: int, status: HostStatus) -> Moment:
+    error_deg = status.orientation_error_deg
+    return Moment(now_us, status.mode, status.reason, error_deg, status.R_c, status.R_d)
 
 
 def _operator_stop_us(records: Sequence[LogRecord], config: HandConfig) -> float:
