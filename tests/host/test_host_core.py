@@ -235,12 +235,17 @@ def test_a_silent_drive_stops_the_hand(rig):
     assert all(d.state is DriveState.SWITCH_ON_DISABLED for d in rig.drives if d.slave.node_id != 5)
 
 
+def stand_still(rig, stall_s):
+    """The host gets no processor; everybody else goes on."""
+    rig.silent.add(rig.host_id)
+    rig.run(stall_s)
+    rig.silent.remove(rig.host_id)
+
+
 def test_a_host_that_got_no_processor_blames_no_drive(rig):
     """150 ms are below the drives' own deadline of 200 ms: nobody was asked, and all go on."""
     rig.run(1.5)
-    rig.silent.add(rig.host_id)
-    rig.run(0.15)
-    rig.silent.clear()
+    stand_still(rig, 0.15)
     rig.run(0.5)
     assert modes_of(rig) == [*START_UP, Mode.MANIPULATE]
     assert rig.statuses[-1].counters.late_ticks == 15
@@ -248,9 +253,7 @@ def test_a_host_that_got_no_processor_blames_no_drive(rig):
 
 def test_the_log_of_a_host_that_got_no_processor_is_replayed_with_its_gap(rig, table_4):
     rig.run(1.5)
-    rig.silent.add(rig.host_id)
-    rig.run(0.15)
-    rig.silent.clear()
+    stand_still(rig, 0.15)
     rig.run(0.5)
     sent = [(stamp, frame) for stamp, frame in rig.log if 0x200 < frame.can_id < 0x20A]
     result = replay([LogRecord(*entry) for entry in rig.log], *table_4)
@@ -265,9 +268,8 @@ def test_a_drive_that_dies_while_the_host_gets_no_processor_stops_the_hand(rig, 
     """The host's own delay is added to the 100 ms, up to as much again."""
     rig.run(1.5)
     begun_us = rig.now_us
-    rig.silent |= {rig.host_id, 5}
-    rig.run(stall_s)
-    rig.silent.remove(rig.host_id)
+    rig.silent.add(5)
+    stand_still(rig, stall_s)
     rig.run(1.0)
     stopped_us = next(status.time_us for status in rig.statuses if status.mode is Mode.FAULT)
     assert "drive of flexion_2 (node 0x05): no position" in rig.output.failure

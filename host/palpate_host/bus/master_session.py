@@ -20,8 +20,6 @@ from palpate_edge.errors import BusError
 from palpate_host.bus.sdo_abort_text import abort_text
 
 SDO_TIMEOUT_S = 1.0
-_POLL_S = 0.1
-_STOP_TIMEOUT_S = 10.0
 _SEND_TRIES = 50
 _SEND_AGAIN_S = 0.002
 
@@ -29,7 +27,7 @@ _SEND_AGAIN_S = 0.002
 class PatientNetwork(canopen.Network):
     """Waits for room in a short transmit queue: a block of 127 segments is longer than most queues."""
 
-    NOTIFIER_CYCLE = _POLL_S
+    NOTIFIER_CYCLE = 0.1  # s
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Sends one frame. Raises can.CanError when there stays no room, or the bus is gone."""
@@ -68,7 +66,7 @@ def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
         raise BusError(f"{config.interface} bus is lost: {' '.join(str(error).split())}") from error
     finally:
         if network.notifier is not None:
-            network.notifier.stop(_STOP_TIMEOUT_S)  # its thread must not meet a closed bus
+            network.notifier.stop(network.NOTIFIER_SHUTDOWN_TIMEOUT)  # its thread must not meet a closed bus
         bus.shutdown()
 
 

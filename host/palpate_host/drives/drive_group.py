@@ -112,8 +112,8 @@ class DriveGroup:
         asked for a part of it; empty when none is."""
         for drive in self.drives:
             joint = drive.joint
-            silent_us = 0 if joint is None else now_us - joint.stamp_us
-            if joint is None or silent_us - min(drive.not_asked_us, limit_us) > limit_us:
+            excused_us = min(drive.not_asked_us, limit_us)
+            if joint is None or now_us - joint.stamp_us - excused_us > limit_us:
                 where = f"{drive.name} (node 0x{drive.node_id:02X})"
                 return f"{where}: no position for more than {limit_us // 1000} ms"
         return ""
