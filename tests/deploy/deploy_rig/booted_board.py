@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from deploy_rig.playbooks import SSH
+from kernel_guest.virtual_machine import BOOT_OPTIONS
 
 PATIENCE_S = 600.0  # an emulated machine among many programs
 
@@ -29,7 +30,7 @@ class BootedBoard:
 
     def boot(self) -> None:
         """Returns when ssh answers."""
-        append = "root=/dev/vda rw console=ttyS0 quiet panic=-1 net.ifnames=0"
+        append = f"{BOOT_OPTIONS} net.ifnames=0"
         network = f"user,id=wire,restrict=on,hostfwd=tcp:127.0.0.1:{self.ssh_port}-:22"
         bus = f"socket,id=bus,host=127.0.0.1,port={self.bus_port},server=on,wait=off"
         cards = [word for port in ("a", "b") for word in ("-device", f"kvaser_pci,canbus=cable,id={port}")]
