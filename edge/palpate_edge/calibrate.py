@@ -113,14 +113,14 @@ def _train(
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:
-    assert reference.slope is not None
+    assert reference.light is not None
     assert reference.unevenness is not None
     columns = (
         *reference.position_px.T,
         reference.diameter_px,
         reference.contrast,
         reference.area,
-        *reference.slope.T,
+        *reference.light.slope.T,
         reference.unevenness,
     )
     values = zip(*(column.tolist() for column in columns), ring_of.tolist(), strict=True)

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from palpate_edge.contact import PaperModel
 from palpate_edge.errors import CalibrationError
-from palpate_edge.markers import Appearance
+from palpate_edge.markers import Appearance, unlit_grey
 from palpate_edge.sensor import CameraPose, Sensor
+from palpate_edge.skin_light import SkinLight
 from palpate_edge.tracking import Reference
 from palpate_edge.whole_file import whole_file
 
 FORMAT = "palpate-calibration"
-VERSION = 3
+VERSION = 4
 
 
 class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -78,7 +79,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             diameter_px=np.array([bead.diameter_px for bead in self.beads]),
             contrast=np.array([bead.contrast for bead in self.beads]),
             area=np.array([bead.area for bead in self.beads]),
-            slope=np.array([(bead.slope_x, bead.slope_y) for bead in self.beads]),
+            light=SkinLight(
+                np.array([(bead.slope_x, bead.slope_y) for bead in self.beads]), unlit_grey(self.appearance)
+            ),
             unevenness=np.array([bead.unevenness for bead in self.beads]),
         )
 

@@ -54,6 +54,14 @@ def plane(image: Image, appearance: Appearance) -> Plane:
     return np.asarray(cv2.transform(image.astype(np.float32), weights), dtype=np.float32)
 
 
+def unlit_grey(appearance: Appearance) -> float | None:
+    """What the plane of such beads holds where no light falls; None for a difference of colours, which is
+    nothing in any light that is white."""
+    if "-" in appearance.channel:
+        return None
+    return 255.0 if appearance.bright and appearance.channel == "grey" else 0.0
+
+
 def find_blobs(dark: Plane, diameter_px: float) -> Blobs:
     """All dark blobs of about `diameter_px` in a plane, anywhere in the image.
 

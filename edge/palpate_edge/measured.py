@@ -13,11 +13,11 @@ from palpate_edge.dataset import Press, PressDataset
 from palpate_edge.errors import CalibrationError
 from palpate_edge.first_sight import FirstSight, first_sight
 from palpate_edge.images import read_image
-from palpate_edge.markers import Image, plane
+from palpate_edge.markers import Image, plane, unlit_grey
 from palpate_edge.motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.refine import Refined, Refiner
 from palpate_edge.sensor import View
-from palpate_edge.skin_light import skin_slope
+from palpate_edge.skin_light import SkinLight, skin_slope
 from palpate_edge.tracking import Beads, Reference, Tracker, spacing
 
 Array = NDArray[np.float64]
@@ -121,16 +121,18 @@ def _measure_reference(
         / np.maximum(beads.contrast, 1.0)[:, None]
         for dark, beads in zip(planes, rough, strict=True)
     ]
-    slope = np.asarray(np.median(slopes, axis=0))
-    refiner = Refiner(sight.diameter_px, spacing_px, slope)
+    light = SkinLight(np.asarray(np.median(slopes, axis=0)), unlit_grey(sight.appearance))
+    refiner = Refiner(sight.diameter_px, spacing_px, light)
     frames = [refiner.refine(dark, sight.position_px) for dark in planes]
-    reference, measured = _reference(sight, frames, slope)
+    reference, measured = _reference(sight, frames, light)
     skin = SkinMotion(reference)
     motion = [skin.read(Beads.of(frame.position_px, measured)).size_px for frame in frames]
     return reference, motion
 
 
-def _reference(sight: FirstSight, frames: list[Refined], slope: Array) -> tuple[Reference, NDArray[np.bool_]]:
+def _reference(
+    sight: FirstSight, frames: list[Refined], light: SkinLight
+) -> tuple[Reference, NDArray[np.bool_]]:
     """Medians over the frames, and which beads were really measured.
 
     A bead that the first frame does not show stands where the layout has it and is given the others' looks,
@@ -147,5 +149,5 @@ def _reference(sight: FirstSight, frames: list[Refined], slope: Array) -> tuple[
     contrast, area, unevenness = (
         np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)
     )
-    slope = np.where(measured[:, None], slope, 0.0)
-    return Reference(place, sight.diameter_px, contrast, area, slope, unevenness), measured
+    light = SkinLight(np.where(measured[:, None], light.slope, 0.0), light.unlit)
+    return Reference(place, sight.diameter_px, contrast, area, light, unevenness), measured

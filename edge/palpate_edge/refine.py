@@ -7,7 +7,8 @@ the bead: one step is exact unless the bead was far off, and only such beads tak
 
 Light falls off across a bead. Half-way between bead and skin is then another grey on one side than on the
 other, and the wider the edges (blur), the farther that pulls the centroid. The slope of the skin's grey, as
-the untouched sensor shows it, is therefore taken off first.
+the untouched sensor shows it, is therefore taken off first: from each pixel as much as it is lit, since what
+is twice as bright as the skin also loses twice as much.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.markers import Plane
-from palpate_edge.skin_light import skin_reach
+from palpate_edge.skin_light import SkinLight, skin_reach
 from palpate_edge.windows import CORE_PIXELS, SKIN_PIXELS, Windows
 
 Array = NDArray[np.float64]
@@ -36,6 +37,7 @@ LONGEST_STEP = 0.5
 GATE = 0.1  # of the contrast: what is less darker than the skin is skin
 MOST_STEPS = 4
 OUTSIDE = -1e6  # what keeps a pixel out
+DARKEST_SKIN = 0.25  # of the contrast: a darker skin tells too little of the light
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +57,25 @@ class Refiner:
     """Weighted centroids of many beads at once; made once a layout, called every frame."""
 
     def __init__(
-        self, diameter_px: Array, spacing_px: Array | None = None, slope: Array | None = None
+        self, diameter_px: Array, spacing_px: Array | None = None, light: SkinLight | None = None
     ) -> None:
         """diameter_px (n,) of each bead; spacing_px (n,): distance to the nearest other bead, whose pixels
-        are kept out; slope (n, 2): by how much the skin brightens from pixel to pixel, over
-        the bead's contrast."""
+        are kept out; light: even where it is not told."""
         self._binning = 2 if diameter_px.min() >= BINNED_FROM_PX else 1
         diameter = np.asarray(diameter_px, dtype=np.float64) / self._binning
         disk = DISK_RADIUS * diameter
         if spacing_px is not None:
             disk = np.minimum(disk, skin_reach(diameter, spacing_px / self._binning))
-        slope = np.zeros((len(diameter), 2)) if slope is None else slope * self._binning
+        slope = np.zeros((len(diameter), 2)) if light is None else light.slope * self._binning
+        self._unlit = None if light is None else light.unlit
         self._windows = Windows(self._binning, int(disk.max()), diameter)
         steps = self._windows.steps
         in_disk = np.hypot(*steps.T) <= disk[:, None]
-        self._slope = np.where(in_disk, slope @ steps.T, OUTSIDE).astype(np.float32)
+        self._slope = (slope @ steps.T).astype(np.float32)
+        self._outside = np.where(in_disk, 0.0, OUTSIDE).astype(np.float32)
         self._moments = np.column_stack([np.ones(len(steps)), steps]).astype(np.float32)
-        self._slant = (
-            slope * diameter[:, None] ** 2 / 16
-        )  # what taking the slope off a flat bead shifts it by
+        # What taking the skin's slope off a flat bead shifts that by.
+        self._slant = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
         self._whole = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
         self._longest_step = LONGEST_STEP * diameter[:, None]
         self._settled_squared = (SETTLED_STEP * diameter) ** 2
@@ -126,10 +128,19 @@ class Refiner:
         skin, spread, core = (greys @ _LEVELS).T
         contrast: Floats = skin - core
         scale = np.reciprocal(np.maximum(contrast, 1.0))
-        pixels = self._windows.squares(place)
-        pixels *= scale[:, None]
-        weight = np.subtract(self._slope[some], pixels, out=pixels)
+        weight = self._windows.squares(place)
+        if self._unlit is None:
+            weight *= -scale[:, None]
+            weight += self._slope[some]
+        else:
+            weight -= self._unlit
+            skin = skin - self._unlit
+            lit = np.maximum(np.abs(skin), np.maximum(DARKEST_SKIN * contrast, 1.0))
+            slope = self._slope[some] / np.copysign(lit, skin)[:, None]
+            slope -= scale[:, None]
+            weight *= slope
         weight += (skin * scale - GATE)[:, None]
+        weight += self._outside[some]
         cv2.threshold(weight, 0.0, 0.0, cv2.THRESH_TOZERO, dst=weight)
         cv2.threshold(weight, 1.0, 0.0, cv2.THRESH_TRUNC, dst=weight)
         rest = 1.5 - weight  # t^2 (3 - 2 t) / 2: smooth at both ends, so that where pixels lie does not tell

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,16 @@ NEIGHBOUR = 0.58  # radius of a bead with its blurred edge
 FEWEST_PIXELS = 30  # that tell a slope
 ROUNDS = 3
 OUTLIER_GREY = 6.0  # a pixel farther from the plane is another bead's, a highlight's or dirt
+
+
+@dataclass(frozen=True, slots=True)
+class SkinLight:
+    """The light on the skin about n beads. slope (n, 2): by how much the skin's grey grows from pixel to
+    pixel, over the bead's contrast; unlit: the plane's grey without light (markers.unlit_grey), None where
+    beads are told by colour: they are taken for flat then."""
+
+    slope: Array
+    unlit: float | None
 
 
 def skin_reach(diameter: Array, spacing: Array) -> Array:

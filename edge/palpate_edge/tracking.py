@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate_edge.growth import Growth
 from palpate_edge.markers import Plane, find_blobs
 from palpate_edge.refine import Refiner
+from palpate_edge.skin_light import SkinLight
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -35,15 +36,15 @@ class Reference:
     """The untouched sensor as its camera sees it, n beads.
 
     position_px (n, 2); diameter_px, contrast, area (n,); spacing_px (n,): distance to the nearest bead.
-    slope (n, 2): slope of the skin's grey about each bead, over contrast, a pixel, and unevenness (n,) (see
-    refine.Refined); None where only one frame is known.
+    light: on the skin about the beads, and unevenness (n,) (see refine.Refined); None where only one frame is
+    known.
     """
 
     position_px: Array
     diameter_px: Array
     contrast: Array
     area: Array
-    slope: Array | None = None
+    light: SkinLight | None = None
     unevenness: Array | None = None
 
     @property
@@ -84,7 +85,7 @@ class Tracker:
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
         self._spacing = reference.spacing_px
-        self._refiner = Refiner(reference.diameter_px, self._spacing, reference.slope)
+        self._refiner = Refiner(reference.diameter_px, self._spacing, reference.light)
         self._last = reference.position_px.copy()
         self._least_contrast = (MIN_CONTRAST_SHARE * reference.contrast).astype(np.float32)
         self._least_area, self._most_area = (

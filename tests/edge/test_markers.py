@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from palpate_edge.inspect import beads_without_layout
-from palpate_edge.markers import Appearance, find_blobs, plane
+from palpate_edge.markers import Appearance, find_blobs, plane, unlit_grey
 from palpate_edge.refine import Refiner
-from palpate_edge.skin_light import skin_slope
+from palpate_edge.skin_light import SkinLight, skin_slope
 
 DARK = {"bead_bgr": (30, 30, 30), "skin_bgr": (150, 155, 165)}
 BRIGHT = {"bead_bgr": (235, 240, 240), "skin_bgr": (110, 105, 115)}
@@ -21,19 +21,22 @@ LOOKS = [
 ]
 
 
-def disks(places, diameters, shape, slope=(0.0, 0.0), blur=0.7, noise=0.0, seed=0):
-    """Dark disks (n, 2), (n,) on light skin, each pixel the mean of 16 x 16 points of an exact scene; slope:
-    grey levels by which the skin brightens from pixel to pixel."""
+def disks(places, diameters, shape, slope=(0.0, 0.0), blur=0.7, noise=0.0, seed=0, skin=150, bead=None):
+    """Disks (n, 2), (n,) on skin, each pixel the mean of 16 x 16 points of an exact scene; slope: grey levels
+    by which the skin brightens from pixel to pixel; bead: its brightness over the skin's in the same light,
+    None for a flat 50."""
     fine = 16
     height, width = shape
     row, column = ((np.arange(size * fine) + 0.5) / fine - 0.5 for size in shape)
-    scene = 150 + slope[0] * (column - width / 2) + slope[1] * (row[:, None] - height / 2)
+    light = skin + slope[0] * (column - width / 2) + slope[1] * (row[:, None] - height / 2)
+    scene = light.copy()
     for (x, y), diameter in zip(places, diameters, strict=True):
         rows, columns = (
             slice(*np.searchsorted(at, middle + np.array([-diameter, diameter])))
             for at, middle in ((row, y), (column, x))
         )
-        scene[rows, columns][np.hypot(column[columns] - x, row[rows, None] - y) < diameter / 2] = 50
+        inside = np.hypot(column[columns] - x, row[rows, None] - y) < diameter / 2
+        scene[rows, columns][inside] = 50 if bead is None else bead * light[rows, columns][inside]
     picture = scene.reshape(height, fine, width, fine).mean(axis=(1, 3))
     picture = cv2.GaussianBlur(picture, (0, 0), blur)
     noisy = picture + noise * np.random.default_rng(seed).standard_normal(shape)
@@ -105,9 +108,26 @@ def test_exact_disks_are_found_to_a_twentieth_of_a_pixel(diameter_px, harm, limi
     relative = slope / (100 + away @ slope)[:, None]  # over the contrast there
     picture = disks(places, sizes, shape, **harm)
     start = places + random.uniform(-0.15, 0.15, places.shape) * diameter_px
-    refined = Refiner(sizes, None, relative).refine(picture, start)
+    refined = Refiner(sizes, None, SkinLight(relative, None)).refine(picture, start)
     assert np.median(np.linalg.norm(refined.position_px - places, axis=1)) < limit_px
     assert refined.settled.all()
+
+
+@pytest.mark.parametrize(("skin", "bead"), [(140, 0.1), (140, 0.4), (60, 3.0), (90, 2.0)])
+@pytest.mark.parametrize("blur", [0.7, 1.7])
+@pytest.mark.parametrize("diameter_px", [9.0, 12.5, 18.0])
+def test_a_bead_in_the_same_light_as_its_skin_is_where_it_was_drawn(diameter_px, blur, skin, bead):
+    """Dark and light beads, whose own grey falls off as the skin's does."""
+    places = np.array([[30.3, 30.8], [80.6, 31.1], [129.9, 30.4], [30.5, 80.2], [80.1, 80.7], [130.2, 80.5]])
+    sizes, slope = np.full(len(places), diameter_px), np.array([0.3, -0.15])
+    picture = disks(places, sizes, (110, 160), slope, blur, skin=skin, bead=bead)
+    there = skin + (places - np.array([80, 55])) @ slope
+    bright = bead > 1
+    relative = (-slope if bright else slope) / (abs(1 - bead) * there)[:, None]
+    appearance = Appearance("grey", bright)
+    light = SkinLight(relative, unlit_grey(appearance))
+    refined = Refiner(sizes, None, light).refine(plane(picture, appearance), places + 0.7)
+    assert np.linalg.norm(refined.position_px - places, axis=1).max() < 0.05
 
 
 def test_the_skins_slope_is_the_drawn_one():
