@@ -20,7 +20,7 @@ TOOLS = (
     ("mke2fs", "e2fsprogs"),
 )
 
-# What is emulated never speculates: the kernel's guards against that cost half of a program's start.
+# What is emulated never speculates: the kernel's guards against that cost a third of a program's start.
 BOOT_OPTIONS = "root=/dev/vda rw console=ttyS0 quiet panic=-1 mitigations=off"
 
 
