@@ -156,9 +156,10 @@ class Cia402Device:
         joint = self._joint = replace(joint, position_rad=joint.position_rad - self._zero_rad)
         self.slave.write(POSITION, 0, round(joint.position_rad * self.increments_per_rad))
         self.slave.write(VELOCITY, 0, round(joint.velocity_rad_s * self.increments_per_rad))
-        is_another = joint.error_lasts and joint.error_code != self._number(ERROR_CODE)
-        if joint.error_code and (is_another or self.state is not DriveState.FAULT):
+        if joint.error_code and self.state is not DriveState.FAULT:
             self._fail(joint.error_code, _register_of(joint.error_code))
+        if joint.lasting_error and joint.lasting_error not in self._told:
+            self._fail(joint.lasting_error, _register_of(joint.lasting_error))
 
     def _obey(self, event: Event) -> None:
         match event:
@@ -183,7 +184,7 @@ class Cia402Device:
 
     def _command(self, controlword: int) -> None:
         was = self.state
-        self._machine.command(controlword, may_reset=not self._joint.error_lasts)
+        self._machine.command(controlword, may_reset=not self._joint.lasting_error)
         if was is DriveState.FAULT and self.state is not DriveState.FAULT:
             self._motor.reset_fault()
             for error_code in self._told:
@@ -198,8 +199,8 @@ class Cia402Device:
 
     def _tell_again(self) -> None:
         """A new boot-up has forgotten the emergency; a master that asks anew learns why no reset helps."""
-        if self.state is DriveState.FAULT and self._joint.error_lasts:
-            error_code = self._number(ERROR_CODE)
+        error_code = self._joint.lasting_error
+        if self.state is DriveState.FAULT and error_code:
             self.slave.emcy.report(error_code, _register_of(error_code))
 
     def _fail(self, error_code: int, register: ErrorRegister) -> None:

@@ -40,7 +40,8 @@ class MotorState:
 
     error_code: for 603Fh, 0 while all is well. torque_Nm: what it gives where it follows no torque. at_limit:
     -1 or 1 at the limit switch of that direction. homing: of its own way home.
-    error_lasts: its cause is still there, no reset helps.
+    lasting_error: the code of an error whose cause is still there, so that no reset helps; 0 for none. It is
+    told beside another one.
     """
 
     position_rad: float
@@ -49,7 +50,7 @@ class MotorState:
     torque_Nm: float = 0.0
     at_limit: int = 0
     homing: OwnHoming = OwnHoming.NONE
-    error_lasts: bool = False
+    lasting_error: int = 0
 
 
 @dataclass(frozen=True, slots=True)

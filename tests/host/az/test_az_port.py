@@ -10,10 +10,11 @@ import pytest
 
 from palpate_edge.errors import BusError
 from palpate_host.drives.az import alarms, motor
-from palpate_host.drives.az.axis import AxisSettings, AzAxis
+from palpate_host.drives.az.axis import AxisSettings, AzAxis, Question
 from palpate_host.drives.az.port import AzPort, Parity
 from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, Input, Status
 from palpate_host.drives.az.temperature import AzTemperatures
+from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.twin.az.az_server import AzServer
 from palpate_host.twin.az.pty_line import pty_line
 from palpate_host.twin.az.simulated_az import SimulatedAz
@@ -114,6 +115,20 @@ def test_heat_outlives_a_reset_that_was_on_its_way(port: AzPort, drives: dict[in
         axis.measure(0, port)
         axis.reset_fault()
         assert axis.state(0).error_code == error_code
+
+
+def test_heat_beside_an_alarm_is_told_however_seldom_the_node_looks(
+    port: AzPort, drives: dict[int, SimulatedAz]
+) -> None:
+    axis = AzAxis(AxisSettings(device_id=1, motor=MOTOR, torque_limit_Nm=0.5))
+    node = Cia402Device(5, axis)
+    drives[1].raise_alarm(0x30)
+    drives[1].motor_degC = 80.0
+    for question in (Question.HEALTH, Question.TEMPERATURES, Question.HEALTH):
+        axis.exchange(0, port, question)
+    frames = [*node.process(0, ()).frames_out, *node.process(10_000, ()).frames_out]
+    codes = [int.from_bytes(frame.data[:2], "little") for frame in frames if frame.can_id == 0x085]
+    assert codes == [0xFF30, 0x4310]
 
 
 def test_missing_drive_is_named(port: AzPort) -> None:

@@ -97,8 +97,7 @@ class AzAxis:
         with self._lock:
             self._reset = True
             self._failures = 0
-            error_code = EXCESS_TEMPERATURE if self._state.error_lasts else 0
-            self._state = replace(self._state, error_code=error_code)
+            self._state = replace(self._state, error_code=self._state.lasting_error)
 
     @property
     def is_heard(self) -> bool:
@@ -113,7 +112,7 @@ class AzAxis:
         self._measured_us = now_us
         with self._lock:
             is_exceeded = self._temperature.is_exceeded
-            self._state = replace(self._state, error_lasts=is_exceeded)
+            self._state = replace(self._state, lasting_error=EXCESS_TEMPERATURE if is_exceeded else 0)
             if is_exceeded and not was_exceeded:
                 self.problem = (
                     f"drive at {temperatures.driver_degC} degC, motor at {temperatures.motor_degC} degC:"
