@@ -2,7 +2,8 @@
 
 Holds what Eqs. (9)-(16) need from one tick to the next and nothing of the bus: the estimate M, the object's
 orientation when turning began, how far the ramp has come, and the integral that the paper has not: its
-proportional law leaves a droop, which the integral moves the target by until it is gone.
+proportional law leaves a droop, which the integral moves the target by until it is gone. It begins where the
+ramp ends: the last degrees need the most friction, and less of it the slower they are turned.
 """
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ class Manipulation:
     def rest(self) -> None:
         """Turn no more; the next turn begins where the object is then."""
         self.R_d = self.R_d_vir = self._start = None
+        self._trim_rad = np.zeros(3)
 
     @property
     def M(self) -> Array | None:
@@ -135,7 +137,8 @@ class Manipulation:
         self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s) @ self._start
         wanted = self.R_d
         if self._integral_per_s > 0.0:
-            self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
+            if self.turned >= 1.0:
+                self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
             wanted = rotation.exp(self._trim_rad) @ self.R_d
         self.R_d_vir = desired_virtual_frame(wanted, M)
 

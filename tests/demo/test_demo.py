@@ -167,7 +167,7 @@ def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     (step,) = summary["turn"]["steps"]
     assert step["rpy_deg"] == [30, 0, 0]
     assert step["error_deg"] < 3
-    assert max(step["slip_mm"]) < 1
+    assert max(step["slip_mm"]) < 0.1
     assert step["pace"] == 1
     assert all(finger["dropped"] == 0 for finger in summary["fingers"])
     texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "target to truth")

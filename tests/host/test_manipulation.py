@@ -39,8 +39,8 @@ def holding(table_4):
     config, hand = table_4
     pose = hand.pose(START_RAD)
 
-    def make(**control):
-        target = msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 10.0), ramp_s=0.0)
+    def make(ramp_s=0.0, **control):
+        target = msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 10.0), ramp_s=ramp_s)
         changed = msgspec.structs.replace(config.control, **control)
         manipulation = Manipulation(msgspec.structs.replace(config, control=changed, target=target))
         for frame in range(6):
@@ -77,6 +77,25 @@ def test_the_integral_grows_with_error_and_time_up_to_its_bound(holding):
     tick(manipulation, pose, ticks=1000)
     np.testing.assert_allclose(trim_deg(manipulation, pose), [0, 0, np.degrees(TRIM_LIMIT_RAD)], atol=1e-6)
     assert pytest.approx(15.0) == np.degrees(TRIM_LIMIT_RAD)
+
+
+def test_the_integral_begins_where_the_ramp_ends(holding):
+    """Tenths of a second after a ramp of 1 s: 10 deg missing at 0.5/s."""
+    manipulation, pose = holding(ramp_s=1.0, integral_per_s=0.5)
+    tick(manipulation, pose, ticks=99)
+    np.testing.assert_allclose(trim_deg(manipulation, pose), 0.0, atol=1e-9)
+    tick(manipulation, pose, ticks=21)
+    np.testing.assert_allclose(trim_deg(manipulation, pose), [0.0, 0.0, 1.05], atol=0.051)
+
+
+def test_what_rests_begins_its_next_turn_without_the_integral_of_the_last(holding):
+    manipulation, pose = holding(integral_per_s=0.5)
+    tick(manipulation, pose, ticks=100)
+    assert trim_deg(manipulation, pose)[2] > 4.0
+    manipulation.rest()
+    manipulation.turn((0.0, 0.0, 10.0), 1.0)
+    tick(manipulation, pose)
+    np.testing.assert_allclose(trim_deg(manipulation, pose), 0.0, atol=1e-9)
 
 
 def test_a_frozen_frame_freezes_the_integral(holding):

@@ -24,7 +24,7 @@ from palpate_host.twin.hand.lockstep import LockstepLoop
 from palpate_host.twin.hand.loop import run_loop
 
 TABLE_4 = PACKAGED["table4-wide"]
-YAW = 2
+PITCH, YAW = 1, 2
 
 
 def test_the_chain_turns_the_object():
@@ -43,6 +43,22 @@ def test_the_chain_turns_the_object():
     assert result.slip_mm.max() < 1.0
     assert result.refused == 0
     assert 0.05 < result.contact_error_mm < 0.2
+
+
+def test_no_tip_slides_while_the_integral_ends_the_turn_that_needs_most_friction():
+    """30 deg of pitch need 0.48 of the 0.5 that there is; 0.2 mm is what the first touch takes."""
+    result = run_loop(
+        TABLE_4,
+        PITCH,
+        lambda: DirectFeel(30.0, 0.24, 1),
+        seconds=6.0,
+        friction=None,
+        integral_per_s=1.0,
+        engine="mujoco",
+    )
+    assert result.failure == ""
+    assert result.error_deg < 1.0
+    assert result.slip_mm.max() < 0.3
 
 
 def test_a_run_repeats_bit_for_bit():
