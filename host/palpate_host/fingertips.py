@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.hand import HandPose
 from palpate_host.rotation import Array

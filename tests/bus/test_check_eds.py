@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.errors import ConfigError
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS
+from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.bus.cli import bus
 from palpate_host.bus.eds_check import check_file, check_text
 from palpate_host.bus.eds_objects import read_objects

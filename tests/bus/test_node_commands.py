@@ -17,9 +17,9 @@ from durand.network import CANBusNetwork
 
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS
 from palpate_host.bus.cli import bus
 from palpate_host.bus.device import Device, usual_device
 from palpate_host.bus.lss import parse_address

@@ -13,9 +13,9 @@ import pytest
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.emcy import ErrorRegister
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.slave import Output
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import (
     ChannelStatus,
@@ -19,7 +20,6 @@ from palpate_edge.node.fingertip_objects import (
     encode_contact,
     encode_health,
 )
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 
 OD = load_eds(FINGERTIP_EDS, 0x10)
 ANY_FLOAT = st.floats() | st.none()

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.nmt import NmtState
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 from palpate_edge.node.slave import Slave
 
 DRIVE_EDS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "drives" / "cia402.eds"

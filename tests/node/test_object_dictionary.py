@@ -10,13 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.errors import BusError, ConfigError
-from palpate_edge.node.object_dictionary import (
-    FINGERTIP_EDS,
-    Access,
-    DataType,
-    ObjectDictionary,
-    load_eds,
-)
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.object_dictionary import Access, DataType, ObjectDictionary
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 
 DRIVE = load_eds(

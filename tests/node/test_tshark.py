@@ -12,9 +12,10 @@ import pytest
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, ObjectDictionary, load_eds
+from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave
 from palpate_host.bus.candump import LogRecord

@@ -8,6 +8,7 @@ from functools import partial
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.fingertip_objects import (
     AI_AUTOZERO,
     CALIBRATION_HASH,
@@ -30,7 +31,7 @@ from palpate_edge.node.fingertip_objects import (
     encode_contact,
     encode_health,
 )
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, Value, load_eds
+from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Output, Slave
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters

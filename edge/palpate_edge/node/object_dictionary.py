@@ -1,24 +1,17 @@
-"""The object dictionary: what a CiA 306 electronic data sheet (EDS) says of each object, typed and immutable.
+"""The object dictionary: what an electronic data sheet (``eds.py``) says of each object, typed and immutable.
 
-The ``canopen`` package parses the file; what it parses becomes :class:`Entry` values that know how to turn
-themselves into bytes. Values that change while a node runs live in ``object_store.py``.
+An :class:`Entry` knows how to turn values into bytes. Values that change while a node runs live in
+``object_store.py``.
 """
 
 from __future__ import annotations
 
-import configparser
-import hashlib
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-from functools import cache
-from pathlib import Path
 
-import canopen
-from canopen.objectdictionary import ODArray, ODRecord, ODVariable
-
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.errors import BusError
 
 Value = int | str
 ObjectKey = tuple[int, int]
@@ -26,8 +19,6 @@ ObjectKey = tuple[int, int]
 
 UNCONFIGURED_NODE_ID = 255
 """What LSS (CiA 305) calls the node id of a node that has none yet."""
-
-FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
 
 
 class DataType(IntEnum):
@@ -185,89 +176,3 @@ class ObjectDictionary:
         if not isinstance(value, int):
             raise BusError(f"object {index:04X}h:{subindex:02X} of {self.source} is text; name a number")
         return value
-
-
-def load_eds(path: Path, node_id: int) -> ObjectDictionary:
-    """Read an EDS for the node `node_id`: 1-127, or 255 for a node that LSS has yet to name.
-
-    Raises ConfigError, naming the file and the object, when it cannot be read or describes what these
-    nodes cannot serve.
-    """
-    if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
-        raise ConfigError(f"node id {node_id} is not in 1..127; set `node_id` to a free number of the bus")
-    try:
-        checksum = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-        od = _parsed(path, checksum).for_node(node_id)
-        for entry in od.entries.values():
-            if entry.follows_node_id:
-                entry.check(entry.default)
-    except OSError as error:
-        raise ConfigError(f"EDS {path} cannot be read: {error.strerror}; check the path") from error
-    except BusError as error:
-        raise ConfigError(f"EDS {path}: {error}") from error
-    return od
-
-
-@cache
-def _parsed(path: Path, checksum: str) -> ObjectDictionary:
-    """The file with this content, for node 1. A hand has a dozen nodes of two files: each is parsed once."""
-    try:
-        parsed = canopen.import_od(str(path), node_id=1)
-    except (configparser.Error, ValueError, KeyError) as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"EDS {path} is not a CiA 306 file: {reason}; restore it") from error
-    entries = {}
-    for variable in _variables(parsed):
-        entry = _entry(path, variable)
-        entries[entry.key] = entry
-    if not entries:
-        raise ConfigError(f"EDS {path} describes no object; give a CiA 306 file")
-    return ObjectDictionary(
-        node_id=1,
-        source=path.name,
-        checksum=checksum,
-        entries=entries,
-        indices=frozenset(index for index, _ in entries),
-        bit_rates_kbit_s=frozenset(rate // 1000 for rate in parsed.device_information.allowed_baudrates),
-    )
-
-
-def _variables(parsed: canopen.ObjectDictionary) -> Iterator[ODVariable]:
-    for item in parsed.values():
-        if isinstance(item, (ODRecord, ODArray)):
-            yield from item.subindices.values()
-        else:
-            yield item
-
-
-def _entry(path: Path, variable: ODVariable) -> Entry:
-    where = f"EDS {path}, object {variable.index:04X}h:{variable.subindex:02X}"
-    try:
-        data_type = DataType(variable.data_type or 0)
-        access = Access(variable.access_type)
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}; use a type and access that this node serves") from error
-    default: Value | None = variable.default
-    if default is None:
-        # The parser drops a default that it cannot read; an empty one is allowed by CiA 306.
-        written = getattr(variable, "default_raw", "")
-        if written.strip():
-            raise ConfigError(f"{where}: DefaultValue {written!r} is not a number; correct it")
-        default = "" if data_type is DataType.VISIBLE_STRING else 0
-    entry = Entry(
-        index=variable.index,
-        subindex=variable.subindex,
-        name=variable.name,
-        data_type=data_type,
-        access=access,
-        default=default,
-        low=variable.min,
-        high=variable.max,
-        pdo_mappable=bool(variable.pdo_mappable),
-        follows_node_id=variable.relative,
-    )
-    try:
-        entry.encode(default)
-    except BusError as error:
-        raise ConfigError(f"EDS {path}: {error}") from error
-    return entry

@@ -15,7 +15,8 @@ from random import Random
 from statistics import fmean
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, Entry, ObjectDictionary, load_eds
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_edge.node.pdo_parameters import pdo_numbers
 from palpate_host.bus.bit_count import frame_bits

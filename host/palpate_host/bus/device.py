@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge.errors import ConfigError
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS
+from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.bus.eds_objects import read_objects
 from palpate_host.bus.eds_pdo import PDO_KINDS, pdo_numbers
 from palpate_host.bus.eds_text import Findings, parse_sections, read_text

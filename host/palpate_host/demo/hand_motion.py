@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate_edge.errors import ConfigError
-from palpate_edge.node.object_dictionary import load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.errors import BusError
-from palpate_edge.node.object_dictionary import load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import MappingFault, PdoCodec, PdoDirection, layout_of, pdo_codec
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, CONTROLWORD, MODE, TARGETS, OperationMode
 from palpate_host.drives.joint_command import DriveGoal, Follows, JointCommand, JointState

@@ -14,10 +14,10 @@ from dataclasses import replace
 from typing import Protocol
 
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
 from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
 from palpate_edge.node.nmt import NmtCommand, NmtState
-from palpate_edge.node.object_dictionary import load_eds
 from palpate_edge.node.slave import Output, Slave
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.cia402_modes import OperationMode

@@ -12,10 +12,10 @@ from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact, refused_contact
 from palpate_edge.errors import BusError, CameraLostError, CameraStalledError
 from palpate_edge.fingertip_core import FingertipCore
+from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import ContactFlag, Health, Method
 from palpate_edge.node.nmt import NmtState
-from palpate_edge.node.object_dictionary import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 
 NODE = 0x10

@@ -1,0 +1,87 @@
+"""From an electronic data sheet (EDS, CiA 306) to the object dictionary of one node.
+
+To import a parser and parse the file is a tenth of a fingertip's start. So what ``eds_parser.py`` makes of a
+file may lie beside it (``fingertip.parsed.json``); it counts only for the very file that it was made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, Entry, ObjectDictionary
+
+FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
+
+
+@dataclass(frozen=True, slots=True)
+class ParsedEds:
+    """What an EDS says, its ``$NODEID`` formulas worked out for node 1.
+
+    checksum: 16 hexadecimal digits that name the file's content. bit_rates_kbit_s: of [DeviceInfo].
+    """
+
+    checksum: str
+    entries: tuple[Entry, ...]
+    bit_rates_kbit_s: frozenset[int]
+
+
+def load_eds(path: Path, node_id: int) -> ObjectDictionary:
+    """Read an EDS for the node `node_id`: 1-127, or 255 for a node that LSS has yet to name.
+
+    Raises ConfigError, naming the file and the object, when it cannot be read or describes what these
+    nodes cannot serve.
+    """
+    if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
+        raise ConfigError(f"node id {node_id} is not in 1..127; set `node_id` to a free number of the bus")
+    try:
+        od = _dictionary(path, checksum_of(path)).for_node(node_id)
+        for entry in od.entries.values():
+            if entry.follows_node_id:
+                entry.check(entry.default)
+    except OSError as error:
+        raise ConfigError(f"EDS {path} cannot be read: {error.strerror}; check the path") from error
+    except BusError as error:
+        raise ConfigError(f"EDS {path}: {error}") from error
+    return od
+
+
+def checksum_of(path: Path) -> str:
+    """What `ParsedEds.checksum` is of this file. Raises OSError."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def parsed_path(eds: Path) -> Path:
+    """Where what was parsed of `eds` lies, if anywhere."""
+    return eds.with_suffix(".parsed.json")
+
+
+@cache
+def _dictionary(path: Path, checksum: str) -> ObjectDictionary:
+    """The file with this content, for node 1. A hand has a dozen nodes of two files: each is read once."""
+    parsed = _parsed_before(path, checksum)
+    if parsed is None:
+        from palpate_edge.node.eds_parser import parse  # noqa: PLC0415 - a fingertip never needs it
+
+        parsed = parse(path)
+    return ObjectDictionary(
+        node_id=1,
+        source=path.name,
+        checksum=checksum,
+        entries={entry.key: entry for entry in parsed.entries},
+        indices=frozenset(entry.index for entry in parsed.entries),
+        bit_rates_kbit_s=parsed.bit_rates_kbit_s,
+    )
+
+
+def _parsed_before(path: Path, checksum: str) -> ParsedEds | None:
+    try:
+        parsed = msgspec.json.decode(parsed_path(path).read_bytes(), type=ParsedEds)
+    except (OSError, msgspec.DecodeError):
+        return None
+    return parsed if parsed.checksum == checksum else None
