@@ -19,7 +19,7 @@ from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.driven_hand import HandMotor
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import DirectFeel, RenderedFeel
+from palpate_host.twin.hand.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
 from palpate_host.twin.hand.lockstep import LockstepLoop
 from palpate_host.twin.hand.loop import run_loop
 
@@ -80,9 +80,9 @@ def test_a_touch_that_ends_is_no_more_turned_by():
     config, hand = load_hand(TABLE_4)
 
     class Numb(DirectFeel):
-        def contact(self, finger, into_F_mm, normal_force_N, exposed_at_us, sequence):
-            felt = None if sequence > 24 else into_F_mm
-            return super().contact(finger, felt, normal_force_N, exposed_at_us, sequence)
+        def contact(self, finger, touch, exposed_at_us, sequence):
+            felt = None if sequence > 24 else touch
+            return super().contact(finger, felt, exposed_at_us, sequence)
 
     loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), Numb(30.0, 0.0, 1))
     modes = [sample.mode for sample in loop.run(2.2).samples]
@@ -112,11 +112,12 @@ def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):
     calibration = calibrate(read_dataset(tmp_path / "dome"), dome=load_dome_model())
     feel = RenderedFeel([(twin, calibration)], library, 1)
     radius = twin.sensor.dome.outer_radius_mm
-    assert not feel.contact(0, None, 0.0, 0, 0).in_contact
+    assert not feel.contact(0, None, 0, 0).in_contact
     towards = np.array([0.4, -0.2, 0.89])
     towards /= np.linalg.norm(towards)
     for sequence, depth in enumerate((0.6, 1.2, 1.8), start=1):
-        contact = feel.contact(0, (radius - depth) * towards, 1.0, 33_333 * sequence, sequence)
+        touch = DomeTouch((radius - depth) * towards, 1.0, np.zeros(3))
+        contact = feel.contact(0, touch, 33_333 * sequence, sequence)
     assert contact.valid and contact.in_contact
     assert np.linalg.norm(np.array(contact.position_mm) - radius * towards) < 1.0
 

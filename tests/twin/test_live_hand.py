@@ -205,7 +205,7 @@ class Bench:
                 if seen.finger in self.deaf:
                     continue
                 number = self.count_from + seen.sequence
-                contact = self._feel.contact(seen.finger, seen.into_F_mm, 1.0, seen.exposed_at_us, number)
+                contact = self._feel.contact(seen.finger, seen.touch, seen.exposed_at_us, number)
                 self.tips[seen.finger].publish(contact, self.now_us - seen.exposed_at_us)
             for tip in self.tips:
                 sent += tip.process(self.now_us, heard).frames_out

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ Array = NDArray[np.float64]
 
 AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # of the skin's polar grid: as many as the outermost ring's
 WALL_TOLERANCE = 0.02  # of wall over radius: fields of another ratio are others
+FIRST_SLIDE = 0.1  # of the depth: by what it does to the force the slide for a force is sought
+SLIDE_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,42 @@ class DeformableDome:
 
     def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
         return self.scale * self._library.largest_depth_mm(theta_rad, probe)
+
+    def slid(self, press: ProbePress, friction_ratio: Array) -> ProbePress:
+        """The press slid until the tangential over the normal force on the dome is friction_ratio (2,),
+        towards the base and along growing azimuth; as far as the library's slides go (Broyden's method)."""
+        if press.depth_mm <= 0:
+            return press
+
+        def missing(slide: Array) -> Array:
+            return friction_ratio - self._friction_ratio(press, slide)
+
+        slide = np.zeros(2)
+        here = missing(slide)
+        steps = FIRST_SLIDE * np.eye(2)
+        by_slide = np.column_stack([(missing(step) - here) / FIRST_SLIDE for step in steps])
+        for _ in range(SLIDE_STEPS):
+            wanted = slide - np.linalg.solve(by_slide, here)
+            wanted *= min(1.0, grid.SHEAR_SHARES[-1] / max(float(np.hypot(*wanted)), 1e-9))
+            step = wanted - slide
+            length2 = float(step @ step)
+            if length2 < 1e-8:
+                break
+            there = missing(wanted)
+            by_slide += np.outer(there - here - by_slide @ step, step) / length2
+            slide, here = wanted, there
+        along, across = (press.depth_mm * slide).tolist()
+        return replace(press, shear_mm=(along, across))
+
+    def _friction_ratio(self, press: ProbePress, slide: Array) -> Array:
+        """(2,) towards the base and along growing azimuth, of a slide (2,) in parts of the depth."""
+        depth_mm = press.depth_mm / self.scale
+        along, across = (depth_mm * slide).tolist()
+        force = self._library.solved_force_per_mu_mm2(press.theta_rad, depth_mm, (along, across), press.probe)
+        sin, cos = math.sin(press.theta_rad), math.cos(press.theta_rad)
+        x, y, z = force.tolist()
+        inwards: float = -(x * sin + z * cos)
+        return np.array([x * cos - z * sin, y]) / inwards
 
     def press(self, press: ProbePress) -> Deformation:
         """Raises ConfigError outside the library, as :meth:`FieldLibrary.field`."""

@@ -90,11 +90,18 @@ class FieldLibrary:
         needed = (plain != 0) | (mirrored != 0)
         rows, plain, mirrored = rows[needed], plain[needed], mirrored[needed]
         fields, forces = self.displacement_mm[rows], self.force_per_mu_mm2[rows]
-        moved, force = np.tensordot(plain, fields, 1), plain @ forces
+        moved = np.tensordot(plain, fields, 1)
         if mirrored.any():
             moved = moved + np.tensordot(mirrored, fields, 1)[grid.mirror_order()] * MIRROR
-            force = force + (mirrored @ forces) * MIRROR
-        return Field(moved, force)
+        return Field(moved, plain @ forces + (mirrored @ forces) * MIRROR)
+
+    def solved_force_per_mu_mm2(
+        self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe = Probe.PLATE
+    ) -> Array:
+        """The force of :meth:`solved` alone (3,)."""
+        rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
+        forces = self.force_per_mu_mm2[rows]
+        return np.asarray(plain @ forces + (mirrored @ forces) * MIRROR)
 
     def _row_weights(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe

@@ -24,7 +24,8 @@ class LostGraspError(PalpateError):
 
 @dataclass(frozen=True, slots=True)
 class TipTouch:
-    """One tip on the object. point_m: x_i (3,) in the hand's frame; friction_N: (2,) tangential force."""
+    """One tip on the object. point_m: x_i (3,) and friction_N (3,), the tangential force on the tip, in the
+    hand's frame."""
 
     point_m: Array
     normal_force_N: float

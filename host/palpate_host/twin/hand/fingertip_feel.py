@@ -25,13 +25,21 @@ LARGEST_THETA_DEG = 74.0
 """The library's fields end at 75 degrees from the pole."""
 
 
+@dataclass(frozen=True, slots=True)
+class DomeTouch:
+    """One dome on the object. into_mm: (3,) from the dome's centre to the contact; friction_N: (3,) the
+    tangential force on the dome; both in F."""
+
+    into_mm: Array
+    normal_force_N: float
+    friction_N: Array
+
+
 class Feel(Protocol):
     """Turns one exposure of one fingertip into a Contact."""
 
-    def contact(
-        self, finger: int, into_F_mm: Array | None, normal_force_N: float, exposed_at_us: int, sequence: int
-    ) -> Contact:
-        """into_F_mm: (3,) from the dome's centre to the contact on the object, in F; None: no touch."""
+    def contact(self, finger: int, touch: DomeTouch | None, exposed_at_us: int, sequence: int) -> Contact:
+        """touch: None where it touches nothing."""
         ...
 
 
@@ -45,15 +53,14 @@ class DirectFeel:
     def contact(
         self,
         finger: int,  # noqa: ARG002 - every finger has the same noise
-        into_F_mm: Array | None,
-        normal_force_N: float,
+        touch: DomeTouch | None,
         exposed_at_us: int,
         sequence: int,
     ) -> Contact:
         """See :class:`Feel`."""
         position = None
-        if into_F_mm is not None:
-            on_dome = self._radius_mm / np.linalg.norm(into_F_mm) * into_F_mm
+        if touch is not None:
+            on_dome = self._radius_mm / np.linalg.norm(touch.into_mm) * touch.into_mm
             x, y, z = on_dome + self._noise_mm * self._rng.normal(size=3)
             position = (float(x), float(y), float(z))
         return Contact(
@@ -62,7 +69,7 @@ class DirectFeel:
             valid=True,
             in_contact=position is not None,
             position_mm=position,
-            normal_force_N=normal_force_N,
+            normal_force_N=0.0 if touch is None else touch.normal_force_N,
             force_N=None,
             torsion_Nmm=None,
             quality=1.0,
@@ -86,8 +93,8 @@ class Picture:
 class RenderedFeel:
     """The sensor's picture of a dome pressed by the object's face, and the fingertip's own estimator on it.
 
-    The dome by finite elements is indented as deep as the tip; its force is its own. Tangential forces do not
-    show in the picture.
+    The dome by finite elements is indented as deep as the tip and slid until its force leans as much as the
+    tip's, as far as its fields go; how large the force is, is its own.
     """
 
     def __init__(
@@ -104,17 +111,10 @@ class RenderedFeel:
         self._estimators = [Estimator(calibration) for _, calibration in sensors]
         self._rng = np.random.default_rng(seed)
 
-    def contact(
-        self,
-        finger: int,
-        into_F_mm: Array | None,
-        normal_force_N: float,  # noqa: ARG002 - the picture tells
-        exposed_at_us: int,
-        sequence: int,
-    ) -> Contact:
+    def contact(self, finger: int, touch: DomeTouch | None, exposed_at_us: int, sequence: int) -> Contact:
         """See :class:`Feel`."""
         view = self._views[finger]
-        press = None if into_F_mm is None else press_of(view, into_F_mm)
+        press = None if touch is None else press_of(view, touch)
         image, force_N = view.frame(press, self._rng)
         radius_mm = view.twin.sensor.dome.outer_radius_mm
         point_mm = None if press is None else radius_mm * press.outward
@@ -122,24 +122,30 @@ class RenderedFeel:
         return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
 
 
-def press_of(view: CameraView, into_F_mm: Array) -> ProbePress:
-    """A flat face that meets a dome into_F_mm (3,), F, from its centre; at most as deep as the fields go."""
-    x, y, z = into_F_mm
+def press_of(view: CameraView, touch: DomeTouch) -> ProbePress:
+    """A flat face on a dome; at most as deep as the fields go."""
+    x, y, z = touch.into_mm
     theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
-    depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(into_F_mm))
+    azimuth_rad = float(np.arctan2(y, x))
+    depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(touch.into_mm))
     deepest_mm = view.dome.largest_depth_mm(theta_rad, Probe.PLATE)
-    return ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
+    press = ProbePress(theta_rad, azimuth_rad, min(depth_mm, deepest_mm))
+    if touch.normal_force_N <= 0.0:
+        return press
+    out = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
+    to_base = np.cos(theta_rad) * out - [0.0, 0.0, np.sin(theta_rad)]
+    around = np.array([-out[1], out[0], 0.0])
+    return view.dome.slid(press, np.array([to_base, around]) @ touch.friction_N / touch.normal_force_N)
 
 
-def touches_in_F(engine: Engine, hand: Hand) -> list[tuple[Array | None, float]]:
-    """Of each tip: from its dome's centre to the contact on the object (3,) in mm in F, None without one, and
-    the normal force in N."""
+def touches_in_F(engine: Engine, hand: Hand) -> list[DomeTouch | None]:
+    """Of each tip, None where it touches nothing."""
     pose = hand.pose(engine.q_rad)
-    found: list[tuple[Array | None, float]] = []
-    for finger, touch in enumerate(engine.touches()):
+    found: list[DomeTouch | None] = []
+    for touch, centre_m, F in zip(engine.touches(), pose.tip_centre_m, pose.tip_rotation, strict=True):
         if touch is None:
-            found.append((None, 0.0))
-            continue
-        arm_m = touch.point_m - pose.tip_centre_m[finger]
-        found.append((np.asarray(1e3 * pose.tip_rotation[finger].T @ arm_m), touch.normal_force_N))
+            found.append(None)
+        else:
+            into_mm = 1e3 * (touch.point_m - centre_m) @ F
+            found.append(DomeTouch(into_mm, touch.normal_force_N, touch.friction_N @ F))
     return found

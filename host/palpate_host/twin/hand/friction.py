@@ -94,7 +94,8 @@ class FrictionHand:
         found: list[TipTouch | None] = [None, None, None]
         for row, tip in enumerate(self._tip_of_geom[contact.geom1].tolist()):
             mujoco.mj_contactForce(self.twin.model, self.data, row, force)
-            found[tip] = TipTouch(points_m[row], float(force[0]), force[1:3].copy())
+            on_object_N = force[1:3] @ contact.frame[row, 3:].reshape(2, 3)
+            found[tip] = TipTouch(points_m[row], float(force[0]), -on_object_N)
         return tuple(found)
 
     def step(self, torque_Nm: Array) -> None:

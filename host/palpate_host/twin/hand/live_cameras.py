@@ -19,11 +19,10 @@ import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.errors import ConfigError
-from palpate_host.rotation import Array
 from palpate_host.twin.camera.look import load_twin
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.hand.fingertip_feel import Picture, press_of
+from palpate_host.twin.hand.fingertip_feel import DomeTouch, Picture, press_of
 from palpate_host.twin.hand.picture_file import PictureFile
 
 READY_S = 60.0
@@ -42,12 +41,12 @@ class CameraFiles:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """What one camera shall see. exposed_at_us: of CLOCK_MONOTONIC. into_F_mm (3,): see `press_of`."""
+    """What one camera shall see. exposed_at_us: of CLOCK_MONOTONIC."""
 
     finger: int
     sequence: int
     exposed_at_us: int
-    into_F_mm: Array | None
+    touch: DomeTouch | None
 
 
 class LiveCameras:
@@ -134,7 +133,7 @@ class _Camera:
 
     def render(self, exposure: Exposure, rng: np.random.Generator) -> None:
         """A frame into the ring, and what pressed into the truth."""
-        press = None if exposure.into_F_mm is None else press_of(self.view, exposure.into_F_mm)
+        press = None if exposure.touch is None else press_of(self.view, exposure.touch)
         image, force_N = self.view.frame(press, rng)
         self._ring.write(image, exposure.sequence, exposure.exposed_at_us)
         point_mm = None if press is None else self._radius_mm * press.outward

@@ -233,7 +233,7 @@ class LiveHand:
             return False
         touches = touches_in_F(self._engine, self._hand)
         for finger in due:
-            self._cameras.expose(Exposure(finger, self._sequence[finger], self._hand_us, touches[finger][0]))
+            self._cameras.expose(Exposure(finger, self._sequence[finger], self._hand_us, touches[finger]))
             self._unfelt_us[finger] = self._hand_us
             self._sequence[finger] += 1
             self._exposure_us[finger] += self._period_us[finger]

@@ -161,9 +161,9 @@ class LockstepLoop:
             return
         touches = touches_in_F(self.engine, self._hand)
         for finger in due:
-            into_F_mm, force_N = touches[finger]
-            contact = self._feel.contact(finger, into_F_mm, force_N, now_us, self._sequence[finger])
-            truth = None if into_F_mm is None else self._radius_mm / np.linalg.norm(into_F_mm) * into_F_mm
+            touch = touches[finger]
+            contact = self._feel.contact(finger, touch, now_us, self._sequence[finger])
+            truth = None if touch is None else self._radius_mm / np.linalg.norm(touch.into_mm) * touch.into_mm
             self.record.contacts.append((finger, contact, truth))
             self._pending.append((now_us, finger, contact))
             self._sequence[finger] += 1

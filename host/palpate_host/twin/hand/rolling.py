@@ -95,7 +95,7 @@ class RollingHand:
     def touches(self) -> tuple[TipTouch | None, ...]:
         """Forces are those of the last step."""
         R, x = self.object_rotation, self.object_position_m
-        _, contact, indentation = self._indentation()
+        C, contact, indentation = self._indentation()
         for number, (face, point) in enumerate(zip(self._faces, contact, strict=True), 1):
             if not is_on_face(self.twin.prism, face, R.T @ (point - x)):
                 raise LostGraspError(
@@ -103,7 +103,7 @@ class RollingHand:
                     " turn less, or give the object larger faces"
                 )
         return tuple(
-            TipTouch(contact[i], float(self.normal_force_N[i]), self.friction_force_N[i])
+            TipTouch(contact[i], float(self.normal_force_N[i]), -self.friction_force_N[i] @ C[i, ::2])
             if indentation[i] > 0.0
             else None
             for i in range(3)
