@@ -27,17 +27,23 @@ TABLE_4 = PACKAGED["table4-wide"]
 PITCH, YAW = 1, 2
 
 
+def turned(axis, noise_mm, seconds, integral_per_s=0.0, has_weight=False):
+    """A run of the whole loop in MuJoCo, contacts true but for their noise."""
+    return run_loop(
+        TABLE_4,
+        axis,
+        lambda: DirectFeel(30.0, noise_mm, 1),
+        seconds=seconds,
+        friction=None,
+        integral_per_s=integral_per_s,
+        engine="mujoco",
+        has_weight=has_weight,
+    )
+
+
 def test_the_chain_turns_the_object():
     """Grasp, settle, 30 deg of yaw within 2 s: within 3 deg, no tip slides, the host never stops."""
-    result = run_loop(
-        TABLE_4,
-        YAW,
-        lambda: DirectFeel(30.0, 0.09, 1),
-        seconds=3.5,
-        friction=None,
-        integral_per_s=0.0,
-        engine="mujoco",
-    )
+    result = turned(YAW, noise_mm=0.09, seconds=3.5)
     assert result.failure == ""
     assert result.error_deg < 3.0
     assert result.slip_mm.max() < 1.0
@@ -47,15 +53,7 @@ def test_the_chain_turns_the_object():
 
 def test_no_tip_slides_while_the_integral_ends_the_turn_that_needs_most_friction():
     """30 deg of pitch need 0.48 of the 0.5 that there is; 0.2 mm is what the first touch takes."""
-    result = run_loop(
-        TABLE_4,
-        PITCH,
-        lambda: DirectFeel(30.0, 0.24, 1),
-        seconds=6.0,
-        friction=None,
-        integral_per_s=1.0,
-        engine="mujoco",
-    )
+    result = turned(PITCH, noise_mm=0.24, seconds=6.0, integral_per_s=1.0)
     assert result.failure == ""
     assert result.error_deg < 1.0
     assert result.slip_mm.max() < 0.3
@@ -124,15 +122,6 @@ def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):
 
 def test_a_heavy_object_is_carried():
     """0.1 kg, its support taken away as it is turned: without carrying it sinks 64 mm within 3 s."""
-    result = run_loop(
-        TABLE_4,
-        YAW,
-        lambda: DirectFeel(30.0, 0.09, 1),
-        seconds=3.0,
-        friction=None,
-        integral_per_s=0.0,
-        engine="mujoco",
-        has_weight=True,
-    )
+    result = turned(YAW, noise_mm=0.09, seconds=3.0, has_weight=True)
     assert result.error_deg < 4.0
     assert 0.0 < result.sunk_mm < 8.0

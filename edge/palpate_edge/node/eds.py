@@ -68,7 +68,7 @@ def _dictionary(path: Path, checksum: str) -> ObjectDictionary:
     if parsed is None:
         from palpate_edge.node.eds_parser import parse  # noqa: PLC0415 - a fingertip never needs it
 
-        parsed = parse(path)
+        parsed = parse(path, checksum)
     return ObjectDictionary(
         node_id=1,
         source=path.name,

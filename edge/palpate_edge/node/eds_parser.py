@@ -18,8 +18,8 @@ from palpate_edge.node.eds import FINGERTIP_EDS, ParsedEds, checksum_of, parsed_
 from palpate_edge.node.object_dictionary import Access, DataType, Entry, Value
 
 
-def parse(path: Path) -> ParsedEds:
-    """What the file says. Raises ConfigError, naming the file and the object; OSError."""
+def parse(path: Path, checksum: str) -> ParsedEds:
+    """What the file of this checksum says. Raises ConfigError, naming the file and the object; OSError."""
     try:
         parsed = canopen.import_od(str(path), node_id=1)
     except (configparser.Error, ValueError, KeyError) as error:
@@ -29,7 +29,7 @@ def parse(path: Path) -> ParsedEds:
     if not entries:
         raise ConfigError(f"EDS {path} describes no object; give a CiA 306 file")
     return ParsedEds(
-        checksum=checksum_of(path),
+        checksum=checksum,
         entries=entries,
         bit_rates_kbit_s=frozenset(rate // 1000 for rate in parsed.device_information.allowed_baudrates),
     )
@@ -77,7 +77,8 @@ def _entry(path: Path, variable: ODVariable) -> Entry:
 
 
 def main() -> None:
-    parsed_path(FINGERTIP_EDS).write_bytes(msgspec.json.encode(parse(FINGERTIP_EDS), order="deterministic"))
+    parsed = parse(FINGERTIP_EDS, checksum_of(FINGERTIP_EDS))
+    parsed_path(FINGERTIP_EDS).write_bytes(msgspec.json.encode(parsed, order="deterministic"))
 
 
 if __name__ == "__main__":

@@ -89,17 +89,19 @@ class FieldLibrary:
         rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
         needed = (plain != 0) | (mirrored != 0)
         rows, plain, mirrored = rows[needed], plain[needed], mirrored[needed]
-        fields, forces = self.displacement_mm[rows], self.force_per_mu_mm2[rows]
+        fields = self.displacement_mm[rows]
         moved = np.tensordot(plain, fields, 1)
         if mirrored.any():
             moved = moved + np.tensordot(mirrored, fields, 1)[grid.mirror_order()] * MIRROR
-        return Field(moved, plain @ forces + (mirrored @ forces) * MIRROR)
+        return Field(moved, self._force(rows, plain, mirrored))
 
     def solved_force_per_mu_mm2(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe = Probe.PLATE
     ) -> Array:
         """The force of :meth:`solved` alone (3,)."""
-        rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
+        return self._force(*self._row_weights(theta_rad, depth_mm, shear_mm, probe))
+
+    def _force(self, rows: NDArray[np.intp], plain: Array, mirrored: Array) -> Array:
         forces = self.force_per_mu_mm2[rows]
         return np.asarray(plain @ forces + (mirrored @ forces) * MIRROR)
 

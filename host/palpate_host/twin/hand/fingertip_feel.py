@@ -11,6 +11,7 @@ import numpy as np
 from palpate_edge.calibration import Calibration
 from palpate_edge.capture.frame import Frame
 from palpate_edge.contact_type import Contact
+from palpate_edge.displacement import tangent_basis
 from palpate_edge.estimator import Estimator
 from palpate_host.hand import Hand
 from palpate_host.rotation import Array
@@ -33,6 +34,10 @@ class DomeTouch:
     into_mm: Array
     normal_force_N: float
     friction_N: Array
+
+    def on_dome_mm(self, radius_mm: float) -> Array:
+        """(3,) the contact's place on the undeformed dome."""
+        return np.asarray(radius_mm / np.linalg.norm(self.into_mm) * self.into_mm)
 
 
 class Feel(Protocol):
@@ -60,8 +65,7 @@ class DirectFeel:
         """See :class:`Feel`."""
         position = None
         if touch is not None:
-            on_dome = self._radius_mm / np.linalg.norm(touch.into_mm) * touch.into_mm
-            x, y, z = on_dome + self._noise_mm * self._rng.normal(size=3)
+            x, y, z = touch.on_dome_mm(self._radius_mm) + self._noise_mm * self._rng.normal(size=3)
             position = (float(x), float(y), float(z))
         return Contact(
             sequence=sequence,
@@ -126,16 +130,13 @@ def press_of(view: CameraView, touch: DomeTouch) -> ProbePress:
     """A flat face on a dome; at most as deep as the fields go."""
     x, y, z = touch.into_mm
     theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
-    azimuth_rad = float(np.arctan2(y, x))
     depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(touch.into_mm))
     deepest_mm = view.dome.largest_depth_mm(theta_rad, Probe.PLATE)
-    press = ProbePress(theta_rad, azimuth_rad, min(depth_mm, deepest_mm))
+    press = ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
     if touch.normal_force_N <= 0.0:
         return press
-    out = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
-    to_base = np.cos(theta_rad) * out - [0.0, 0.0, np.sin(theta_rad)]
-    around = np.array([-out[1], out[0], 0.0])
-    return view.dome.slid(press, np.array([to_base, around]) @ touch.friction_N / touch.normal_force_N)
+    along_face = np.concatenate(tangent_basis(press.outward[None]))
+    return view.dome.slid(press, along_face @ touch.friction_N / touch.normal_force_N)
 
 
 def touches_in_F(engine: Engine, hand: Hand) -> list[DomeTouch | None]:

@@ -163,7 +163,7 @@ class LockstepLoop:
         for finger in due:
             touch = touches[finger]
             contact = self._feel.contact(finger, touch, now_us, self._sequence[finger])
-            truth = None if touch is None else self._radius_mm / np.linalg.norm(touch.into_mm) * touch.into_mm
+            truth = None if touch is None else touch.on_dome_mm(self._radius_mm)
             self.record.contacts.append((finger, contact, truth))
             self._pending.append((now_us, finger, contact))
             self._sequence[finger] += 1
