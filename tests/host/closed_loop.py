@@ -122,7 +122,7 @@ def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMo
         def start_host(self) -> None:
             """A new process: nothing of the old one is known."""
             self.silent.discard(self.host_id)
-            self.core = HostCore(self.config, self.hand)
+            self.core, self.host_queue = HostCore(self.config, self.hand), []
 
         def _step(self) -> None:
             engine = self.engine

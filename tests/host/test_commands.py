@@ -87,7 +87,7 @@ def stop_by_command(rig):
 
 
 def stop_by_nmt(rig):
-    rig._echo.append((rig.now_us + 1, CanFrame(0x000, b"\x02\x00")))
+    rig.host_queue.append((rig.now_us + 1, CanFrame(0x000, b"\x02\x00")))
 
 
 @pytest.mark.parametrize("stop", [stop_by_command, stop_by_nmt])
@@ -112,8 +112,8 @@ def test_the_operators_stop_is_one_tick_away_and_recover_leads_back(waiting, sto
 
 
 def test_a_start_from_another_master_stops_nothing(waiting):
-    waiting._echo.append((waiting.now_us + 1, CanFrame(0x000, b"\x01\x00")))
-    waiting._echo.append((waiting.now_us + 2, CanFrame(0x000, b"\x02\x33")))
+    waiting.host_queue.append((waiting.now_us + 1, CanFrame(0x000, b"\x01\x00")))
+    waiting.host_queue.append((waiting.now_us + 2, CanFrame(0x000, b"\x02\x33")))
     assert waiting.run(0.1).mode is Mode.READY
 
 
@@ -188,7 +188,7 @@ def test_a_drive_that_reports_more_torque_than_its_limit_is_a_fault(bench, table
 
 def said_by(rig, node_id, code, register):
     """An emergency of CiA 301 from this node, on its way to the host."""
-    rig._echo.append((rig.now_us + 1, CanFrame(0x080 + node_id, struct.pack("<HB5x", code, register))))
+    rig.host_queue.append((rig.now_us + 1, CanFrame(0x080 + node_id, struct.pack("<HB5x", code, register))))
 
 
 @pytest.mark.parametrize("code", [0x4000, 0x4210, 0x4310, 0x4FFF])

@@ -69,11 +69,11 @@ class VirtualBench:
         self.log: list[tuple[int, CanFrame]] = []
         self.statuses: list[HostStatus] = []
         self.output: Output | None = None
-        self.silent: set[int] = set()  # nodes without power; the host's id: the host does not run
+        self.silent: set[int] = set()  # nodes without power; the host's id: it gets no processor
         self.cut_off: set[int] = set()  # nodes that run and neither hear nor are heard
         self._due_us: dict[int, int] = {}  # node with power -> when it wants to be asked
         self._to_nodes: list[CanFrame] = []
-        self._echo: list[tuple[int, CanFrame]] = []
+        self.host_queue: list[tuple[int, CanFrame]] = []  # what the host will hear when it is next asked
         self._exposed: list[tuple[int, int, int, HandPose]] = []
         self._next_exposure_us = [START_US + 11_000 * finger for finger in range(len(self.tips))]
         self._sequence = [0] * len(self.tips)
@@ -108,13 +108,14 @@ class VirtualBench:
         stamped = [(now_us + 1 + i, frame) for i, frame in enumerate(from_nodes)]
         self.log += stamped
         heard = sorted(
-            [*self._echo, *(item for stamp, frame in stamped for item in self.to_host(stamp, frame))],
+            [*self.host_queue, *(item for stamp, frame in stamped for item in self.to_host(stamp, frame))],
             key=lambda item: item[0],
         )
         self.now_us = now_us + STEP_US
-        self._echo = []
         if self.host_id in self.silent:
+            self.host_queue = heard
             return
+        self.host_queue = []
         is_cut = self.host_id in self.cut_off
         self.output = self.core.process(self.now_us, [] if is_cut else heard)
         if self.output.ticked and self.output.status is not None:
@@ -123,7 +124,7 @@ class VirtualBench:
             return
         self.log += [(self.now_us, frame) for frame in self.output.frames_out]
         self._to_nodes = list(self.output.frames_out)
-        self._echo = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
+        self.host_queue = [(self.now_us, frame) for frame in self.output.frames_out if frame == SYNC]
 
     def _serve(self, nodes, now_us: int, to_nodes: list[CanFrame]) -> list[CanFrame]:
         """A node is asked only when something came or is due, which is what a process does too."""
