@@ -192,6 +192,40 @@ def test_tips_roll_equal_arcs(table_3):
 
 
 @pytest.mark.parametrize("name", ["eqs", "mujoco"])
+def test_a_joint_stands_at_the_end_of_its_range_and_comes_back(table_3, name):
+    """The second joint of each finger, opened against its end."""
+    config, _ = table_3
+    engine = make_engine(config, name)
+    opening, closing = (np.tile([0.0, sign * 0.05, 0.0, 0.0, 0.0], 3) for sign in (-1.0, 1.0))
+    least = [joint.min_rad for joint in config.joints][1::5]
+    assert (engine.q_rad[1::5] > np.add(least, 0.1)).all()
+    for _ in range(3000):
+        engine.step(opening)
+    np.testing.assert_allclose(engine.q_rad[1::5], least, atol=0.01)
+    np.testing.assert_allclose(engine.qdot_rad_s[1::5], 0.0, atol=1e-3)
+    for _ in range(1000):
+        engine.step(closing)
+    assert (engine.q_rad[1::5] > np.add(least, 0.05)).all()
+
+
+def test_what_the_ends_of_the_ranges_take_is_accounted(table_3):
+    config, _ = table_3
+    engine = make_engine(config, "eqs")
+    begin = engine.energy_J()
+    opening = np.tile([0.0, -0.2, 0.0, 0.0, 0.0], 3)
+    fastest = 0.0
+    for _ in range(1500):
+        engine.step(opening)
+        fastest = max(fastest, float(np.abs(engine.qdot_rad_s[1::5]).max()))
+    assert fastest > 1.0
+    least = [joint.min_rad for joint in config.joints]
+    np.testing.assert_allclose(engine.q_rad[1::5], least[1::5], atol=0.01)
+    account = engine.account
+    balance = engine.energy_J() - begin - account.work_J + account.dissipated_J
+    assert abs(balance) < 1e-3 * account.dissipated_J
+
+
+@pytest.mark.parametrize("name", ["eqs", "mujoco"])
 def test_a_grasp_at_rest_is_in_equilibrium(table_3, name):
     """The contact forces add up to nothing, and each normal force is k Delta r^2 of the geometry, Eq. (8)."""
     engine = Grasp(table_3, name).run(1.5)

@@ -11,7 +11,8 @@ X_iw and Z_iq, ... of the paper side by side. C_iY points into the object.
 
 A step takes the velocity first (semi-implicit Euler) with all damping (B, xi, b) implicit, which the light
 links of Table 3 need, and puts the new velocity exactly on the rolling constraint; so the constraint cannot
-drift away, and what turning within a step leaves of it is summed in `slip_m`.
+drift away, and what turning within a step leaves of it is summed in `slip_m`. A joint at an end of its range
+stands in the same way, until something pulls it back.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from palpate_host.twin.hand.twin_model import TwinModel
 
 @dataclass(slots=True)
 class Account:
-    """Energies since the start: the work of the torques u, and what B, xi and b took."""
+    """Energies since the start: the work of the torques u; what B, xi, b and the ends of the ranges took."""
 
     work_J: float = 0.0
     dissipated_J: float = 0.0
@@ -122,25 +123,27 @@ class RollingHand:
         force = self._applied(torque_Nm)
         M = self._M
         k, xi, b = twin.twin.tip.k_N_m2, twin.twin.tip.xi_Ns_m, twin.twin.tip.b_Nms
-        touching = indentation > 0.0
+        touching, ends = indentation > 0.0, self._ends()
         while True:
             normal, elastic = Jn[touching], k * indentation[touching] ** 2  # Eq. (8)
-            rolling = Jt[touching.repeat(2)]
+            held = np.concatenate((Jt[touching.repeat(2)], ends))
             rates = np.concatenate((math.sqrt(xi) * normal, math.sqrt(b) * Jw[touching]))
             D = rates.T @ rates  # Eqs. (8), (7)
             D.ravel()[:: len(D) + 1] += self._damping
-            new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), rolling)
+            new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), held)
+            rolling, stopping = np.split(impulse, [2 * len(normal)])
             f = elastic + xi * (normal @ new_v)
-            if f.size == 0 or f.min() >= 0.0:
+            if np.all(f >= 0.0) and np.all(stopping >= 0.0):
                 break
             touching[np.flatnonzero(touching)[f < 0.0]] = False  # a skin that retracts does not pull
+            ends = ends[stopping >= 0.0]  # nor does the end of a range
         self.normal_force_N = np.zeros(3)
         self.normal_force_N[touching] = f
         self.friction_force_N = np.zeros((3, 2))
-        self.friction_force_N[touching] = impulse.reshape(-1, 2) / h
+        self.friction_force_N[touching] = rolling.reshape(-1, 2) / h
         middle = 0.5 * (v + new_v)
         self.account.work_J += h * float(torque_Nm @ middle[twin.v_address])
-        self.account.dissipated_J += h * float(new_v @ D @ middle)
+        self.account.dissipated_J += h * float(new_v @ D @ middle) + float(stopping @ ends @ middle)
         sliding = (Jt @ v).reshape(3, 2)
         self.slip_m += h * np.hypot(sliding[:, 0], sliding[:, 1]) * touching
         data.qvel[:] = new_v
@@ -186,6 +189,15 @@ class RollingHand:
         Jw = np.matmul(normal[:, None], Jr)[:, 0]
         Jw[:, self._rot] = -normal @ R
         return Jc[:, 1], Jc[:, ::2].reshape(6, -1), Jw, indentation
+
+    def _ends(self) -> Array:
+        """(n, nv), a row for each joint at an end of its range: the row times v is its speed outwards."""
+        low, high = self.twin.range_rad.T
+        outwards = (self.q_rad >= high).astype(float) - (self.q_rad <= low)
+        joints = np.flatnonzero(outwards)
+        ends = np.zeros((len(joints), self.twin.model.nv))
+        ends[np.arange(len(joints)), self.twin.v_address[joints]] = outwards[joints]
+        return ends
 
     def _applied(self, torque_Nm: Array) -> Array:
         """u - C v - g (nv,), and M as a whole matrix in self._M."""

@@ -26,8 +26,9 @@ OBJECT = "twin_object"
 class TwinModel:
     """q_address, v_address: (nq,) places of the joints, in hand.toml's order, in qpos and qvel.
 
-    start_rad: (nq,). The object's free joint has 7 numbers from object_q in qpos (position, quaternion) and 6
-    from object_v in qvel (velocity in the hand's frame, angular velocity in the object's).
+    start_rad: (nq,). range_rad: (nq, 2) ends of the joints' ranges, infinite where a joint has none. The
+    object's free joint has 7 numbers from object_q in qpos (position, quaternion) and 6 from object_v in qvel
+    (velocity in the hand's frame, angular velocity in the object's).
     """
 
     model: mujoco.MjModel
@@ -36,6 +37,7 @@ class TwinModel:
     tip_radius_m: float
     damping_Nms_rad: Array
     start_rad: Array
+    range_rad: Array
     q_address: Array
     v_address: Array
     tip_sites: tuple[int, ...]
@@ -91,6 +93,7 @@ def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -
         tip_radius_m=config.control.tip_radius_m,
         damping_Nms_rad=has_B * np.array([j.B_Nms_rad for j in config.joints]) + twin.joint_friction_Nms_rad,
         start_rad=np.tile(twin.start_pose_rad, len(config.fingers)),
+        range_rad=np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)),
         q_address=model.jnt_qposadr[joints],
         v_address=model.jnt_dofadr[joints],
         tip_sites=tuple(model.site(name).id for name in config.model.tip_sites),
