@@ -1,8 +1,8 @@
 """The host's core: every frame of the bus in, every frame of the host out, on the time it is given.
 
 One tick at tick_Hz: SYNC, supervisor, torques, one command a drive. Frames are taken in with their own stamps
-and answered at the next tick, so that what leaves depends on stamps and ticks alone and a log replays
-exactly.
+(nodes.py) and answered at the next tick, so that what leaves depends on stamps and ticks alone and a log
+replays exactly.
 """
 
 from __future__ import annotations
@@ -13,32 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
-from palpate_edge.node.emcy import is_temperature
-from palpate_host import rotation, runaway
-from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.drives.drive_group import DriveGroup
+from palpate_host import rotation
+from palpate_host.command import Command, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.command_rules import check_allowed
 from palpate_host.drives.joint_command import DriveGoal
-from palpate_host.finger_record import FingerRecord
-from palpate_host.fingertips import TipContact
-from palpate_host.hand import Hand, HandPose
+from palpate_host.hand import Hand
 from palpate_host.hand_config import ControlMode, HandConfig, StartMode
-from palpate_host.joint_history import JointHistory
 from palpate_host.manipulation import Manipulation
-from palpate_host.network import (
-    EMCY_ID,
-    HEARTBEAT_ID,
-    NMT_ID,
-    SYNC,
-    Network,
-    TimeStampProducer,
-    foreign_stop,
-)
+from palpate_host.nodes import Nodes, PairedContact
 from palpate_host.power_down import PowerDown
 from palpate_host.rotation import Array
-from palpate_host.status import Counters, HostStatus, matrix
+from palpate_host.status import HostStatus, matrix
 from palpate_host.supervisor import (
-    MOVING,
     STOPPED,
     Decision,
     Inputs,
@@ -50,10 +36,7 @@ from palpate_host.supervisor import (
 from palpate_host.tick_schedule import TickSchedule
 from palpate_host.virtual_frame import FrameError, check_numbering, virtual_frame
 
-EXPOSURE_AHEAD_LIMIT_US = 50_000
-
 OPERATOR_STOP = "stopped by the operator"
-NMT_STOP = "stopped by another NMT master"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +67,8 @@ class HostCore:
         self._hand = hand
         self._tick_us = 1_000_000 // config.control.tick_Hz
         self._schedule = TickSchedule(self._tick_us)
-        network, s = config.network, config.staleness
-        self._network = Network(
-            config.node_names,
-            network.host_node,
-            network.heartbeat_ms * 1000,
-            network.heartbeat_timeout_ms * 1000,
-        )
-        self._time_stamps = TimeStampProducer()
+        self._nodes = Nodes(config, hand)
+        s = config.staleness
         self._tiers = Tiers(
             warn_us=s.warn_ms * 1000,
             freeze_us=s.freeze_ms * 1000,
@@ -101,18 +78,11 @@ class HostCore:
             release_us=config.control.release_ms * 1000,
         )
         self._waits_for_commands = config.run.start is StartMode.COMMAND
-        self._drives = DriveGroup(config)
-        self._fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
-        self._finger_by_id = {
-            can_id: i for i, finger in enumerate(self._fingers) for can_id in finger.tip.receive_ids
-        }
-        self._history = JointHistory(config.control.tick_Hz)
         self._control = Manipulation(config)
         self._target_rpy_deg = config.target.rpy_deg
         self._wish = Wish.NOTHING if self._waits_for_commands else Wish.TURN
         self._decision = Decision(Mode.INIT, "starting", 0)
-        self._last_sync_us: int | None = None
-        self._stop_reason = self._fault = ""
+        self._stop_reason = ""
         self._leaves = False
         self._is_away = False  # the bus
         self._bus_fault = ""
@@ -121,21 +91,12 @@ class HostCore:
         self._R_vir: Array | None = None
         self._power_down = PowerDown()
         self._finished = False
-        self._last_emergency = ""
-        self._counters = Counters()
         self._status: HostStatus | None = None
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
-        """The identifiers this core wants from the bus: for filters, and to pick its inputs from a log.
-
-        Its own SYNC is one of them: the bus's stamp of it is what 1013h tells.
-        """
-        nodes = self._config.node_names
-        beats = [HEARTBEAT_ID + node for node in nodes]
-        emergencies = [EMCY_ID + node for node in nodes]
-        others = [NMT_ID, SYNC.can_id, *beats, *emergencies]
-        return tuple(sorted([*others, *self._drives.receive_ids, *self._finger_by_id]))
+        """The identifiers this core wants from the bus."""
+        return self._nodes.accept_ids
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason stays."""
@@ -153,13 +114,9 @@ class HostCore:
             self._decision = replace(self._decision, warning=reason)
         else:
             self._decision = Decision(Mode.FAULT, reason, now_us)
-        self._time_stamps = TimeStampProducer()
-        self._last_sync_us = self._R_vir = None
+        self._R_vir = None
         self._command_Nm = np.zeros_like(self._command_Nm)
-        self._history = JointHistory(self._config.control.tick_Hz)
-        self._drives.forget()
-        for finger in self._fingers:
-            finger.forget()
+        self._nodes.lose_bus()
 
     def regain_bus(self, now_us: int) -> None:
         """The bus is there again: every drive is switched off, as nobody knows what it did meanwhile, and
@@ -173,47 +130,37 @@ class HostCore:
 
         CommandError, saying what to do first, when the mode does not allow it.
         """
-        mode = self._decision.mode
+        check_allowed(
+            command,
+            self._decision,
+            self._wish,
+            leaves=self._leaves,
+            bus_is_away=self._is_away,
+            is_off=self._power_down.is_off,
+        )
         match command:
             case Stop():
                 self._stop_reason = self._stop_reason or OPERATOR_STOP
             case Recover():
-                self._recover(mode)
+                self._recover()
             case Grasp():
-                if mode not in (Mode.READY, *MOVING):
-                    raise _refusal("grasp", self._decision)
                 self._wish = Wish.GRASP
                 self._control.rest()
             case Rotate(rpy_deg=rpy_deg, ramp_s=ramp_s):
-                if mode not in MOVING or self._wish is Wish.NOTHING:
-                    raise _refusal("rotate", self._decision, "grasp first")
                 self._wish = Wish.TURN
                 self._target_rpy_deg = rpy_deg
                 self._control.turn(rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
             case Release():
-                if mode not in (Mode.READY, *MOVING):
-                    raise _refusal("release", self._decision)
                 self._wish = Wish.NOTHING
                 self._control = Manipulation(self._config)
 
-    def _recover(self, mode: Mode) -> None:
-        """Out of FAULT and STOP, once no drive has power: all nodes anew, nothing wished for."""
-        if mode not in STOPPED or self._leaves:
-            raise _refusal("recover", self._decision, "there is nothing to recover from")
-        if self._is_away:
-            raise _refusal("recover", self._decision, "the bus is away, it is opened again by itself")
-        if not self._power_down.is_off:
-            raise _refusal("recover", self._decision, "the drives are still stopping, try again")
-        self._stop_reason = self._fault = self._bus_fault = self._last_emergency = ""
+    def _recover(self) -> None:
+        """Out of FAULT and STOP: all nodes anew, nothing wished for."""
+        self._stop_reason = self._bus_fault = ""
         self._wish = Wish.NOTHING
         self._power_down = PowerDown()
         self._control = Manipulation(self._config)
-        self._history = JointHistory(self._config.control.tick_Hz)
-        self._network.restart()
-        for node_id in self._config.node_names:
-            self._booted(node_id)
-        for finger in self._fingers:
-            finger.forget()
+        self._nodes.recover()
         self._decision = Decision(Mode.INIT, "recovering", self._decision.since_us)
 
     def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> Output:
@@ -222,14 +169,15 @@ class HostCore:
         A tick that is more than one period late is left out and counted. Never raises for what comes from the
         bus: a frame that breaks the contract stops the hand, and its reason is the output's failure.
         """
+        nodes = self._nodes
         for stamp_us, frame in frames_in:
-            self._counters.frames_in += 1
+            nodes.counters.frames_in += 1
             if self._is_away or stamp_us < self._back_us:
                 continue
-            try:
-                self._receive(stamp_us, frame)
-            except BusError as exc:
-                self._fault = self._fault or str(exc)
+            paired = nodes.receive(stamp_us, frame)
+            if paired is not None:
+                self._take_contact(paired)
+        self._stop_reason = self._stop_reason or nodes.stop
         tick_us = None if self._finished else self._schedule.take(now_us)
         frames_out: list[CanFrame] = []
         if tick_us is not None:
@@ -237,75 +185,17 @@ class HostCore:
                 self._tick_without_bus(tick_us)
             else:
                 frames_out = self._tick(tick_us)
-            self._counters.frames_out += len(frames_out)
+            nodes.counters.frames_out += len(frames_out)
             self._status = self._make_status(tick_us)
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
         ticked, next_us = tick_us is not None, self._schedule.next_us
         return Output(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
 
-    def _receive(self, stamp_us: int, frame: CanFrame) -> None:
-        node_id = frame.can_id & 0x7F
-        if frame.remote:
-            self._counters.foreign_frames += 1
-        elif frame.can_id == SYNC.can_id:
-            self._time_stamps.sync_left(stamp_us)
-        elif frame.can_id == NMT_ID:
-            if foreign_stop(frame, self._config.network.host_node):
-                self._stop_reason = self._stop_reason or NMT_STOP
-        elif frame.can_id in self._finger_by_id:
-            self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
-        elif frame.can_id in self._drives.receive_ids:
-            self._drives.receive(stamp_us, frame)
-        elif frame.can_id == HEARTBEAT_ID + node_id and node_id in self._config.node_names:
-            if self._network.receive(stamp_us, frame) is not None:
-                self._booted(node_id)
-        elif frame.can_id == EMCY_ID + node_id and node_id in self._config.node_names:
-            self._receive_emergency(node_id, frame)
-        else:
-            self._counters.foreign_frames += 1
-
-    def _booted(self, node_id: int) -> None:
-        self._drives.booted(node_id)
-        for finger in self._fingers:
-            if finger.node_id == node_id:
-                finger.tip.forget()
-
-    def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
-        """A drive's temperature is a fault in every mode, even of a drive that goes on; a fingertip's is not:
-        its light derates by itself."""
-        self._counters.emergencies += 1
-        code = int.from_bytes(frame.data[:2], "little")
-        name = self._network.name(node_id)
-        self._last_emergency = f"{name}: EMCY {code:04X}h"
-        if is_temperature(code) and self._drives.has(node_id):
-            reason = f"{name}: temperature beyond its limit (EMCY {code:04X}h): let it cool, then recover"
-            self._fault = self._fault or reason
-
-    def _receive_contact(self, index: int, stamp_us: int, frame: CanFrame) -> None:
-        finger = self._fingers[index]
-        contact = finger.tip.receive(stamp_us, frame)
-        if contact is None:
-            return
-        self._fault = self._fault or runaway.force_fault(
-            self._config.fingers[index].name, contact, self._config.limits
-        )
-        pose = self._pose_at_exposure(contact, stamp_us)
-        if pose is None:
-            finger.unpaired += 1
-            return
-        finger.note(contact)
-        if contact.valid:
-            try:
-                self._control.add_contact(index, contact, pose)
-            except FrameError:
-                finger.unpaired += 1
-
-    def _pose_at_exposure(self, contact: TipContact, stamp_us: int) -> HandPose | None:
-        """None when the exposure lies before the joints' history or ahead of the clock."""
-        if contact.exposed_at_us > stamp_us + EXPOSURE_AHEAD_LIMIT_US:
-            return None
-        q_rad = self._history.at(contact.exposed_at_us)
-        return None if q_rad is None else self._hand.pose(q_rad)
+    def _take_contact(self, paired: PairedContact) -> None:
+        try:
+            self._control.add_contact(paired.finger, paired.contact, paired.pose)
+        except FrameError:
+            self._nodes.fingers[paired.finger].unpaired += 1
 
     def _tick_without_bus(self, tick_us: int) -> None:
         """Nobody can be told to stop, so a wish to leave ends it at once, and as a stop where the bus was all
@@ -315,28 +205,17 @@ class HostCore:
         self._finished = self._leaves
 
     def _tick(self, tick_us: int) -> list[CanFrame]:
-        if self._last_sync_us is not None:
-            if tick_us > (due_us := self._last_sync_us + self._tick_us):
-                self._drives.not_asked(due_us, tick_us)
-            if self._drives.sampled_after(self._last_sync_us):
-                angles = self._drives.angles()
-                if angles is not None:
-                    self._history.add(self._last_sync_us, angles[0])
-        self._last_sync_us = tick_us
-        is_up = [self._network.is_up(drive.node_id) for drive in self._drives.drives]
-        ready = [*self._drives.identified(), *(finger.node_id for finger in self._fingers)]
-        frames = [*self._time_stamps.due(tick_us), *self._network.due(tick_us, ready)]
-        frames += [*self._drives.questions(tick_us, is_up), SYNC]
+        frames = self._nodes.tick(tick_us)
         goal, torque = self._control_step(tick_us)
         self._command_Nm = torque
-        frames += self._drives.commands(goal, torque)
+        frames += self._nodes.drives.commands(goal, torque)
         if self._power_down.is_over(tick_us) and (self._leaves or not self._waits_for_commands):
-            frames += self._network.stop_all()
+            frames += self._nodes.network.stop_all()
             self._finished = True
         return frames
 
     def _control_step(self, tick_us: int) -> tuple[DriveGoal, Array]:
-        angles = self._drives.angles()
+        angles = self._nodes.drives.angles()
         pose = R_vir = None
         no_virtual_frame = ""
         if angles is not None:
@@ -348,7 +227,7 @@ class HostCore:
         self._R_vir = R_vir
         decision = self._decide(tick_us, no_virtual_frame, None if angles is None else angles[1])
         if decision.mode in STOPPED:
-            goal = self._power_down.goal(tick_us, decision.since_us, self._drives.any_powered())
+            goal = self._power_down.goal(tick_us, decision.since_us, self._nodes.drives.any_powered())
             return goal, np.zeros_like(self._command_Nm)
         if pose is None or angles is None:
             torque = np.zeros_like(self._command_Nm)
@@ -360,51 +239,31 @@ class HostCore:
         return (DriveGoal.OFF if is_off else DriveGoal.TORQUE), torque
 
     def _decide(self, tick_us: int, no_virtual_frame: str, qdot_rad_s: Array | None) -> Decision:
-        last = self._decision
+        last, nodes = self._decision, self._nodes
         orientation = self._control.orientation
         inputs = Inputs(
             now_us=tick_us,
             stop=self._stop_reason,
-            fault=self._fault or self._fault_now(tick_us, last.mode, qdot_rad_s),
-            missing=", ".join(self._network.missing()),
-            unchecked=", ".join(self._network.not_operating()),
-            homing=self._drives.homing.waiting,
-            drives_waiting=self._drives.waiting(),
+            fault=nodes.fault or nodes.fault_now(tick_us, last.mode, qdot_rad_s),
+            missing=", ".join(nodes.network.missing()),
+            unchecked=", ".join(nodes.network.not_operating()),
+            homing=nodes.drives.homing.waiting,
+            drives_waiting=nodes.drives.waiting(),
             no_virtual_frame=no_virtual_frame,
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
             blind_by_choice=self._config.control.mode is ControlMode.BLIND,
             wish=self._wish,
             fingers=[
-                finger.health(tick_us, self._network.is_silent(finger.node_id, tick_us))
-                for finger in self._fingers
+                finger.health(tick_us, nodes.network.is_silent(finger.node_id, tick_us))
+                for finger in nodes.fingers
             ],
         )
         self._decision = decide(last, inputs, self._tiers)
         return self._decision
 
-    def _fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
-        """Why the hand must stop in a mode that moves joints; empty: it need not."""
-        if mode not in (*MOVING, Mode.HOME):
-            return ""
-        for drive in self._drives.drives:
-            if self._network.is_silent(drive.node_id, tick_us):
-                return f"{self._network.name(drive.node_id)}: heartbeat lost"
-        if mode is Mode.HOME:
-            self._history = JointHistory(self._config.control.tick_Hz)  # the drives' zeros move
-            self._drives.homing.step(tick_us)
-            problem = self._drives.homing.problem
-            return problem and f"{problem}; {self._last_emergency or 'no EMCY'}"
-        waiting = self._drives.waiting()
-        if waiting:
-            return f"{waiting} left operation enabled; {self._last_emergency or 'no EMCY'}"
-        lost = self._drives.lost_joint(tick_us, self._config.staleness.joint_stop_ms * 1000)
-        if lost or qdot_rad_s is None:
-            return lost
-        torque_Nm = [drive.torque_Nm for drive in self._drives.drives]
-        return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
-
     def _make_status(self, now_us: int) -> HostStatus:
         control, M, R_vir = self._control, self._control.M, self._R_vir
+        nodes, schedule = self._nodes, self._schedule
         R_d_vir = control.R_d_vir
         error = None if R_vir is None or R_d_vir is None else rotation.angle_deg(R_d_vir @ R_vir.T)
         return HostStatus(
@@ -412,8 +271,8 @@ class HostCore:
             mode=self._decision.mode,
             reason=self._decision.reason,
             warning=self._decision.warning,
-            fingers=tuple(finger.status(now_us) for finger in self._fingers),
-            joints=self._drives.status(self._command_Nm),
+            fingers=tuple(finger.status(now_us) for finger in nodes.fingers),
+            joints=nodes.drives.status(self._command_Nm),
             R_vir=matrix(R_vir),
             R_c=None if R_vir is None or M is None else matrix(R_vir @ M),
             R_d=matrix(control.R_d),
@@ -421,14 +280,8 @@ class HostCore:
             orientation_error_deg=error,
             fit_residual_deg=control.orientation.residual_deg,
             target_rpy_deg=self._target_rpy_deg,
-            last_emergency=self._last_emergency,
-            counters=replace(self._counters, ticks=self._schedule.ticks, late_ticks=self._schedule.left_out),
+            last_emergency=nodes.last_emergency,
+            counters=replace(nodes.counters, ticks=schedule.ticks, late_ticks=schedule.left_out),
             turned=control.turned,
-            lateness=tuple(self._schedule.lateness),
+            lateness=tuple(schedule.lateness),
         )
-
-
-def _refusal(what: str, decision: Decision, way_out: str = "") -> CommandError:
-    if not way_out:
-        way_out = {True: "recover first", False: "wait until it is ready"}[decision.mode in STOPPED]
-    return CommandError(f"{what} is refused in mode {decision.mode.value} ({decision.reason}): {way_out}")

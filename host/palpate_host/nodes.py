@@ -1,0 +1,211 @@
+"""The other nodes of the bus as the host knows them: what they said last, and what is to be asked of them.
+
+Frames go in with their stamps, and every tick begins with the frames of `tick`. What stops the hand for good
+is kept until `recover`: `fault` and `stop` say why in one line, the first reason stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate_edge.can_frame import CanFrame
+from palpate_edge.errors import BusError
+from palpate_edge.node.emcy import is_temperature
+from palpate_host import runaway
+from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.finger_record import FingerRecord
+from palpate_host.fingertips import TipContact
+from palpate_host.hand import Hand, HandPose
+from palpate_host.hand_config import HandConfig
+from palpate_host.joint_history import JointHistory
+from palpate_host.network import (
+    EMCY_ID,
+    HEARTBEAT_ID,
+    NMT_ID,
+    SYNC,
+    Network,
+    TimeStampProducer,
+    foreign_stop,
+)
+from palpate_host.rotation import Array
+from palpate_host.status import Counters
+from palpate_host.supervisor import MOVING, Mode
+
+EXPOSURE_AHEAD_LIMIT_US = 50_000
+
+NMT_STOP = "stopped by another NMT master"
+
+
+@dataclass(frozen=True, slots=True)
+class PairedContact:
+    """A valid contact of a finger, and the hand's pose when its frame was exposed."""
+
+    finger: int
+    contact: TipContact
+    pose: HandPose
+
+
+class Nodes:
+    """Drives, fingertips and NMT of one hand; `receive` understands the identifiers `accept_ids`."""
+
+    def __init__(self, config: HandConfig, hand: Hand) -> None:
+        network = config.network
+        self._config = config
+        self._hand = hand
+        self._tick_us = 1_000_000 // config.control.tick_Hz
+        self.network = Network(
+            config.node_names,
+            network.host_node,
+            network.heartbeat_ms * 1000,
+            network.heartbeat_timeout_ms * 1000,
+        )
+        self.drives = DriveGroup(config)
+        self.fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
+        self._finger_by_id = {
+            can_id: i for i, finger in enumerate(self.fingers) for can_id in finger.tip.receive_ids
+        }
+        self._time_stamps = TimeStampProducer()
+        self._history = JointHistory(config.control.tick_Hz)
+        self._last_sync_us: int | None = None
+        self.fault = self.stop = self.last_emergency = ""
+        self.counters = Counters()
+
+    @property
+    def accept_ids(self) -> tuple[int, ...]:
+        """The identifiers wanted from the bus: for filters, and to pick a host's inputs from a log.
+
+        Its own SYNC is one of them: the bus's stamp of it is what 1013h tells.
+        """
+        nodes = self._config.node_names
+        beats = [HEARTBEAT_ID + node for node in nodes]
+        emergencies = [EMCY_ID + node for node in nodes]
+        others = [NMT_ID, SYNC.can_id, *beats, *emergencies]
+        return tuple(sorted([*others, *self.drives.receive_ids, *self._finger_by_id]))
+
+    def receive(self, stamp_us: int, frame: CanFrame) -> PairedContact | None:
+        """Take a frame in; gives a contact to turn the object by. One that breaks the contract is a fault."""
+        try:
+            return self._receive(stamp_us, frame)
+        except BusError as exc:
+            self.fault = self.fault or str(exc)
+            return None
+
+    def tick(self, tick_us: int) -> list[CanFrame]:
+        """Note where the joints were at the last SYNC; gives the frames up to this one."""
+        drives, asked_us = self.drives, self._last_sync_us
+        if asked_us is not None:
+            if tick_us > (due_us := asked_us + self._tick_us):
+                drives.not_asked(due_us, tick_us)
+            angles = drives.angles() if drives.sampled_after(asked_us) else None
+            if angles is not None:
+                self._history.add(asked_us, angles[0])
+        self._last_sync_us = tick_us
+        is_up = [self.network.is_up(drive.node_id) for drive in drives.drives]
+        ready = [*drives.identified(), *(finger.node_id for finger in self.fingers)]
+        frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, ready)]
+        return [*frames, *drives.questions(tick_us, is_up), SYNC]
+
+    def fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
+        """Why the hand must stop in a mode that moves joints; empty: it need not. Homing takes a step."""
+        if mode not in (*MOVING, Mode.HOME):
+            return ""
+        drives, network = self.drives, self.network
+        for drive in drives.drives:
+            if network.is_silent(drive.node_id, tick_us):
+                return f"{network.name(drive.node_id)}: heartbeat lost"
+        emergency = self.last_emergency or "no EMCY"
+        if mode is Mode.HOME:
+            self._forget_joints()  # the drives' zeros move
+            drives.homing.step(tick_us)
+            problem = drives.homing.problem
+            return problem and f"{problem}; {emergency}"
+        waiting = drives.waiting()
+        if waiting:
+            return f"{waiting} left operation enabled; {emergency}"
+        lost = drives.lost_joint(tick_us, self._config.staleness.joint_stop_ms * 1000)
+        if lost or qdot_rad_s is None:
+            return lost
+        torque_Nm = [drive.torque_Nm for drive in drives.drives]
+        return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
+
+    def lose_bus(self) -> None:
+        """What the nodes said counts no more."""
+        self._time_stamps = TimeStampProducer()
+        self._last_sync_us = None
+        self._forget_joints()
+        self.drives.forget()
+        for finger in self.fingers:
+            finger.forget()
+
+    def recover(self) -> None:
+        """Every node is reset and begins anew, and what stopped the hand is done with."""
+        self.fault = self.stop = self.last_emergency = ""
+        self._forget_joints()
+        self.network.restart()
+        for node_id in self._config.node_names:
+            self._booted(node_id)
+        for finger in self.fingers:
+            finger.forget()
+
+    def _forget_joints(self) -> None:
+        self._history = JointHistory(self._config.control.tick_Hz)
+
+    def _receive(self, stamp_us: int, frame: CanFrame) -> PairedContact | None:
+        node_id = frame.can_id & 0x7F
+        if frame.remote:
+            self.counters.foreign_frames += 1
+        elif frame.can_id == SYNC.can_id:
+            self._time_stamps.sync_left(stamp_us)
+        elif frame.can_id == NMT_ID:
+            if foreign_stop(frame, self._config.network.host_node):
+                self.stop = self.stop or NMT_STOP
+        elif frame.can_id in self._finger_by_id:
+            return self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
+        elif frame.can_id in self.drives.receive_ids:
+            self.drives.receive(stamp_us, frame)
+        elif frame.can_id == HEARTBEAT_ID + node_id and node_id in self._config.node_names:
+            if self.network.receive(stamp_us, frame) is not None:
+                self._booted(node_id)
+        elif frame.can_id == EMCY_ID + node_id and node_id in self._config.node_names:
+            self._receive_emergency(node_id, frame)
+        else:
+            self.counters.foreign_frames += 1
+        return None
+
+    def _booted(self, node_id: int) -> None:
+        self.drives.booted(node_id)
+        for finger in self.fingers:
+            if finger.node_id == node_id:
+                finger.tip.forget()
+
+    def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
+        """A drive's temperature is a fault in every mode, even of a drive that goes on; a fingertip's is not:
+        its light derates by itself."""
+        self.counters.emergencies += 1
+        code = int.from_bytes(frame.data[:2], "little")
+        name = self.network.name(node_id)
+        self.last_emergency = f"{name}: EMCY {code:04X}h"
+        if is_temperature(code) and self.drives.has(node_id):
+            reason = f"{name}: temperature beyond its limit (EMCY {code:04X}h): let it cool, then recover"
+            self.fault = self.fault or reason
+
+    def _receive_contact(self, index: int, stamp_us: int, frame: CanFrame) -> PairedContact | None:
+        finger = self.fingers[index]
+        contact = finger.tip.receive(stamp_us, frame)
+        if contact is None:
+            return None
+        name, limits = self._config.fingers[index].name, self._config.limits
+        self.fault = self.fault or runaway.force_fault(name, contact, limits)
+        pose = self._pose_at_exposure(contact, stamp_us)
+        if pose is None:
+            finger.unpaired += 1
+            return None
+        finger.note(contact)
+        return PairedContact(index, contact, pose) if contact.valid else None
+
+    def _pose_at_exposure(self, contact: TipContact, stamp_us: int) -> HandPose | None:
+        """None when the exposure lies before the joints' history or ahead of the clock."""
+        if contact.exposed_at_us > stamp_us + EXPOSURE_AHEAD_LIMIT_US:
+            return None
+        q_rad = self._history.at(contact.exposed_at_us)
+        return None if q_rad is None else self._hand.pose(q_rad)

@@ -1,0 +1,52 @@
+"""Which command is obeyed in which mode: every mode in turn, and what must be done first."""
+
+import pytest
+
+from palpate_host.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.command_rules import check_allowed
+from palpate_host.supervisor import Decision, Mode, Wish
+
+TURN = Rotate((0.0, 0.0, 10.0))
+MOVING = {Mode.GRASP, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.RELEASE}
+STOPPED = {Mode.FAULT, Mode.STOP}
+
+
+def obeyed_in(command, wish=Wish.GRASP, **situation):
+    situation = {"leaves": False, "bus_is_away": False, "is_off": True} | situation
+    modes, refusals = set(), {}
+    for mode in Mode:
+        try:
+            check_allowed(command, Decision(mode, "why", 0), wish, **situation)
+            modes.add(mode)
+        except CommandError as refused:
+            refusals[mode] = str(refused)
+    return modes, refusals
+
+
+def test_a_stop_is_obeyed_in_every_mode():
+    assert obeyed_in(Stop(), leaves=True, bus_is_away=True, is_off=False)[0] == set(Mode)
+
+
+@pytest.mark.parametrize(("command", "name"), [(Grasp(), "grasp"), (Release(), "release")])
+def test_grasp_and_release_wait_for_a_ready_hand(command, name):
+    modes, refusals = obeyed_in(command)
+    assert modes == {Mode.READY} | MOVING
+    assert refusals[Mode.INIT] == f"{name} is refused in mode init (why): wait until it is ready"
+    assert all(refusals[mode].endswith("recover first") for mode in STOPPED)
+
+
+def test_only_a_hand_that_grasps_turns():
+    assert obeyed_in(TURN)[0] == MOVING
+    modes, refusals = obeyed_in(TURN, wish=Wish.NOTHING)
+    assert not modes and all(text.endswith("grasp first") for text in refusals.values())
+
+
+def test_recover_leads_out_of_a_stop_whose_drives_are_off_on_a_bus_that_is_there():
+    assert obeyed_in(Recover())[0] == STOPPED
+    for situation, way_out in (
+        ({"leaves": True}, "nothing to recover from"),
+        ({"bus_is_away": True}, "the bus is away"),
+        ({"is_off": False}, "still stopping"),
+    ):
+        modes, refusals = obeyed_in(Recover(), **situation)
+        assert not modes and way_out in refusals[Mode.FAULT]
