@@ -62,6 +62,7 @@ class RollingHand:
         self._C = np.array([[f.tangent, -f.normal, [0.0, 0.0, 1.0]] for f in self._faces])
         self._distance_m = np.array([face.distance_m for face in self._faces])
         self._tip_bodies = [int(twin.model.site_bodyid[site]) for site in twin.tip_sites]
+        self._range_rad = twin.range_rad.T.copy()
         self._damping = np.zeros(nv)
         self._damping[twin.v_address] = twin.damping_Nms_rad
         self._M = np.zeros((nv, nv))
@@ -131,9 +132,9 @@ class RollingHand:
             D = rates.T @ rates  # Eqs. (8), (7)
             D.ravel()[:: len(D) + 1] += self._damping
             new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), held)
-            rolling, stopping = np.split(impulse, [2 * len(normal)])
+            rolling, stopping = impulse[: 2 * len(normal)], impulse[2 * len(normal) :]
             f = elastic + xi * (normal @ new_v)
-            if np.all(f >= 0.0) and np.all(stopping >= 0.0):
+            if (f >= 0.0).all() and (stopping >= 0.0).all():
                 break
             touching[np.flatnonzero(touching)[f < 0.0]] = False  # a skin that retracts does not pull
             ends = ends[stopping >= 0.0]  # nor does the end of a range
@@ -192,11 +193,10 @@ class RollingHand:
 
     def _ends(self) -> Array:
         """(n, nv), a row for each joint at an end of its range: the row times v is its speed outwards."""
-        low, high = self.twin.range_rad.T
-        outwards = (self.q_rad >= high).astype(float) - (self.q_rad <= low)
-        joints = np.flatnonzero(outwards)
+        q_rad, (low, high) = self.q_rad, self._range_rad
+        joints = ((q_rad <= low) | (q_rad >= high)).nonzero()[0]
         ends = np.zeros((len(joints), self.twin.model.nv))
-        ends[np.arange(len(joints)), self.twin.v_address[joints]] = outwards[joints]
+        ends[np.arange(len(joints)), self.twin.v_address[joints]] = np.where(q_rad >= high, 1.0, -1.0)[joints]
         return ends
 
     def _applied(self, torque_Nm: Array) -> Array:
