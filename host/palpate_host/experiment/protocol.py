@@ -78,7 +78,7 @@ class ExperimentConfig(_Strict, frozen=True):
     seconds: Seconds = 6.0
     settle_s: Seconds = 1.0
     integral_per_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
-    noise_mm: Annotated[float, msgspec.Meta(ge=0)] = 0.09
+    noise_mm: Annotated[float, msgspec.Meta(ge=0)] = 0.15
     seed: Annotated[int, msgspec.Meta(ge=0)] = 1
     engine: Literal["eqs", "mujoco"] = "mujoco"
     camera: CameraConfig | None = None
