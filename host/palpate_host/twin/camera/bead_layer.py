@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,7 +37,7 @@ class BeadLayer:
         patches = self._patches(centre_px[near] - pixel, np.asarray(np.linalg.inv(shape[near])), reach)
         for (x, y), patch in zip((pixel + border - reach).tolist(), patches, strict=True):
             target = bordered[y : y + side, x : x + side]
-            np.maximum(target, patch, out=target)
+            cv2.max(target, patch, target)
         return bordered[border : border + self._height, border : border + self._width]
 
     def _with_border(self, border: int) -> Plane:
