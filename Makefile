@@ -59,8 +59,8 @@ firmware-mutation: $(VENV)/dev.stamp  ## break the firmware line by line, count 
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
 
-bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives
-	$(BIN)/python -m bench
+bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives; TABLES="camera hand" for these only
+	$(BIN)/python -m bench $(TABLES)
 
 simulate: $(VENV)/dev.stamp  ## the paper's figures into paper/, the whole chain in lock step into loop/ (10 minutes)
 	$(BIN)/palpate-host simulate paper

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -110,5 +109,4 @@ def report(sections: list[Section]) -> str:
 
 
 if __name__ == "__main__":
-    sys.argv[0] = "bench.accuracy"
     run_cli(main)

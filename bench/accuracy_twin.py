@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -258,5 +257,4 @@ def _counts(line: Line) -> tuple[str, str, str]:
 
 
 if __name__ == "__main__":
-    sys.argv[0] = "bench.accuracy_twin"
     run_cli(main)

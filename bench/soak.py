@@ -72,7 +72,9 @@ def real(duration_s: float) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m bench.soak",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--virtual-s", type=float, default=3600.0, help="virtual seconds; 0: none [3600]")
     parser.add_argument("--real-s", type=float, default=600.0, help="real seconds; 0: none [600]")
