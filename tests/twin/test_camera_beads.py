@@ -78,6 +78,32 @@ def test_outline_is_the_hull_of_the_projected_surface(name: str, theta_deg: floa
 
 
 @pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("theta_deg", [0.0, 40.0, 75.0])
+def test_a_balls_outline_is_the_rim_that_the_camera_sees_of_it(name: str, theta_deg: float) -> None:
+    theta, phi, radius = np.radians(theta_deg), 0.7, 1.5
+    normal = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+    camera = CAMERAS[name]
+    eye = np.array(camera.position_mm) + POSE.offset_mm
+    ray = 26.5 * normal - eye
+    share = 1 - radius**2 / (ray @ ray)  # tangents touch on a circle about eye + share ray
+    _, _, across = np.linalg.svd(ray[None])
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ across[1:]
+    rim_px = _project(camera, POSE, eye + share * ray + radius * np.sqrt(share) * circle)
+    corner = rim_px.mean(axis=0)
+    moments = cv2.moments((rim_px - corner).astype(np.float32)[:, None])
+    middle = corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+    centre_px, shape = BeadProjector(camera, POSE).outlines(
+        26.5 * normal[None], normal[None], np.array([radius]), 1.0
+    )
+
+    assert centre_px[0] == pytest.approx(middle, abs=5e-4)
+    second = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]])
+    assert shape[0] / 4 == pytest.approx(second / moments["m00"], abs=2e-3 * second.max() / moments["m00"])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
 def test_small_beads_appear_where_opencv_projects_their_centres(name: str) -> None:
     camera = CAMERAS[name]
     rng = np.random.default_rng(0)

@@ -11,8 +11,11 @@ from palpate_edge.sensor import Camera, CameraPose, View
 
 Array = NDArray[np.float64]
 
-CORNERS = 12  # of the polygon that goes through the lens
-ROUND = 3 / (2 + np.cos(2 * np.pi / CORNERS))  # an ellipse's second moments over those of the polygon in it
+CORNERS = 6  # of the polygon that goes through the lens
+# Of an ellipse over the polygon in it: its second moments, and how far a lens's bend takes its centroid from
+# the mean of the corners: where z = x + iy goes to z + q z^2, by conj(q); the polygon's by 1 / BENT of it.
+ROUND = 3 / (2 + np.cos(2 * np.pi / CORNERS))
+BENT = 1 / (1 - 4 / 3 * np.sin(np.pi / CORNERS) ** 2)
 
 
 class BeadProjector:
@@ -55,7 +58,7 @@ class BeadProjector:
         corner = pixels.reshape(len(middle), CORNERS, 2)
         about = corner.mean(axis=1)
         mean, second = _polygon_moments(corner - about[:, None])
-        return about + mean, 4 * ROUND * second
+        return about + BENT * mean, 4 * ROUND * second
 
 
 def _polygon_moments(corner: Array) -> tuple[Array, Array]:
