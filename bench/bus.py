@@ -10,7 +10,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from bench.timing import Row, time_both, time_each
+from bench.timing import Row, table, time_both, time_each
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
 from palpate_edge.contact_type import Contact
@@ -23,6 +23,11 @@ ROUND_TRIPS = 1000
 DRAINED_S = 0.002  # a burst's frames have left the hub's queue
 BURST = [CanFrame(0x200 + node, bytes(8)) for node in range(1, 10)] + [CanFrame(0x080)]  # a host's tick
 CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), None, 1.0, "", 85, 85)
+
+
+def report() -> str:
+    """The table."""
+    return table("Fingertip node and hub", rows())
 
 
 def rows() -> list[Row]:

@@ -1,6 +1,6 @@
 """From a finished estimate until its TPDOs are sent: the daemon's own threads, core and link on the hub.
 
-python -m bench.estimate_to_bus
+python -m bench estimate-to-bus
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.estimator import decode
-from bench.frames import Material, materials
+from bench.frames import Material, demo_material
 from bench.timing import Row, table
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.bus_link import BusLink
@@ -161,12 +161,8 @@ def _now_us() -> int:
 
 def report() -> str:
     """The table; without the right to the real-time class only its first half."""
-    material = next(materials())
+    material = demo_material()
     found = rows(material, "as any process", nullcontext())
     with suppress(PermissionError):
         found += rows(material, "on the service's own core", _as_on_four_cores())
     return table(f"From the estimate to the bus, {FRAMES} at 120 a second, hub at 1 Mbit/s", found)
-
-
-if __name__ == "__main__":
-    print(report())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from bench.frames import Material
+from bench.frames import Material, materials
 from bench.timing import Item, Row, table, time_both
 from palpate_edge.capture.frame import Frame
 from palpate_edge.correction import CorrectionModel
@@ -28,8 +28,12 @@ FRAME_US = 33_333
 ALTERNATIVE_FRAMES = 60  # it is slow
 
 
-def report(material: Material) -> str:
-    """The table of one recording: every stage works on a frame that has just been decoded."""
+def report() -> str:
+    """A table for each recording: every stage works on a frame that has just been decoded."""
+    return "\n\n".join(map(_report, materials()))
+
+
+def _report(material: Material) -> str:
     found = rows(material)
     return table(f"Estimator, processor time, one core: {material.name}", found, against=found[-1])
 

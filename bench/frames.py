@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -32,13 +33,19 @@ class Material:
     jpegs: tuple[NDArray[np.uint8], ...]
 
 
-def materials() -> Iterator[Material]:
-    """The demo's first finger, its video as grey JPEG frames; and the press sequences' first where it is."""
+@cache
+def demo_material() -> Material:
+    """The demo's first finger, its video as grey JPEG frames."""
     calibration = _calibrated(RECORDING / "press")
     recording = open_recording(RECORDING / "finger-1")
     jpegs = tuple(_grey_jpeg(frame.image) for frame in all_frames(recording))
     recording.close()
-    yield Material("the demo's recording as grey JPEG", calibration, jpegs)
+    return Material("the demo's recording as grey JPEG", calibration, jpegs)
+
+
+def materials() -> Iterator[Material]:
+    """The demo's, and the press sequences' first finger where it is."""
+    yield demo_material()
     sequence = SHARED / "press-sequences" / "finger-1"
     if sequence.is_dir():
         frames = sorted((sequence / "frames").glob("*.jpg"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate_host
-from bench.timing import Row, time_each
+from bench.timing import Row, table, time_each
 from palpate_edge.long_lived import long_lived
 from palpate_host.bus.candump import read_log
 from palpate_host.host import load_hand
@@ -35,6 +35,11 @@ class TimedCore(HostCore):
         if output.status is not None:
             self.seconds.append(time.perf_counter() - begin)
         return output
+
+
+def report() -> str:
+    """The table."""
+    return table("Host, 3 fingers x 3 joints", rows())
 
 
 def rows() -> list[Row]:

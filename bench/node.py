@@ -1,6 +1,6 @@
 """The slave core: cost of a frame beside the `canopen` package's slave.
 
-python -m bench.node
+python -m bench node
 """
 
 from __future__ import annotations
@@ -98,7 +98,3 @@ def hostile_rate() -> str:
 def report() -> str:
     """The table and the rate."""
     return f"{table('Slave core, one frame, one core', rows())}\n{hostile_rate()}"
-
-
-if __name__ == "__main__":
-    print(report())

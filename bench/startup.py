@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.frames import RECORDING, Material
+from bench.frames import RECORDING, demo_material
 from palpate_edge.calibration import save_calibration
 
 MOST_S, MOST_MB = 1.5, 150.0  # the limits set beforehand
@@ -57,11 +57,11 @@ channel = "{folder}/hub"
 """
 
 
-def report(material: Material) -> str:
-    """Lines of figures beside their limits; the material must be the demo's."""
+def report() -> str:
+    """Lines of figures beside their limits."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
-        save_calibration(material.calibration, folder / "bench.cal")
+        save_calibration(demo_material().calibration, folder / "bench.cal")
         starts_s = [_start_s(folder / "bench.cal") for _ in range(STARTS)][1:]
         rss_mb, peak_mb = _memory_mb(folder)
     return "\n".join(

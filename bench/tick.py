@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import palpate_host
-from bench.timing import Row
+from bench.timing import Row, table
 from palpate_host import rotation
 from palpate_host.control import Gains, joint_torque_Nm, limit_torque_Nm
 from palpate_host.hand import HandPose
@@ -148,6 +148,12 @@ def disagreement() -> float:
     gains, normals, R_d, moved = cases()
     found = [np.array([law(terms, gains, normals, R_d, *one) for one in moved]) for terms in hands().values()]
     return max(float(np.abs(other - found[0]).max()) for other in found[1:])
+
+
+def report() -> str:
+    """The table."""
+    title = "Kinematics, gravity, Eqs. (9)-(16) and limits, 3 fingers x 5 joints, processor time"
+    return table(title, rows())
 
 
 def rows() -> list[Row]:

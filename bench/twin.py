@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.timing import Item, Row, time_each
+from bench.timing import Item, Row, table, time_each
 from palpate_host.twin.camera.random_presses import random_press
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
@@ -20,6 +20,11 @@ from palpate_host.twin.dome.probe import Probe
 SENSORS = {"85 beads, pinhole": 0, "85 beads, fisheye": 2, "127 pins": 3, "331 pins": 4}  # seeds
 PRESSES = 60
 JPEG_QUALITY = 90
+
+
+def report() -> str:
+    """The table."""
+    return table("The twin's camera, 640x480 in colour, processor time", rows())
 
 
 def rows() -> list[Row]:

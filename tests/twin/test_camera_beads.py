@@ -50,29 +50,36 @@ def _bead_surface(centre: Array, normal: Array, across: float, flatness: float) 
     return centre + ball + (flatness - 1) * (ball @ normal)[:, None] * normal
 
 
+def _outwards(theta_deg: float) -> Array:
+    theta, phi = np.radians(theta_deg), 0.7
+    return np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+
+
+def _polygon(corner_px: Array) -> tuple[float, Array, Array]:
+    """Area, centroid (2,) and central second moments over the area (2, 2) of a polygon (n, 2), by OpenCV."""
+    about = corner_px.mean(axis=0)  # OpenCV's are of float32
+    moments = cv2.moments((corner_px - about).astype(np.float32)[:, None])
+    area = moments["m00"]
+    second = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
+    return area, about + np.array([moments["m10"], moments["m01"]]) / area, second
+
+
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("theta_deg", [0.0, 40.0, 75.0])
 @pytest.mark.parametrize("flatness", [1.0, 0.5])
 def test_outline_is_the_hull_of_the_projected_surface(name: str, theta_deg: float, flatness: float) -> None:
-    theta, phi = np.radians(theta_deg), 0.7
-    normal = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+    normal = _outwards(theta_deg)
     centre = 26.5 * normal
     camera = CAMERAS[name]
-    hull = cv2.convexHull(
-        _project(camera, POSE, _bead_surface(centre, normal, 1.5, flatness)).astype(np.float32)
-    )
-    moments = cv2.moments(hull)
-    middle = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    surface_px = _project(camera, POSE, _bead_surface(centre, normal, 1.5, flatness))
+    area, middle, second = _polygon(cv2.convexHull(surface_px.astype(np.float32))[:, 0])
 
     centre_px, shape = BeadProjector(camera, POSE).outlines(
         centre[None], normal[None], np.array([1.5]), flatness
     )
 
-    assert np.pi * np.sqrt(np.linalg.det(shape[0])) == pytest.approx(moments["m00"], rel=0.015)
+    assert np.pi * np.sqrt(np.linalg.det(shape[0])) == pytest.approx(area, rel=0.015)
     # An even ellipse's second central moment is a quarter of its shape matrix.
-    second = (
-        np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / moments["m00"]
-    )
     assert shape[0] / 4 == pytest.approx(second, abs=0.02 * second.max())
     assert np.linalg.norm(centre_px[0] - middle) < 0.02
 
@@ -80,8 +87,7 @@ def test_outline_is_the_hull_of_the_projected_surface(name: str, theta_deg: floa
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("theta_deg", [0.0, 40.0, 75.0])
 def test_a_balls_outline_is_the_rim_that_the_camera_sees_of_it(name: str, theta_deg: float) -> None:
-    theta, phi, radius = np.radians(theta_deg), 0.7, 1.5
-    normal = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+    normal, radius = _outwards(theta_deg), 1.5
     camera = CAMERAS[name]
     eye = np.array(camera.position_mm) + POSE.offset_mm
     ray = 26.5 * normal - eye
@@ -89,18 +95,15 @@ def test_a_balls_outline_is_the_rim_that_the_camera_sees_of_it(name: str, theta_
     _, _, across = np.linalg.svd(ray[None])
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ across[1:]
-    rim_px = _project(camera, POSE, eye + share * ray + radius * np.sqrt(share) * circle)
-    corner = rim_px.mean(axis=0)
-    moments = cv2.moments((rim_px - corner).astype(np.float32)[:, None])
-    middle = corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    rim = eye + share * ray + radius * np.sqrt(share) * circle
+    _, middle, second = _polygon(_project(camera, POSE, rim))
 
     centre_px, shape = BeadProjector(camera, POSE).outlines(
         26.5 * normal[None], normal[None], np.array([radius]), 1.0
     )
 
     assert centre_px[0] == pytest.approx(middle, abs=5e-4)
-    second = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]])
-    assert shape[0] / 4 == pytest.approx(second / moments["m00"], abs=2e-3 * second.max() / moments["m00"])
+    assert shape[0] / 4 == pytest.approx(second, abs=2e-3 * second.max())
 
 
 @pytest.mark.parametrize("name", CAMERAS)
