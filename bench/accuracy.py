@@ -19,7 +19,7 @@ from bench import accuracy_sequences as sequences
 from bench import accuracy_stress as stress
 from bench.accuracy_report import Section, paragraph
 from palpate_edge.calibrate import calibrate
-from palpate_edge.cli import run_cli
+from palpate_edge.command_line import run_cli
 from palpate_edge.dataset import PressDataset, read_dataset
 from palpate_edge.errors import DatasetError
 from palpate_edge.estimator import Method

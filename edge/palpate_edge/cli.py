@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ import click
 import cv2
 
 from palpate_edge import __version__
-from palpate_edge.errors import PalpateError
+from palpate_edge.command_line import run_cli
 from palpate_edge.inspect_cli import follow, inspect
 from palpate_edge.progress import progress_bar
 from palpate_edge.service_cli import check, identify, record
@@ -215,15 +214,6 @@ def digest(calibration: Calibration) -> str:
 def main() -> None:
     """Entry point: a refusal becomes one line on stderr and an exit status that is not 0."""
     run_cli(cli)
-
-
-def run_cli(command: click.Command) -> None:
-    """Run a command line; PalpateError becomes ``error: ...`` and the class's exit status."""
-    try:
-        command.main(standalone_mode=True)
-    except PalpateError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":
