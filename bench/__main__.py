@@ -6,7 +6,7 @@ import click
 import cv2
 
 from bench import bus, estimate_to_bus, estimator, host, latency, node, startup, tick, twin, twin_hand
-from palpate_edge.command_line import run_cli
+from palpate_edge.common.entry_point import run_cli
 
 TABLES = {
     "estimator": estimator.report,

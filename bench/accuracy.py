@@ -19,9 +19,9 @@ from bench import accuracy_sequences as sequences
 from bench import accuracy_stress as stress
 from bench.accuracy_report import Section, paragraph
 from palpate_edge.calibrate import calibrate
-from palpate_edge.command_line import run_cli
+from palpate_edge.common.entry_point import run_cli
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.dataset import PressDataset, read_dataset
-from palpate_edge.errors import DatasetError
 from palpate_edge.estimator import Method
 from palpate_edge.evaluation import evaluate_dataset
 from palpate_edge.training.dome_model import SHIPPED, load_dome_model

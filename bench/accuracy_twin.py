@@ -15,9 +15,9 @@ import numpy as np
 
 from bench.accuracy_report import number, paragraph, refused, table, wrong_flags
 from palpate_edge.calibrate import calibrate
-from palpate_edge.command_line import run_cli
+from palpate_edge.common.entry_point import run_cli
+from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.dataset import PressDataset, read_dataset
-from palpate_edge.errors import CalibrationError, DatasetError
 from palpate_edge.evaluation import Figures, evaluate_dataset
 from palpate_edge.images import read_image
 from palpate_edge.markers import plane

@@ -13,7 +13,7 @@ import numpy as np
 from bench.timing import Row, table, time_both, time_each
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.nmt import NMT_ID

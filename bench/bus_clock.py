@@ -30,11 +30,11 @@ from palpate_edge.bus_clock import WRAP_US
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.config import CaptureConfig, EstimatorConfig, FingertipConfig, NodeConfig
 from palpate_edge.daemon import run
 from palpate_edge.dataset import read_dataset
 from palpate_edge.health import HealthReport
-from palpate_edge.local_clock import LocalClock
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import Inject
 from palpate_host.bus.faults import FaultKind, FaultRule

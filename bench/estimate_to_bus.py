@@ -24,11 +24,11 @@ from bench.timing import Row, table
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.bus_link import BusLink
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.capture.frame import Frame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.frame import Frame
+from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.estimator import Estimator
 from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.long_lived import long_lived
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method
 from palpate_edge.pixel_thread import PixelThread

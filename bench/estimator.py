@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay
 
 from bench.frames import Material, materials
 from bench.timing import Item, Row, table, time_both
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.frame import Frame
 from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.estimator import Estimator, Method

@@ -12,7 +12,7 @@ import numpy as np
 
 import palpate_host
 from bench.timing import Row, table, time_each
-from palpate_edge.long_lived import long_lived
+from palpate_edge.common.gc_freeze import long_lived
 from palpate_host.bus.candump import read_log
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore

@@ -17,7 +17,7 @@ import can
 import msgspec
 
 from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
-from palpate_edge.errors import BusError, BusOffError
+from palpate_edge.common.errors import BusError, BusOffError
 
 # linux/can/error.h: class bits of an error frame's identifier.
 CAN_ERR_CRTL = 0x004

@@ -13,7 +13,7 @@ from enum import Enum
 
 from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError, BusOffError
+from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.transmit_queue import EMCY_IDS, TransmitQueue
 
 FIRST_RETRY_US, LONGEST_RETRY_US = 100_000, 2_000_000  # between two attempts to open it

@@ -9,13 +9,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.contact import PaperModel
-from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Appearance, unlit_grey
 from palpate_edge.sensor import CameraPose, Sensor
 from palpate_edge.skin_light import SkinLight
 from palpate_edge.tracking import Reference
-from palpate_edge.whole_file import whole_file
 
 FORMAT = "palpate-calibration"
 VERSION = 4

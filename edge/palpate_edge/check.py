@@ -15,8 +15,8 @@ from pathlib import Path
 from palpate_edge.bus import open_bus
 from palpate_edge.bus_clock import BusClock, ClockState
 from palpate_edge.calibration import Calibration, load_calibration
+from palpate_edge.common.errors import IlluminationError, PalpateError
 from palpate_edge.config import FingertipConfig
-from palpate_edge.errors import IlluminationError, PalpateError
 from palpate_edge.estimator import MIN_BEADS_SHARE, Estimator, best_method
 from palpate_edge.health import (
     BeadHealth,

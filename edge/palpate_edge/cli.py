@@ -12,9 +12,9 @@ import click
 import cv2
 
 from palpate_edge import __version__
-from palpate_edge.command_line import run_cli
+from palpate_edge.common.entry_point import run_cli
+from palpate_edge.common.progress import progress_bar
 from palpate_edge.inspect_cli import follow, inspect
-from palpate_edge.progress import progress_bar
 from palpate_edge.service_cli import check, identify, record
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate_edge.bus import BusConfig
-from palpate_edge.errors import ConfigError
-from palpate_edge.safe_file import refuse_unsafe
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.file_permissions import refuse_unsafe
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 

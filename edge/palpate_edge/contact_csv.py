@@ -6,9 +6,9 @@ import csv
 from collections.abc import Iterable
 from pathlib import Path
 
-from palpate_edge.contact_type import Contact
-from palpate_edge.errors import DatasetError
-from palpate_edge.whole_file import whole_file
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.errors import DatasetError
 
 COLUMNS = (
     "frame",

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.contact_type import Vector3
+from palpate_edge.common.contact import Vector3
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.displacement import CanonicalField
-from palpate_edge.errors import CalibrationError
 
 Array = NDArray[np.float64]
 

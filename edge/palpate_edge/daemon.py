@@ -19,8 +19,12 @@ import cv2
 from palpate_edge.bus import open_bus
 from palpate_edge.bus_link import BusLink
 from palpate_edge.calibration import load_calibration
+from palpate_edge.common.errors import CaptureError, PalpateError
+from palpate_edge.common.gc_freeze import long_lived
+from palpate_edge.common.local_clock import LocalClock
+from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.config import FingertipConfig
-from palpate_edge.errors import CaptureError, PalpateError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import HealthFile, health_path
@@ -28,8 +32,6 @@ from palpate_edge.health_report import health_report
 from palpate_edge.illumination import Illumination
 from palpate_edge.last_minute import DroppedFrames, LastMinute
 from palpate_edge.light import Light
-from palpate_edge.local_clock import LocalClock
-from palpate_edge.long_lived import long_lived
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     BitRateActivated,
@@ -45,8 +47,6 @@ from palpate_edge.node.stored_parameters import NOTHING_STORED
 from palpate_edge.open_source import open_source
 from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.record_on_demand import RecordOnDemand
-from palpate_edge.sd_notify import Notifier, WatchdogGate
-from palpate_edge.stop_signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.twin_clock import clock_of
 
 LONGEST_WAIT_S = 0.5

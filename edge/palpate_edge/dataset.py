@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate_edge.contact_type import Vector3
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.contact import Vector3
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.images import list_images
 from palpate_edge.sensor import Sensor, read_sensor
 

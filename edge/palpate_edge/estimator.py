@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration import Calibration
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.contact import Contact, Vector3, refused_contact
+from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.frame import Frame
 from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_contact
-from palpate_edge.contact_type import Contact, Vector3, refused_contact
 from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader, Hidden
 from palpate_edge.drift import Drift, Skin
-from palpate_edge.errors import CalibrationError
 from palpate_edge.markers import Image, plane
 from palpate_edge.motion import MAX_ROUGHNESS, Motion, SkinMotion, faintness
 from palpate_edge.sensor import View

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration import Calibration, check_sensor
-from palpate_edge.capture.frame import Frame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.frame import Frame
+from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.dataset import Press, read_dataset
-from palpate_edge.errors import DatasetError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.images import read_image
-from palpate_edge.stopwatch import Stopwatch
-from palpate_edge.whole_file import whole_file
 
 Array = NDArray[np.float64]
 

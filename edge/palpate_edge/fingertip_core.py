@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from palpate_edge.bus_clock import BusClock, ClockState
 from palpate_edge.bus_link import LinkChange, LinkState, Stamped
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact, refused_contact
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.errors import BusError, CameraStalledError, CaptureError
 from palpate_edge.emergencies import ActiveEmergencies, Emergency
-from palpate_edge.errors import BusError, CameraStalledError, CaptureError
 from palpate_edge.frame_watch import FrameWatch
 from palpate_edge.node.events import (
     Event,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.camera_fit import fit_pose
-from palpate_edge.errors import CalibrationError
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.inspect import clearness, with_alike
 from palpate_edge.layout import learn_layout
 from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, find_blobs, plane

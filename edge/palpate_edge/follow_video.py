@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.capture.recorded import Recording
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.inspect import beads_without_layout, disk_likeness
 from palpate_edge.markers import Appearance, Image, plane
 from palpate_edge.refine import Refiner

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.estimator import MIN_BEADS_SHARE
 
 RATE_WINDOW_US = 1_000_000

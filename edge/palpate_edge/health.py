@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.errors import ConfigError
-from palpate_edge.whole_file import whole_file
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.errors import ConfigError
 
 STALE_AFTER_S = 5.0
 SYSTEM_FOLDER = Path("/run/palpate")  # RuntimeDirectory= of the service

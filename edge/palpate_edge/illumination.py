@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 
 from smbus2 import SMBus
 
-from palpate_edge.errors import IlluminationError
+from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination_registers import (
     I2C_ADDRESS,
     IDENTITY,

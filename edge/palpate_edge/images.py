@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.markers import Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp"})

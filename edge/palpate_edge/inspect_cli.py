@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.progress import progress_bar
+from palpate_edge.common.progress import progress_bar
 
 INPUT = click.Path(path_type=Path)
 DIAMETER = click.option(

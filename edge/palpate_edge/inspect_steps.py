@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration import Calibration
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.frame import Frame
 from palpate_edge.contact import RawContact, corrected_theta, raw_contact
-from palpate_edge.contact_type import Contact
 from palpate_edge.displacement import CanonicalField, DisplacementReader
-from palpate_edge.errors import DatasetError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from palpate_edge.errors import IlluminationError
+from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination import Illumination, IlluminationState
 from palpate_edge.illumination_registers import Fault, Register
 

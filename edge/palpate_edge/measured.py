@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.dataset import Press, PressDataset
-from palpate_edge.errors import CalibrationError
 from palpate_edge.first_sight import FirstSight, first_sight
 from palpate_edge.images import read_image
 from palpate_edge.markers import Image, plane, unlit_grey

@@ -8,10 +8,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.source import Source
-from palpate_edge.contact_type import Contact
-from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
+from palpate_edge.common.frame import Frame
 from palpate_edge.estimator import Estimator
 
 Outcome = Contact | CaptureError

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import cv2
 
-from palpate_edge.capture.frame import Frame
-from palpate_edge.errors import CaptureError
-from palpate_edge.whole_file import whole_file
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.frame import Frame
 
 QUEUED_FRAMES = 8
 LAST_FRAMES_S = 5.0  # for what is queued when it ends

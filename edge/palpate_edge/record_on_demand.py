@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.frame import Frame
 from palpate_edge.config import RecordConfig
-from palpate_edge.errors import CaptureError
 from palpate_edge.record import Recorder, RingLimits
 
 

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 
 Array = NDArray[np.float64]
 

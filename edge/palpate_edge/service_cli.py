@@ -66,10 +66,10 @@ def record(action: str, config_path: Path) -> None:
       palpate-edge record stop --config finger-1.toml
       palpate-edge estimate recordings/20250101-120000 --calibration finger-1.cal --csv contacts.csv
     """
+    from palpate_edge.common.errors import CaptureError  # noqa: PLC0415
+    from palpate_edge.common.signals import RECORD, RECORD_NO_MORE  # noqa: PLC0415
     from palpate_edge.config import read_config  # noqa: PLC0415
-    from palpate_edge.errors import CaptureError  # noqa: PLC0415
     from palpate_edge.health import read_health  # noqa: PLC0415
-    from palpate_edge.stop_signals import RECORD, RECORD_NO_MORE  # noqa: PLC0415
 
     config = read_config(config_path)
     report = read_health(config.name, config.health, time.monotonic())
@@ -91,12 +91,12 @@ def identify(config_path: Path) -> None:
     Examples:
       palpate-edge identify --config finger-1.toml
     """
+    from palpate_edge.common.errors import IlluminationError  # noqa: PLC0415
+    from palpate_edge.common.signals import IDENTIFY  # noqa: PLC0415
     from palpate_edge.config import read_config  # noqa: PLC0415
-    from palpate_edge.errors import IlluminationError  # noqa: PLC0415
     from palpate_edge.health import read_health  # noqa: PLC0415
     from palpate_edge.illumination import Illumination  # noqa: PLC0415
     from palpate_edge.light import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
-    from palpate_edge.stop_signals import IDENTIFY  # noqa: PLC0415
 
     config = read_config(config_path)
     bus, address = config.illumination.i2c_bus, config.illumination.address

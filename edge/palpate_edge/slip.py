@@ -21,7 +21,7 @@ from operator import mul
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.contact_type import Contact, Vector3
+from palpate_edge.common.contact import Contact, Vector3
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.contact import Contact
 from palpate_edge.contact import on_dome
-from palpate_edge.contact_type import Contact
 from palpate_edge.displacement import about_z, canonical_directions
 from palpate_edge.drawing import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
 from palpate_edge.inspect_steps import Steps, contact_text

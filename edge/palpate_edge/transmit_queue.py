@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 PDO_IDS = range(0x180, 0x580)  # predefined connection set (CiA 301, 7.3.3)
 EMCY_IDS = range(0x081, 0x100)

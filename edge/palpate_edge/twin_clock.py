@@ -20,8 +20,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.bus import BusConfig
-from palpate_edge.errors import ConfigError
-from palpate_edge.local_clock import LocalClock, monotonic_us
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import LocalClock, monotonic_us
 
 MAGIC = b"PALPTIME"
 FORMAT = struct.Struct("@8sqq")

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import CalibrationError
+from palpate_edge.common.errors import CalibrationError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

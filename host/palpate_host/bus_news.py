@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from palpate_edge.bus_link import LinkChange, LinkState
-from palpate_edge.sd_notify import Notifier
+from palpate_edge.common.sd_notify import Notifier
 from palpate_host.master import HostCore
 
 

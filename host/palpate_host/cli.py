@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from palpate_edge import __version__
-from palpate_edge.command_line import run_cli
+from palpate_edge.common.entry_point import run_cli
 from palpate_host.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 
 Angle = Annotated[float, msgspec.Meta(ge=-180, le=180)]
 RampSeconds = Annotated[float, msgspec.Meta(ge=0, le=600)]

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 Array = npt.NDArray[np.float64]
 

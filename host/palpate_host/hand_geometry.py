@@ -18,7 +18,7 @@ import msgspec
 import mujoco
 import numpy as np
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand_config import HandConfig
 from palpate_host.hand_model import model_of
 from palpate_host.rotation import Array

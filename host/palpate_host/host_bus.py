@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from palpate_edge.bus import Bus
 from palpate_edge.bus_link import FIRST_RETRY_US, LONGEST_RETRY_US, LinkChange, LinkState, Stamped
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError, BusOffError
+from palpate_edge.common.errors import BusError, BusOffError
 
 
 class HostBus:

@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError, PalpateError
+from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_host.command import Command, CommandError
 from palpate_host.operator_protocol import (
     LONGEST_REQUEST,

@@ -17,7 +17,7 @@ from pathlib import Path
 from statistics import median
 from struct import Struct
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.bus.candump import LogHeader, LogRecord, write_log
 from palpate_host.bus.log_files import read_any_log

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.operator_client import NoHostError, OperatorClient
 from palpate_host.operator_protocol import Status

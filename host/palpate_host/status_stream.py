@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.status import HostStatus
 
 

@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import msgspec
 
-from palpate_edge.errors import ConfigError
-from palpate_edge.safe_file import refuse_unsafe
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.file_permissions import refuse_unsafe
 
 T = TypeVar("T")
 

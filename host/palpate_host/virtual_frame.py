@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host import rotation
 from palpate_host.rotation import Array
 

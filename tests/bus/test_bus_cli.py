@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
 from palpate_host.bus.cli import bus
 

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.bus.cli import bus
 from palpate_host.bus.eds_check import check_file, check_text

@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus import protocol
 from palpate_host.bus.control import ClearFaults, Done, Inject, Refused, reply_decoder
 from palpate_host.bus.faults import MAX_RULES, FaultKind, FaultPlan, FaultRule

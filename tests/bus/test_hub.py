@@ -14,7 +14,7 @@ import can
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus import protocol
 from palpate_host.bus.bit_count import frame_bits
 from palpate_host.bus.candump import read_log

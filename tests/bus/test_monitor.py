@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
 from palpate_host.bus.cli import bus
 from palpate_host.bus.decode import Decoder, Service

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from durand.network import CANBusNetwork
 
 from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method

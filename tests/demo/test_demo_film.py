@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 from palpate_host.demo.film import film_command, make_film
 from palpate_host.demo.run_folder import MODEL, RunFolder
 from palpate_host.host import load_hand

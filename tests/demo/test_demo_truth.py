@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.dataset import Press
-from palpate_edge.errors import DatasetError
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import distribution
 from palpate_host.demo.truth import finger_figures, of_recording, of_twin, read_pairs, unwrapped

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.calibration import check_sensor, load_calibration, save_calibration
-from palpate_edge.errors import CalibrationError
+from palpate_edge.common.errors import CalibrationError
 
 ONE_FILE_A_TEST = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -11,9 +11,9 @@ import pytest
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import load_calibration, save_calibration
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.errors import CalibrationError
 from palpate_edge.estimator import Estimator, Method, best_method
 from palpate_edge.images import read_image
 from palpate_edge.training.dome_model import load_dome_model

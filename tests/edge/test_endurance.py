@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image

@@ -7,9 +7,10 @@ import math
 
 import pytest
 
-from palpate_edge.contact_type import Contact, refused_contact
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.errors import CalibrationError, DatasetError
+from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.dataset import Press
-from palpate_edge.errors import CalibrationError, DatasetError
 from palpate_edge.estimator import Method
 from palpate_edge.evaluation import (
     PAPER_ERRORS_MM,
@@ -19,7 +20,6 @@ from palpate_edge.evaluation import (
     write_json,
 )
 from palpate_edge.evaluation_table import as_table
-from palpate_edge.stopwatch import Stopwatch
 
 
 def above_base(angle_deg, turned_deg=0.0):

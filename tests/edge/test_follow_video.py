@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from palpate_edge import follow_video as follow
 from palpate_edge.capture.recorded import open_recording
 from palpate_edge.cli import cli
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.markers import Appearance
 from palpate_edge.pictures import draw_followed
 

@@ -19,8 +19,8 @@ import pytest
 from palpate_edge.capture import shared_memory
 from palpate_edge.capture.frame_ring import RingFormat, RingReader, RingWriter
 from palpate_edge.capture.shared_memory import SharedMemorySource
-from palpate_edge.errors import CaptureError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.sensor import Camera, Dome, Markers, Sensor
 
 FORM = RingFormat(64, 48, 3, slots=2)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.errors import CalibrationError
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.images import read_image
 from palpate_edge.inspect import beads_without_layout

@@ -9,9 +9,9 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from palpate_edge.capture.frame import Frame
-from palpate_edge.contact_type import refused_contact
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.contact import refused_contact
+from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.frame import Frame
 from palpate_edge.pixel_thread import PixelThread
 
 PATIENCE_S = 30.0

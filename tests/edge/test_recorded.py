@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.capture.recorded import RealTimeSource, all_frames, open_recording
-from palpate_edge.errors import CaptureError, DatasetError
+from palpate_edge.common.errors import CaptureError, DatasetError
 
 PERIOD_US = 40_000  # 25 frames a second
 START_US = 5_000_000

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from palpate_edge.capture.frame import Frame
-from palpate_edge.contact_type import Contact, refused_contact
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image

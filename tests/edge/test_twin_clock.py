@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.bus import BusConfig
-from palpate_edge.errors import ConfigError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.twin_clock import (
     AHEAD_US,
     FORMAT,

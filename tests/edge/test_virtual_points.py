@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay
 
-from palpate_edge.errors import CalibrationError
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.virtual_points import VirtualPointMesh, delaunay, ellipse_points, fit_ellipse
 
 LAYOUTS = {

@@ -11,7 +11,8 @@ from click.testing import CliRunner, Result
 from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
-from palpate_edge.errors import IlluminationError
+from palpate_edge.common.errors import IlluminationError
+from palpate_edge.common.signals import IDENTIFY, called_by_signals
 from palpate_edge.health import (
     BeadHealth,
     BusHealth,
@@ -23,7 +24,6 @@ from palpate_edge.health import (
 from palpate_edge.illumination import Illumination
 from palpate_edge.light import Light
 from palpate_edge.service_cli import identify
-from palpate_edge.stop_signals import IDENTIFY, called_by_signals
 
 
 class Ring:

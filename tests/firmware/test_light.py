@@ -8,7 +8,7 @@ import pytest
 from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
-from palpate_edge.errors import IlluminationError
+from palpate_edge.common.errors import IlluminationError
 from palpate_edge.health_report import light_health
 from palpate_edge.illumination import Illumination
 from palpate_edge.illumination_registers import Fault

@@ -6,7 +6,7 @@ import pytest
 from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus, crc8
 
-from palpate_edge.errors import IlluminationError
+from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination import Illumination
 from palpate_edge.illumination_registers import I2C_ADDRESS, Fault, Register
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host import hand_config
 from palpate_host.command import Grasp, Recover, Rotate, Stop
 from palpate_host.drives.cia402 import Cia402Drive, DriveState, Homing

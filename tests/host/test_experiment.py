@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host import hand_config
 from palpate_host.cli import cli
 from palpate_host.experiment.hand_trial import with_law

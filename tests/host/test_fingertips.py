@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.fingertips import Fingertip, contact_normal, unwrap_us
 
 NODE = 0x10

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand import Hand
 from palpate_host.hand_model import compiled, read_spec
 from palpate_host.virtual_frame import check_numbering

@@ -13,8 +13,8 @@ import pytest
 from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, BusConfig
 from palpate_edge.bus_link import LinkState
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError, BusOffError
-from palpate_edge.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.errors import BusError, BusOffError
+from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.bus_news import BusNews
 from palpate_host.command import CommandError, Grasp, Recover, Stop
 from palpate_host.drives.cia402 import DriveState

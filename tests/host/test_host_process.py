@@ -17,7 +17,7 @@ PROGRAMS = {
     "drives": "from palpate_host.twin.cli import drives; drives()",
     "run": (
         "import sys\n"
-        "from palpate_edge.errors import PalpateError\n"
+        "from palpate_edge.common.errors import PalpateError\n"
         "from palpate_host.run_cli import run\n"
         "try:\n"
         "    run(standalone_mode=False)\n"

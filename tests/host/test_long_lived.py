@@ -15,8 +15,8 @@ import msgspec
 import pytest
 
 from palpate_edge import daemon
+from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.config import FingertipConfig
-from palpate_edge.long_lived import long_lived
 from palpate_host import host
 
 HUB = "from palpate_host.bus.cli import bus; bus()"

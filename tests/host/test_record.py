@@ -13,7 +13,7 @@ import pytest
 
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.candump import LogRecord, read_log
 from palpate_host.command import Command
 from palpate_host.host import load_hand

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 from palpate_host import Hand
 from palpate_host.command import CommandError
 from palpate_host.operator_client import NoHostError

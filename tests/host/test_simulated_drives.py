@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.slave import Output
 from palpate_host import hand_config
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState

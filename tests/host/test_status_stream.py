@@ -6,7 +6,7 @@ import socket
 import msgspec
 import pytest
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.status import HostStatus
 from palpate_host.status_stream import StatusStream
 

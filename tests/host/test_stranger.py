@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.cli import cli
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig

@@ -10,10 +10,10 @@ import time
 from pathlib import Path
 
 from palpate_edge.bus import open_bus
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.signals import stop_event
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_edge.stop_signals import stop_event
 from palpate_host import hand_config
 
 PERIOD_US = 33_333

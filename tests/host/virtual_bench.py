@@ -14,7 +14,7 @@ import numpy as np
 
 import palpate_host
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.hand import Hand, HandPose

@@ -13,7 +13,7 @@ import pytest
 from kernel_guest.links import PATIENCE_S, receive
 from palpate_edge.bus import BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus.candump import LogRecord, LogWriter, read_log
 
 pytestmark = pytest.mark.usefixtures("kernel")

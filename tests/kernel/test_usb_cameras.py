@@ -6,7 +6,7 @@ import pytest
 
 from kernel_guest.usb_cameras import port_name, revision
 from palpate_edge.capture.v4l2.naming import BY_PATH, find_camera, is_stable_name
-from palpate_edge.errors import CameraLostError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CaptureError
 
 pytestmark = pytest.mark.vm
 

@@ -16,8 +16,8 @@ from palpate_edge.capture.v4l2.controls import FixedExposure
 from palpate_edge.capture.v4l2.formats import PixelCode
 from palpate_edge.capture.v4l2.naming import find_camera
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
-from palpate_edge.errors import CameraLostError, CaptureError
-from palpate_edge.local_clock import LocalClock
+from palpate_edge.common.errors import CameraLostError, CaptureError
+from palpate_edge.common.local_clock import LocalClock
 
 pytestmark = pytest.mark.vm
 

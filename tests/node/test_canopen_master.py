@@ -12,7 +12,7 @@ import canopen
 import pytest
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.emcy import ErrorRegister
 from palpate_edge.node.fingertip import FingertipNode

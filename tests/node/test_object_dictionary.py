@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.object_dictionary import Access, DataType, ObjectDictionary
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec

@@ -13,7 +13,7 @@ import msgspec
 
 from palpate_edge.bus_link import LinkChange, LinkState
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import palpate_host
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract, contract_header, replay, replay_to_log

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus.candump import format_record, parse_log
 from palpate_host.bus.pcap import write_pcap
 from palpate_host.host import load_hand

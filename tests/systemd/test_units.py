@@ -86,7 +86,7 @@ def key(service, name):
 
 
 def test_statuses_that_are_not_tried_again_are_those_of_the_errors():
-    from palpate_edge.errors import CalibrationError, ConfigError, DatasetError
+    from palpate_edge.common.errors import CalibrationError, ConfigError, DatasetError
 
     own_errors = {SERVICES[0]: (ConfigError, DatasetError, CalibrationError), SERVICES[1]: (ConfigError,)}
     for service, errors in own_errors.items():
@@ -105,7 +105,7 @@ def stop_post_s(service, status):
 @pytest.mark.parametrize("service", RESTARTED)
 def test_a_device_that_is_away_is_waited_for_and_a_crash_loop_ends(service):
     """systemd gives up what was started `burst` times within the interval (systemd.unit(5))."""
-    from palpate_edge.errors import BusError, CaptureError
+    from palpate_edge.common.errors import BusError, CaptureError
 
     assert (key(service, "RestartSec"), key(service, "StartLimitIntervalSec")) == ("200ms", "4min")
     restart_s, burst, interval_s = 0.2, int(key(service, "StartLimitBurst")), 240.0

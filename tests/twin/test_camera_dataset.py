@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from palpate_edge.calibrate import calibrate
+from palpate_edge.common.errors import ConfigError, DatasetError
 from palpate_edge.dataset import read_dataset
-from palpate_edge.errors import ConfigError, DatasetError
 from palpate_edge.sensor import View
 from palpate_host.twin.camera.choose_sensor import choose_sensor
 from palpate_host.twin.camera.look import TWIN_FILE, load_twin

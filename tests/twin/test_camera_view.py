@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.sensor import Camera, CameraPose, Dome, Markers, Ring, Sensor, bead_layout_mm
 from palpate_host.twin.camera.deformation import (
     DeformableDome,

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from tests.twin.fresh_solutions import directions, solutions
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome import field_grid as grid
 from palpate_host.twin.dome.convergence import converge
 from palpate_host.twin.dome.equilibrium import Dome

@@ -8,7 +8,7 @@ import felupe
 import numpy as np
 import pytest
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu
 from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.friction_contact import contact

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host import hand_config
 from palpate_host.control import joint_torque_Nm
 from palpate_host.drives.cia402 import CIA402_EDS

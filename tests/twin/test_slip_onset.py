@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.displacement import DisplacementReader, about_z
 from palpate_edge.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.slip import SlipWatch

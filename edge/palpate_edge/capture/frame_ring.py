@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.errors import CaptureError
 
 Image = NDArray[np.uint8]
 

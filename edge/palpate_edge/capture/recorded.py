@@ -16,9 +16,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from palpate_edge.capture.frame import Frame
+from palpate_edge.common.errors import CaptureError, DatasetError
+from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import is_dataset, read_dataset
-from palpate_edge.errors import CaptureError, DatasetError
 from palpate_edge.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images, read_image
 from palpate_edge.markers import Image
 from palpate_edge.record import recorded_fps

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.frame_ring import RingFormat, RingReader
-from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.common.frame import Frame
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.sensor import Sensor
 
 POLL_S = 0.001

@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
-from palpate_edge.capture.frame import Frame
-from palpate_edge.errors import CameraLostError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CaptureError
+from palpate_edge.common.frame import Frame
 
 
 class Source(Protocol):

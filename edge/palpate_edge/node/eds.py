@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, Entry, ObjectDictionary
 
 FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")

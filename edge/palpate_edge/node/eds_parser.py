@@ -13,7 +13,7 @@ import canopen
 import msgspec
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS, ParsedEds, checksum_of, parsed_path
 from palpate_edge.node.object_dictionary import Access, DataType, Entry, Value
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from palpate_edge.contact_type import Contact, Vector3
+from palpate_edge.common.contact import Contact, Vector3
 from palpate_edge.node.object_dictionary import ObjectKey
 
 AI_AUTOZERO, AI_STATUS, AI_INPUT = 0x6125, 0x6150, 0x7130

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 Value = int | str
 ObjectKey = tuple[int, int]

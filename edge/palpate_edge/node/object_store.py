@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_edge.node.object_dictionary import RANGES, DataType, Entry, ObjectDictionary, ObjectKey, Value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 

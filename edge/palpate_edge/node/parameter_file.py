@@ -15,7 +15,7 @@ from typing import Protocol
 
 import msgspec
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.events import Event, StoreRequested
 from palpate_edge.node.object_dictionary import Value
 from palpate_edge.node.slave import Slave

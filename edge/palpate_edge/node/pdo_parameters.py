@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.object_store import ObjectStore

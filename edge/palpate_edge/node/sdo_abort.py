@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 
 class AbortCode(IntEnum):

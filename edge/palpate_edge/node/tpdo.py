@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.pdo_codec import PdoDirection
 from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_parameters, valid_can_ids

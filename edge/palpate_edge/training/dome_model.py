@@ -16,9 +16,9 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
+from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.displacement import canonical_directions
-from palpate_edge.errors import CalibrationError
-from palpate_edge.whole_file import whole_file
 
 Array = NDArray[np.float64]
 

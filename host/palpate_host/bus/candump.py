@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import TextIO
 
 from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 FORMAT_KEY = "palpate-log"
 FORMAT_VERSION = "1"

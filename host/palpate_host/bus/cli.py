@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.errors import ConfigError
-from palpate_edge.stop_signals import on_stop_signal, stop_event
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.signals import on_stop_signal, stop_event
 from palpate_edge.twin_clock import make_clock
 from palpate_host.bus.budget_cli import budget
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log

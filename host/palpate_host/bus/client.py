@@ -25,7 +25,7 @@ from can.typechecking import CanFilters
 
 from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus import connection as link
 from palpate_host.bus import protocol
 from palpate_host.bus.can_message import classic_frame, error_frame, is_data_frame, message

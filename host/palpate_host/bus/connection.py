@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus import protocol
 from palpate_host.bus.control import Refused, Reply, Request, reply_decoder
 from palpate_host.bus.protocol import Hello, Kind

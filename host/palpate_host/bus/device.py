@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.bus.eds_objects import read_objects
 from palpate_host.bus.eds_pdo import PDO_KINDS, pdo_numbers

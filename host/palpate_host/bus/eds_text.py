@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 MAX_LINE = 255  # CiA 306-1: characters of a line
 MAX_FILE_BYTES = 16 * 1024 * 1024

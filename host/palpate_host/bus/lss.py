@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import canopen
 from canopen.lss import LssError
 
-from palpate_edge.errors import BusError, ConfigError
+from palpate_edge.common.errors import BusError, ConfigError
 
 ANSWER_TIMEOUTS_S = (0.05, 0.2, 0.5)
 """Of one fastscan question, in turn until a scan succeeds: a node answers within a millisecond, a busy one

@@ -16,7 +16,7 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate_edge.bus import BusConfig
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.bus.sdo_abort_text import abort_text
 
 SDO_TIMEOUT_S = 1.0

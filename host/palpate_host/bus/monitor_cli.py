@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any
     palpate-host bus scan
     palpate-host bus scan --interface socketcan --channel can0 --json
     """
-    from palpate_edge.progress import progress_bar  # noqa: PLC0415 - `bus hub` shall not wait for canopen
+    from palpate_edge.common.progress import progress_bar  # noqa: PLC0415 - `bus hub` shall not wait for canopen
     from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
     from palpate_host.bus.master_session import master  # noqa: PLC0415
     from palpate_host.bus.scan import scan as scan_bus  # noqa: PLC0415

@@ -30,7 +30,7 @@ from enum import IntEnum, IntFlag
 from struct import Struct
 
 from palpate_edge.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 MAGIC = 0x4350
 VERSION = 1

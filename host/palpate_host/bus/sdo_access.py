@@ -11,7 +11,7 @@ from collections.abc import Callable
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.device import Device, Key
 from palpate_host.bus.eds_values import DataTypeInfo, parse_integer
 from palpate_host.bus.master_session import sdo_errors

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.bus.candump import LogRecord

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.stop_signals import stop_event
+from palpate_edge.common.signals import stop_event
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter
 from palpate_host.command import Rotate
 from palpate_host.demo.monitor import Sight

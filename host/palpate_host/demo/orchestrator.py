@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge import __version__
-from palpate_edge.errors import BusError
-from palpate_edge.stop_signals import stop_event
+from palpate_edge.common.errors import BusError
+from palpate_edge.common.signals import stop_event
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale

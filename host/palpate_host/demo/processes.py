@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 
 STOP_TIMEOUT_S = 30.0
 POLL_S = 0.02

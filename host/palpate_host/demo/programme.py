@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palpate_edge.errors import DatasetError
+from palpate_edge.common.errors import DatasetError
 from palpate_host import rotation
 from palpate_host.command import Rotate
 from palpate_host.operator_client import OperatorClient

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.demo import lockstep, plots
 from palpate_host.demo.analysis import Analysis, Summary
 from palpate_host.demo.distribution import Distribution

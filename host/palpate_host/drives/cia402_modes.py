@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.joint_command import Follows
 
 CONTROLWORD = (0x6040, 0)

@@ -10,7 +10,7 @@ import struct
 from collections import deque
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.cia402 import DriveScale
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.drive_settings import DriveNeeds, Write, settings

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from palpate_edge.bus import Bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import BusError
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.node.events import AcceptIdsChanged, Event, NodeIdConflict
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.drives.cia402_device import Cia402Device

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.experiment.protocol import cases, load
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_edge.errors import ConfigError, PalpateError
+from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_host.experiment.protocol import CameraConfig, Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 from palpate_host.groundtruth.frames import camera_frames

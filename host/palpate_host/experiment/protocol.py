@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand_config import ControlMode
 from palpate_host.toml_file import read_toml
 

@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.experiment.protocol import ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 from palpate_host.hand_config import ControlMode

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.candump import LogRecord, write_log
 from palpate_host.experiment.protocol import Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult

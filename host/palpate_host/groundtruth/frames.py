@@ -16,8 +16,8 @@ import numpy.typing as npt
 from palpate_edge.capture.recorded import open_recording
 from palpate_edge.capture.v4l2.controls import FixedExposure
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
-from palpate_edge.errors import ConfigError
-from palpate_edge.local_clock import LocalClock
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.record import INDEX
 
 Image = npt.NDArray[np.uint8]

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.groundtruth.marker import DICTIONARY
 from palpate_host.rotation import Array
 

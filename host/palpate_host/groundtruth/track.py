@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host import rotation
 from palpate_host.groundtruth.intrinsics import Intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, MarkerPose, Refusal

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand

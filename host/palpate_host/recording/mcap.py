@@ -28,7 +28,7 @@ from foxglove import channels
 from foxglove import messages as fg
 from scipy.spatial.transform import Rotation
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand import Hand
 from palpate_host.recording.mcap_reader import STATUS_TOPIC
 from palpate_host.rotation import Array

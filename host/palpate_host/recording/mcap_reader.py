@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 STATUS_TOPIC = "/host/status"
 MAGIC = b"\x89MCAP0\r\n"

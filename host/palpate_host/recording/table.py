@@ -12,7 +12,7 @@ import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.status import FingerStatus, HostStatus
 
 Cell = float | int | str | bool | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand_config import HandConfig
 from palpate_host.twin.drive_plant import JointParameters
 from palpate_host.twin.simulated_drives import SimulatedDrive

@@ -10,8 +10,8 @@ from pathlib import Path
 import rerun as rr
 
 from palpate_edge.capture.frame_ring import RingReader
-from palpate_edge.errors import ConfigError
-from palpate_edge.local_clock import unix_ahead_us
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import unix_ahead_us
 from palpate_edge.record import INDEX
 
 JPEG_QUALITY = 80

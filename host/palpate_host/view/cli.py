@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.host import load_hand
 from palpate_host.operator_socket import default_control_socket
 from palpate_host.recording.statuses import read_statuses

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from palpate_edge.stop_signals import stop_event
+from palpate_edge.common.signals import stop_event
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.status import HostStatus
 from palpate_host.view.cameras import CameraSource, LiveCamera, recorded_pictures

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 VALID = 0x04  # of TPDO 2's flags (docs/bus.md)
 NODE = 0x10

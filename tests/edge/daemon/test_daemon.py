@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from palpate_edge.capture.recorded import all_frames, open_recording
-from palpate_edge.stop_signals import IDENTIFY
+from palpate_edge.common.signals import IDENTIFY
 
 EMCY, TPDO_2 = 0x090, 0x290
 

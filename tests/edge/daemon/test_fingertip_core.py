@@ -9,8 +9,8 @@ import pytest
 
 from palpate_edge.bus_link import LinkChange, LinkState
 from palpate_edge.can_frame import CanFrame
-from palpate_edge.contact_type import Contact, refused_contact
-from palpate_edge.errors import BusError, CameraLostError, CameraStalledError
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledError
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.fingertip import FingertipNode

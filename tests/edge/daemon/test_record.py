@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.recorded import all_frames, open_recording
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.frame import Frame
 from palpate_edge.record import FrameRing, Recorder, RingLimits
 
 LARGE = RingLimits(bytes=10**9, seconds=1000.0)

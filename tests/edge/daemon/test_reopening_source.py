@@ -7,10 +7,10 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.source import ReopeningSource
-from palpate_edge.contact_type import Contact, refused_contact
-from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.common.frame import Frame
 from palpate_edge.pixel_thread import PixelThread
 
 LOST, STALLED = CameraLostError("unplugged"), CameraStalledError("silent")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
-from palpate_edge.errors import CameraLostError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CaptureError
 
 
 class Machine:

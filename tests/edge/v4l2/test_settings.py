@@ -10,7 +10,7 @@ from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_
 from palpate_edge.capture.v4l2.formats import PixelCode
 from palpate_edge.capture.v4l2.negotiate import negotiate
 from palpate_edge.capture.v4l2.structures import CAP_TIMEPERFRAME, Ioctl, QueryControl
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.errors import CaptureError
 
 ID = raw.ControlID
 WANTED = FixedExposure(exposure_us=5000, gain=12, white_balance_K=4600)

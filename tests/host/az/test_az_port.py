@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import alarms, motor
 from palpate_host.drives.az.axis import AxisSettings, AzAxis, Question
 from palpate_host.drives.az.port import AzPort, Parity

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import alarms, motor
 from palpate_host.drives.az.registers import from_words, to_words
 

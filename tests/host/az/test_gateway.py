@@ -17,8 +17,8 @@ import pytest
 from canopen.profiles.p402 import BaseNode402
 
 from palpate_edge.bus import open_bus
-from palpate_edge.errors import BusError
-from palpate_edge.sd_notify import Notifier
+from palpate_edge.common.errors import BusError
+from palpate_edge.common.sd_notify import Notifier
 from palpate_host.drives.az import alarms, axis, gateway
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig

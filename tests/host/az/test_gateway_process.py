@@ -30,7 +30,7 @@ PROGRAMS = {
     "hub": "from palpate_host.bus.cli import bus; bus()",
     "az": (
         "import sys\n"
-        "from palpate_edge.errors import PalpateError\n"
+        "from palpate_edge.common.errors import PalpateError\n"
         "from palpate_host.drives.az import cli, gateway\n"
         "gateway.REPLY_TIMEOUT_S = 30.0\n"
         "try:\n"

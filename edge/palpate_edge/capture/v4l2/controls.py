@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from palpate_edge.capture.v4l2.structures import ControlFlag, QueryControl
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.errors import CaptureError
 
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
 EXPOSURE_MANUAL = 1  # V4L2_EXPOSURE_MANUAL

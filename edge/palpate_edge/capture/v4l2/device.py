@@ -20,7 +20,7 @@ from palpate_edge.capture.v4l2.structures import (
     Ioctl,
     QueryControl,
 )
-from palpate_edge.errors import CameraLostError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CaptureError
 
 UNPLUGGED = frozenset({errno.ENODEV, errno.ENXIO, errno.ENOENT})
 

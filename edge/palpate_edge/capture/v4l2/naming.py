@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate_edge.errors import CameraLostError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CaptureError
 
 BY_PATH = Path("/dev/v4l/by-path")
 SYSFS = Path("/sys/class/video4linux")

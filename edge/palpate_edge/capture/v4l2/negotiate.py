@@ -14,7 +14,7 @@ from palpate_edge.capture.v4l2.structures import (
     Ioctl,
     StreamParm,
 )
-from palpate_edge.errors import CaptureError
+from palpate_edge.common.errors import CaptureError
 
 RATE_TOLERANCE = 0.05
 

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate_edge.capture.frame import Frame
 from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_controls
 from palpate_edge.capture.v4l2.device import Device
 from palpate_edge.capture.v4l2.formats import PixelCode, decode
 from palpate_edge.capture.v4l2.negotiate import RATE_TOLERANCE, Agreement, negotiate, reaches
 from palpate_edge.capture.v4l2.stream import RawFrame, Stream
-from palpate_edge.errors import CameraStalledError
-from palpate_edge.local_clock import LocalClock
+from palpate_edge.common.errors import CameraStalledError
+from palpate_edge.common.frame import Frame
+from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.markers import Image
 
 MEASURE_RATE_OVER_US = 1_000_000

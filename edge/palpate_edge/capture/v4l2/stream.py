@@ -18,7 +18,7 @@ from palpate_edge.capture.v4l2.structures import (
     Memory,
     RequestBuffers,
 )
-from palpate_edge.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 
 BUFFERS = 4  # one being filled, one being read, two for a reader that is late
 

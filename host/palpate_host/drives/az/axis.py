@@ -11,7 +11,7 @@ import enum
 import threading
 from dataclasses import dataclass, replace
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import alarms
 from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.motor import AzMotor

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
 from palpate_edge.bus import Bus
-from palpate_edge.errors import BusError
-from palpate_edge.local_clock import monotonic_us
-from palpate_edge.long_lived import long_lived
-from palpate_edge.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.errors import BusError
+from palpate_edge.common.gc_freeze import long_lived
+from palpate_edge.common.local_clock import monotonic_us
+from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.drives.az.axis import AzAxis, Question
 from palpate_host.drives.az.common_rounds import CommonRounds
 from palpate_host.drives.az.config import AzConfig, PortConfig

@@ -17,7 +17,7 @@ from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerType
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.registers import (
     COMMUNICATION_TIMEOUT,

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate_edge.errors import BusError
+from palpate_edge.common.errors import BusError
 
 
 @dataclass(frozen=True, slots=True)

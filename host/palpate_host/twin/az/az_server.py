@@ -13,8 +13,8 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from palpate_edge.errors import BusError, ConfigError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import BusError, ConfigError
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_host.drives.az.config import PortConfig
 from palpate_host.drives.az.port import Parity
 from palpate_host.drives.az.registers import COMMUNICATION_TIMEOUT

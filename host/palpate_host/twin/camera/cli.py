@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import cv2
 
-from palpate_edge.stop_signals import stop_event
+from palpate_edge.common.signals import stop_event
 from palpate_host.twin.camera.layouts import NAMES
 from palpate_host.twin.dome.probe import Probe
 

@@ -12,8 +12,8 @@ from threading import Event
 import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
-from palpate_edge.errors import ConfigError
-from palpate_edge.local_clock import monotonic_us
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import monotonic_us
 from palpate_host.twin.camera.random_presses import moving_press
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.probe import Probe

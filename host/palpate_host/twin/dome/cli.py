@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome.probe import Probe
 
 if TYPE_CHECKING:

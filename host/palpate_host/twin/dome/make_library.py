@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome import field_grid
 from palpate_host.twin.dome.equilibrium import Dome, State
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

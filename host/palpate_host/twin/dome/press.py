@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome.equilibrium import Dome, Equilibrium, State
 from palpate_host.twin.dome.probe import Probe, ProbePose
 

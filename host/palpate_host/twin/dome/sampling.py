@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome import hexahedron
 from palpate_host.twin.dome.mesh import DomeMesh
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.dome import field_grid
 from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.press import directions, largest_depth_mm, press_path

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.twin_model import TwinModel
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.plain_drawing import draw_plainly
 from palpate_host.twin.hand.twin_model import TwinModel

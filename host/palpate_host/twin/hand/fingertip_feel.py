@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from palpate_edge.calibration import Calibration
-from palpate_edge.capture.frame import Frame
-from palpate_edge.contact_type import Contact
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.frame import Frame
 from palpate_edge.displacement import tangent_basis
 from palpate_edge.estimator import Estimator
 from palpate_host.hand import Hand

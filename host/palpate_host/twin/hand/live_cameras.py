@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.camera.look import load_twin
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.dome.library import load_library

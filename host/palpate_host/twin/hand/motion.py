@@ -11,7 +11,7 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
-from palpate_edge.errors import ConfigError, DatasetError
+from palpate_edge.common.errors import ConfigError, DatasetError
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.engine import Engine
 

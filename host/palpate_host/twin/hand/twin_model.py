@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 from palpate_host.hand_config import HandConfig
 from palpate_host.hand_model import compiled, source_of, spec_of
 from palpate_host.rotation import Array

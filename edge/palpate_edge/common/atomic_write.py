@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 
 
 @contextmanager

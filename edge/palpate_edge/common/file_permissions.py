@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-from palpate_edge.errors import ConfigError
+from palpate_edge.common.errors import ConfigError
 
 
 def refuse_unsafe(path: Path) -> None:

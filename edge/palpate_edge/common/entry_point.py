@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from palpate_edge.errors import PalpateError
+from palpate_edge.common.errors import PalpateError
 
 
 def run_cli(command: click.Command) -> None:
