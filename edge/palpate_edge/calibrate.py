@@ -11,8 +11,8 @@ from palpate_edge.calibration import Bead, Calibration, Source
 from palpate_edge.contact import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.dataset import PressDataset
 from palpate_edge.displacement import DisplacementReader
+from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.measured import Measured, measure
-from palpate_edge.sensor import Sensor
 from palpate_edge.tracking import Reference
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.virtual_points import VirtualPointMesh

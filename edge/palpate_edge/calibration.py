@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.contact import PaperModel
+from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.markers import Appearance, unlit_grey
-from palpate_edge.sensor import CameraPose, Sensor
 from palpate_edge.skin_light import SkinLight
 from palpate_edge.tracking import Reference
 

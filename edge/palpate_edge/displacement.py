@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import View
+from palpate_edge.geometry.sensor import View
 from palpate_edge.tracking import Beads
 
 Array = NDArray[np.float64]

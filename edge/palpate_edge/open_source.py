@@ -15,8 +15,8 @@ from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.config import CaptureConfig, FingertipConfig
+from palpate_edge.geometry.sensor import read_sensor
 from palpate_edge.offline import check_recording
-from palpate_edge.sensor import read_sensor
 
 
 def open_source(

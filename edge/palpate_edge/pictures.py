@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from palpate_edge.calibration import Calibration
 from palpate_edge.drawing import GREEN, RED, YELLOW, Panel, rainbow
 from palpate_edge.follow_video import Followed
-from palpate_edge.layout import learn_layout
+from palpate_edge.geometry.marker_layout import learn_layout
+from palpate_edge.geometry.sensor import View, bead_layout_mm
 from palpate_edge.markers import Image
-from palpate_edge.sensor import View, bead_layout_mm
 
 Array = NDArray[np.float64]
 

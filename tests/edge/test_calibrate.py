@@ -14,7 +14,7 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
-from palpate_edge.sensor import View
+from palpate_edge.geometry.sensor import View
 
 SIX_EVERYWHERE = ((0, 1, 0), *((4.5 + 5.4 * ring, 6, 30 * (ring % 2)) for ring in range(1, 15)))
 TWELVE_EVERYWHERE = ((0, 1, 0), *((15 + 10 * ring, 12, 15 * (ring % 2)) for ring in range(7)))

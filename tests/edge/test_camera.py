@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate_edge.camera_fit import fit_pose
-from palpate_edge.sensor import Camera, CameraPose, Markers, Ring, Sensor, View, bead_layout_mm
+from palpate_edge.geometry.camera_pose import fit_pose
+from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, Sensor, View, bead_layout_mm
 
 PINHOLE = Camera(640, 480, (380.0, 370.0, 322.0, 238.0), (0.0, 0.0, -45.0))
 FISHEYE = Camera(

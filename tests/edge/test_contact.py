@@ -19,7 +19,7 @@ from palpate_edge.contact import (
     on_dome,
     raw_contact,
 )
-from palpate_edge.sensor import Camera, View
+from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.virtual_points import VirtualPoints
 
 VIEW = View(Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0)))

@@ -21,7 +21,7 @@ from palpate_edge.displacement import (
     mirrored,
     tangent_basis,
 )
-from palpate_edge.sensor import Camera, CameraPose, View
+from palpate_edge.geometry.sensor import Camera, CameraPose, View
 from palpate_edge.tracking import Beads
 
 RADIUS_MM = 26.5

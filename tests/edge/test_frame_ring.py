@@ -21,7 +21,7 @@ from palpate_edge.capture.frame_ring import RingFormat, RingReader, RingWriter
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.local_clock import monotonic_us
-from palpate_edge.sensor import Camera, Dome, Markers, Sensor
+from palpate_edge.geometry.sensor import Camera, Dome, Markers, Sensor
 
 FORM = RingFormat(64, 48, 3, slots=2)
 SENSOR = Sensor(

@@ -14,10 +14,10 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator, Method
+from palpate_edge.geometry.marker_layout import learn_layout
+from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.images import read_image
 from palpate_edge.inspect import beads_without_layout
-from palpate_edge.layout import learn_layout
-from palpate_edge.sensor import Camera, View
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.dome.probe import Probe

@@ -9,8 +9,8 @@ import pytest
 
 from palpate_edge.dataset import Press, read_dataset
 from palpate_edge.displacement import DisplacementReader, mirrored
+from palpate_edge.geometry.sensor import View
 from palpate_edge.measured import measure
-from palpate_edge.sensor import View
 from palpate_edge.tracking import Beads
 from palpate_edge.training.samples import (
     MAX_HIDDEN,

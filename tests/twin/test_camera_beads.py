@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Camera, CameraPose
+from palpate_edge.geometry.sensor import Camera, CameraPose
 from palpate_host.twin.camera.bead_ellipse import BeadProjector
 from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
 

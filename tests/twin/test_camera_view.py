@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.sensor import Camera, CameraPose, Dome, Markers, Ring, Sensor, bead_layout_mm
+from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Ring, Sensor, bead_layout_mm
 from palpate_host.twin.camera.deformation import (
     DeformableDome,
     ProbePress,

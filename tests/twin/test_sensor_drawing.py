@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.sensor import Markers, Ring, Sensor, read_sensor
+from palpate_edge.geometry.sensor import Markers, Ring, Sensor, read_sensor
 from palpate_host.twin.sensor_cli import sensor
 from palpate_host.twin.sensor_drawing import closest_beads_mm, draw_sensor, half_view_deg, ring_plans
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate_edge.common.contact import Contact
 from palpate_edge.displacement import DisplacementReader, about_z
-from palpate_edge.sensor import Markers, Ring, View, bead_layout_mm
+from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.slip import SlipWatch
 from palpate_edge.tracking import Beads
 from palpate_edge.training.dome_model import load_dome_model

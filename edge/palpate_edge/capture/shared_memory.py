@@ -10,7 +10,7 @@ from palpate_edge.capture.frame_ring import RingFormat, RingReader
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.local_clock import monotonic_us
-from palpate_edge.sensor import Sensor
+from palpate_edge.geometry.sensor import Sensor
 
 POLL_S = 0.001
 QUIET_SHARE = 0.7  # of the time between two exposures, in which no next frame is looked for

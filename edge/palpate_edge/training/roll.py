@@ -17,8 +17,8 @@ import msgspec
 import numpy as np
 
 from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.geometry.sensor import Sensor, View
 from palpate_edge.measured import Measured
-from palpate_edge.sensor import Sensor, View
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.kernel_ridge import fit
 from palpate_edge.training.samples import TrainingPress

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Camera, Sensor, bead_layout_mm
+from palpate_edge.geometry.sensor import Camera, Sensor, bead_layout_mm
 
 Array = NDArray[np.float64]
 SILICONE, BEAD, SIGHT = "#cfd8dc", "#bf360c", "#f9a825"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.sensor import Dome
+from palpate_edge.geometry.sensor import Dome
 from palpate_host.twin.dome import field_grid as grid
 from palpate_host.twin.dome.library import FieldLibrary, periodic, ring_weights
 from palpate_host.twin.dome.probe import Probe

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Ring
+from palpate_edge.geometry.sensor import Ring
 
 Array = NDArray[np.float64]
 

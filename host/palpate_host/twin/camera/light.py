@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Sensor, View
+from palpate_edge.geometry.sensor import Sensor, View
 from palpate_host.twin.camera.deformation import AZIMUTHS, skin_directions
 from palpate_host.twin.camera.look import Look
 from palpate_host.twin.camera.still import Part

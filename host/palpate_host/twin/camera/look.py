@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.sensor import CameraPose, Sensor
+from palpate_edge.geometry.sensor import CameraPose, Sensor
 
 Colour = tuple[float, float, float]  # B, G, R, 0 to 255
 Point = tuple[float, float, float]

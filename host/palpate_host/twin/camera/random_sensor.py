@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Camera, CameraPose, Dome, Markers, Sensor, bead_layout_mm
+from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Sensor, bead_layout_mm
 from palpate_host.twin.camera import layouts
 from palpate_host.twin.camera.look import Colour, Look, TwinSensor
 

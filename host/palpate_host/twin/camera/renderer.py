@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import View
+from palpate_edge.geometry.sensor import View
 from palpate_host.twin.camera.bead_ellipse import BeadProjector
 from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
 from palpate_host.twin.camera.deformation import DeformableDome, Deformation, ProbePress

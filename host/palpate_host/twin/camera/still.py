@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.sensor import Sensor, View
+from palpate_edge.geometry.sensor import Sensor, View
 from palpate_host.twin.camera.look import Look
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.dataset import COLUMNS
-from palpate_edge.sensor import Sensor
+from palpate_edge.geometry.sensor import Sensor
 from palpate_host.twin.camera.deformation import ProbePress
 from palpate_host.twin.camera.look import TWIN_FILE, save_twin
 from palpate_host.twin.camera.random_presses import moving_press, random_press

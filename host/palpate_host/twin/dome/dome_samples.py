@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.displacement import DisplacementReader
-from palpate_edge.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
+from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
 from palpate_edge.tracking import Beads
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples, TrainingPress, make_samples

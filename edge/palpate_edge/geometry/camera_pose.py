@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.sensor import Camera, CameraPose, View
+from palpate_edge.geometry.sensor import Camera, CameraPose, View
 
 Array = NDArray[np.float64]
 
