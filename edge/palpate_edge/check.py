@@ -27,9 +27,9 @@ from palpate_edge.health import (
     LightHealth,
 )
 from palpate_edge.health_report import clock_health, light_health
-from palpate_edge.illumination import Illumination
+from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.controller_thread import LightState
 from palpate_edge.last_minute import DroppedFrames
-from palpate_edge.light import LightState
 from palpate_edge.open_source import open_source
 from palpate_edge.twin_clock import clock_of
 

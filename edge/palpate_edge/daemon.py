@@ -29,9 +29,9 @@ from palpate_edge.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import HealthFile, health_path
 from palpate_edge.health_report import health_report
-from palpate_edge.illumination import Illumination
+from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.controller_thread import Light
 from palpate_edge.last_minute import DroppedFrames, LastMinute
-from palpate_edge.light import Light
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     BitRateActivated,

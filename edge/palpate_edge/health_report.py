@@ -17,8 +17,8 @@ from palpate_edge.health import (
     HealthReport,
     LightHealth,
 )
-from palpate_edge.illumination_registers import Fault
-from palpate_edge.light import LightState
+from palpate_edge.illumination.controller_thread import LightState
+from palpate_edge.illumination.registers import Fault
 from palpate_edge.pixel_thread import PixelThread
 
 

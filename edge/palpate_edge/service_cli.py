@@ -95,8 +95,8 @@ def identify(config_path: Path) -> None:
     from palpate_edge.common.signals import IDENTIFY  # noqa: PLC0415
     from palpate_edge.config import read_config  # noqa: PLC0415
     from palpate_edge.health import read_health  # noqa: PLC0415
-    from palpate_edge.illumination import Illumination  # noqa: PLC0415
-    from palpate_edge.light import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
+    from palpate_edge.illumination.client import Illumination  # noqa: PLC0415
+    from palpate_edge.illumination.controller_thread import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
 
     config = read_config(config_path)
     bus, address = config.illumination.i2c_bus, config.illumination.address

@@ -21,8 +21,8 @@ from palpate_edge.health import (
     HealthReport,
     write_health,
 )
-from palpate_edge.illumination import Illumination
-from palpate_edge.light import Light
+from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.controller_thread import Light
 from palpate_edge.service_cli import identify
 
 

@@ -10,9 +10,9 @@ from firmware_rig.smbus_adapter import WireSmBus
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.health_report import light_health
-from palpate_edge.illumination import Illumination
-from palpate_edge.illumination_registers import Fault
-from palpate_edge.light import Light
+from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.controller_thread import Light
+from palpate_edge.illumination.registers import Fault
 
 HOT_ADC = 128  # 76 degC
 

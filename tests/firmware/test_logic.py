@@ -12,7 +12,7 @@ from firmware_rig.smbus_adapter import crc8
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.illumination_registers import (
+from palpate_edge.illumination.registers import (
     I2C_ADDRESS,
     IDENTITY,
     MAP_CRC,

@@ -7,8 +7,8 @@ from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus, crc8
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.illumination import Illumination
-from palpate_edge.illumination_registers import I2C_ADDRESS, Fault, Register
+from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.registers import I2C_ADDRESS, Fault, Register
 
 TICK = CLOCK_HZ // 1000  # cycles
 PHASES = 30
@@ -239,7 +239,7 @@ def test_brown_out_is_told(client: Illumination, controller: SimulatedController
 
 
 def test_a_client_of_another_map_is_refused(bus: WireSmBus, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate_edge.illumination.MAP_CRC", 0x1234)
+    monkeypatch.setattr("palpate_edge.illumination.client.MAP_CRC", 0x1234)
     with pytest.raises(IlluminationError, match=r"MAP_CRC is .*not 1234h: flash the firmware"):
         Illumination(bus, "simulated wires")
 

@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 from smbus2 import SMBus
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.illumination_registers import (
+from palpate_edge.illumination.registers import (
     I2C_ADDRESS,
     IDENTITY,
     MAP_CRC,

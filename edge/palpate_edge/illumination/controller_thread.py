@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.illumination import Illumination, IlluminationState
-from palpate_edge.illumination_registers import Fault, Register
+from palpate_edge.illumination.client import Illumination, IlluminationState
+from palpate_edge.illumination.registers import Fault, Register
 
 TURN_S = 0.25  # a quarter of the controller's own watchdog
 FULL_LEVEL = 255
