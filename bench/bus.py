@@ -11,8 +11,8 @@ import can
 import numpy as np
 
 from bench.timing import Row, table, time_both, time_each
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method

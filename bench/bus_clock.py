@@ -25,11 +25,11 @@ import click
 import msgspec
 import numpy as np
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
-from palpate_edge.bus_clock import WRAP_US
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.clock_sync import WRAP_US
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.config import CaptureConfig, EstimatorConfig, FingertipConfig, NodeConfig
 from palpate_edge.daemon import run

@@ -21,9 +21,9 @@ import numpy as np
 from bench.estimator import decode
 from bench.frames import Material, demo_material
 from bench.timing import Row, table
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.bus_link import BusLink
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.gc_freeze import long_lived

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from palpate_edge.bus import open_bus
-from palpate_edge.bus_clock import BusClock, ClockState
 from palpate_edge.calibration import Calibration, load_calibration
+from palpate_edge.can_bus.bus import open_bus
+from palpate_edge.can_bus.clock_sync import BusClock, ClockState
+from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import IlluminationError, PalpateError
 from palpate_edge.config import FingertipConfig
 from palpate_edge.estimator import MIN_BEADS_SHARE, Estimator, best_method
@@ -31,7 +32,6 @@ from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import LightState
 from palpate_edge.last_minute import DroppedFrames
 from palpate_edge.open_source import open_source
-from palpate_edge.twin_clock import clock_of
 
 TRY_S = 1.5
 FEW_BEADS_SHARE = 0.9

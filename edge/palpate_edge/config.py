@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.file_permissions import refuse_unsafe
 

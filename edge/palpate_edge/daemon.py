@@ -16,9 +16,10 @@ from pathlib import Path
 
 import cv2
 
-from palpate_edge.bus import open_bus
-from palpate_edge.bus_link import BusLink
 from palpate_edge.calibration import load_calibration
+from palpate_edge.can_bus.bus import open_bus
+from palpate_edge.can_bus.reconnecting_bus import BusLink
+from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import CaptureError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
@@ -47,7 +48,6 @@ from palpate_edge.node.stored_parameters import NOTHING_STORED
 from palpate_edge.open_source import open_source
 from palpate_edge.pixel_thread import PixelThread
 from palpate_edge.record_on_demand import RecordOnDemand
-from palpate_edge.twin_clock import clock_of
 
 LONGEST_WAIT_S = 0.5
 HEALTH_EVERY_US = 1_000_000

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate_edge.bus_clock import BusClock, ClockState
-from palpate_edge.bus_link import LinkChange, LinkState, Stamped
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.clock_sync import BusClock, ClockState
+from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState, Stamped
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraStalledError, CaptureError
 from palpate_edge.emergencies import ActiveEmergencies, Emergency

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import time
 
-from palpate_edge.bus_clock import BusClock
-from palpate_edge.bus_link import BusLink
+from palpate_edge.can_bus.clock_sync import BusClock
+from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.config import FingertipConfig
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from palpate_edge.bus_link import LinkChange, LinkState
+from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.sd_notify import Notifier
 from palpate_host.master import HostCore
 

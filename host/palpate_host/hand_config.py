@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_host.drives.joint_command import Follows
 from palpate_host.hand_geometry import GeometryConfig

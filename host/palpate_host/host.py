@@ -15,12 +15,12 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
-from palpate_edge.twin_clock import clock_of
 from palpate_host import hand_config
 from palpate_host.bus_news import BusNews
 from palpate_host.hand import Hand

@@ -1,6 +1,6 @@
 """The host's bus at the rim: where the host may outlive it, it is opened again with back-off.
 
-Two ways to lose it, as for a fingertip (palpate_edge.bus_link): after *bus-off* the descriptor stays good and
+Two ways to lose it, as for a fingertip (palpate_edge.can_bus.reconnecting_bus): after *bus-off* the descriptor stays good and
 the driver says when it restarts; *down*, the interface or the hub is gone, it is closed and opened anew.
 Unlike there nothing waits here to be sent: a command of before the loss is not said after it.
 """
@@ -10,9 +10,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from palpate_edge.bus import Bus
-from palpate_edge.bus_link import FIRST_RETRY_US, LONGEST_RETRY_US, LinkChange, LinkState, Stamped
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import (
+    FIRST_RETRY_US,
+    LONGEST_RETRY_US,
+    LinkChange,
+    LinkState,
+    Stamped,
+)
 from palpate_edge.common.errors import BusError, BusOffError
 
 

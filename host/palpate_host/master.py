@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host import rotation
 from palpate_host.command import Command, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.command_rules import check_allowed

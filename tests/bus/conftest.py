@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from kernel_guest.kernels import IN_A_KERNEL
-from palpate_edge.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 
 # No test depends on how busy the machine is.
 settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -106,7 +106,7 @@ def open_port(bus_config: BusConfig) -> Iterator[Callable[..., can.BusABC]]:
 
 @pytest.fixture
 def open_edge(bus_config: BusConfig) -> Iterator[Callable[..., Bus]]:
-    """The same through palpate_edge.bus."""
+    """The same through palpate_edge.can_bus.bus."""
     with ExitStack() as buses:
         yield lambda name, accept_ids=None: buses.enter_context(open_bus(bus_config, name, accept_ids))
 

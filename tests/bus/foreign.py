@@ -20,7 +20,7 @@ from durand.network import CANBusNetwork
 from durand.object_dictionary import Record, Variable
 from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import load_eds
 from palpate_host.bus.candump import LogRecord
 

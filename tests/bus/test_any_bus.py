@@ -10,16 +10,16 @@ import can
 import canopen
 import msgspec
 
-from palpate_edge.bus import BusConfig
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.can_bus.can_frame import CanFrame
 
 PATIENCE_S = 20.0
 
 ECHO = """
 import sys
 import msgspec
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 config, number = msgspec.json.decode(sys.argv[1], type=BusConfig), int(sys.argv[2])
 with open_bus(config, f"echo-{number}", [0x80, 0x600 + number]) as bus:
     bus.send([CanFrame(0x700 + number, b"\\0")])

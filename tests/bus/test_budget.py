@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus import protocol
 from palpate_host.bus.bit_count import frame_bits
 from palpate_host.bus.budget import Case, budget, largest_frame_rate, worst_bits

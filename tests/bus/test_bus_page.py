@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 

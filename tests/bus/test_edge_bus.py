@@ -1,4 +1,4 @@
-"""palpate_edge.bus over python-can's own interfaces: what the hub's tests do not reach."""
+"""palpate_edge.can_bus.bus over python-can's own interfaces: what the hub's tests do not reach."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import can
 import msgspec
 import pytest
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 
 

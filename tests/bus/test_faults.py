@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.bus import protocol
 from palpate_host.bus.control import ClearFaults, Done, Inject, Refused, reply_decoder

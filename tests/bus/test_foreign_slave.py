@@ -16,7 +16,7 @@ import durand.network
 import pytest
 from durand.scheduler import VirtualScheduler, get_scheduler, set_scheduler
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip_objects import encode_contact
 from palpate_host.bus.device import Device

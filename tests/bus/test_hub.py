@@ -13,7 +13,7 @@ from itertools import pairwise
 import can
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.bus import protocol
 from palpate_host.bus.bit_count import frame_bits

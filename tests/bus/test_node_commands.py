@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from durand.network import CANBusNetwork
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode

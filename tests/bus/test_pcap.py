@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.candump import LogRecord
 from palpate_host.bus.pcap import write_pcap
 

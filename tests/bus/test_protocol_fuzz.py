@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus import protocol
 from palpate_host.bus.hub_client import Client
 from palpate_host.bus.hub_core import HubCore

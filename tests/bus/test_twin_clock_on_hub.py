@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
-from palpate_edge.twin_clock import ClockKeeper, clock_of
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.simulated_clock import ClockKeeper, clock_of
 
 FRAME = CanFrame(0x123, b"12345678")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.traffic import id_name, traffic
 

@@ -17,7 +17,7 @@ from deploy_rig.image import missing
 from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 
 pytestmark = pytest.mark.deploy_booted
 

@@ -22,9 +22,9 @@ from deploy_rig.image import PROJECT, changed_sources, wheelhouse
 from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
-from palpate_edge.bus import BusConfig
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.dataset import read_dataset
 
 pytestmark = pytest.mark.deploy_namespace

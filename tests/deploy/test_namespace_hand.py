@@ -21,7 +21,7 @@ import pytest
 from deploy_rig.image import PROJECT, wheelhouse
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 
 pytestmark = pytest.mark.deploy_hand
 

@@ -11,10 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.bus import BusConfig
-from palpate_edge.common.errors import ConfigError
-from palpate_edge.common.local_clock import monotonic_us
-from palpate_edge.twin_clock import (
+from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.can_bus.simulated_clock import (
     AHEAD_US,
     FORMAT,
     GONE_US,
@@ -24,6 +22,8 @@ from palpate_edge.twin_clock import (
     clock_of,
     make_clock,
 )
+from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.local_clock import monotonic_us
 
 LOOK_US = 2_000
 KEPT = st.sampled_from(["fast", "slowly", "nothing"])
@@ -119,7 +119,7 @@ def test_no_reader_sees_half_a_word(tmp_path):
     """Another process writes two values that differ in every byte, as fast as it can."""
     make_clock(tmp_path / "clock")
     flicker = (
-        "import sys, time; from pathlib import Path; from palpate_edge.twin_clock import ClockKeeper\n"
+        "import sys, time; from pathlib import Path; from palpate_edge.can_bus.simulated_clock import ClockKeeper\n"
         "keeper = ClockKeeper(Path(sys.argv[1]))\n"
         "keeper._words[2] = 0x0101010101010101\n"
         "print('ready', flush=True)\n"

@@ -9,7 +9,7 @@ import pytest
 from bench.latency import parts
 from bench.tick import disagreement
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.candump import LogRecord
 
 

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host import rotation
 from palpate_host.command import CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.drives.cia402 import DriveState

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host import hand_config
 from palpate_host.command import Grasp, Recover, Rotate, Stop

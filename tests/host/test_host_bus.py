@@ -10,9 +10,9 @@ import can
 import msgspec
 import pytest
 
-from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, BusConfig
-from palpate_edge.bus_link import LinkState
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, BusConfig
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import LinkState
 from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.bus_news import BusNews

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 
 PROGRAMS = {
     "hub": "from palpate_host.bus.cli import bus; bus()",

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.candump import LogRecord, read_log
 from palpate_host.command import Command

@@ -20,8 +20,8 @@ from canopen.profiles.p402 import BaseNode402
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.slave import Output
 from palpate_host import hand_config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate_edge.bus_clock import BusClock, ClockState
+from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_host.network import SYNC, TIME_STAMP_ID, TimeStampProducer
 
 

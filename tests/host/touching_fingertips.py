@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from palpate_edge.bus import open_bus
+from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.signals import stop_event
 from palpate_edge.node.fingertip import FingertipNode

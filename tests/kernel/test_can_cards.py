@@ -9,8 +9,8 @@ import threading
 import pytest
 
 from kernel_guest.links import PATIENCE_S, receive
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 
 pytestmark = pytest.mark.vm

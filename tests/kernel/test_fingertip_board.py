@@ -8,8 +8,8 @@ import pytest
 
 from kernel_guest.cameras import v4l2_ctl
 from kernel_guest.links import receive
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 
 pytestmark = pytest.mark.vm
 

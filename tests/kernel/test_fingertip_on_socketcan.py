@@ -10,8 +10,8 @@ import canopen
 import pytest
 
 from kernel_guest.links import PATIENCE_S, Link, ip, receive
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS
 
 pytestmark = pytest.mark.usefixtures("kernel")

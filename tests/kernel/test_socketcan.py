@@ -1,4 +1,4 @@
-"""palpate_edge.bus on the kernel's CAN sockets, with can-utils as the stranger at the other end."""
+"""palpate_edge.can_bus.bus on the kernel's CAN sockets, with can-utils as the stranger at the other end."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from kernel_guest.links import PATIENCE_S, receive
-from palpate_edge.bus import BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.bus.candump import LogRecord, LogWriter, read_log
 

@@ -15,7 +15,7 @@ import canopen
 import pytest
 
 from kernel_guest.kernels import IN_A_KERNEL
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method

@@ -10,7 +10,7 @@ import canopen
 import canopen.lss
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode

@@ -11,7 +11,7 @@ from pathlib import Path
 import canopen
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.emcy import ErrorRegister

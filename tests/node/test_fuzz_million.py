@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.events import NmtStateChanged, StoreRequested

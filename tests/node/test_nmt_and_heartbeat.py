@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.events import NmtStateChanged, NodeIdConflict
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.nmt import NmtCommand, NmtState

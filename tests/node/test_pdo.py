@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.events import ObjectWritten, RpdoReceived, RpdoTimedOut, SyncReceived
 from palpate_edge.node.object_dictionary import ObjectDictionary

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave

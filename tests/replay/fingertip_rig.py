@@ -11,8 +11,8 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.bus_link import LinkChange, LinkState
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.contact import Contact
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode

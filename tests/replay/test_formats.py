@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import palpate_host
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.candump import LogError, LogHeader, LogRecord, parse_log, write_log
 from palpate_host.bus.log_files import read_any_log
 from palpate_host.host import load_hand

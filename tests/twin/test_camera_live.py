@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
 from palpate_edge.calibrate import calibrate
 from palpate_edge.calibration import save_calibration
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture import shared_memory
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.dataset import read_dataset

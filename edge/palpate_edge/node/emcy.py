@@ -11,7 +11,7 @@ import struct
 from collections import deque
 from enum import IntEnum, IntFlag
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
 from palpate_edge.node.nmt import SDO_STATES, NmtState
 from palpate_edge.node.object_dictionary import Entry

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.nmt import ERROR_CONTROL_ID, NmtState
 from palpate_edge.node.object_store import ObjectStore
 

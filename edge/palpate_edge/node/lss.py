@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable
 from enum import IntEnum
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID
 from palpate_edge.node.object_store import ObjectStore
 

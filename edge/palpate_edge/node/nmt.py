@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 
 NMT_ID = 0x000
 ERROR_CONTROL_ID = 0x700

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from palpate_edge.can_frame import MAX_DATA_BYTES
+from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.cob_ids import CAN_ID_MASK
 from palpate_edge.node.object_dictionary import STRUCT_CODES, Entry, ObjectDictionary, ObjectKey, Value

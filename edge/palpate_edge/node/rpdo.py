@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
 from palpate_edge.node.events import RpdoReceived, RpdoTimedOut, TimeStampReceived
 from palpate_edge.node.object_store import ObjectStore

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from enum import IntEnum
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore, check_length, sdo_value
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError

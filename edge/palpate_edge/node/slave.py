@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node import lss
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
 from palpate_edge.node.events import (

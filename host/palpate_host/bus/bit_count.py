@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 
 CRC_POLYNOMIAL = 0x4599
 CRC_MASK = 0x7FFF

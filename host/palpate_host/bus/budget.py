@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 from statistics import fmean
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec

@@ -7,7 +7,7 @@ import time
 
 import can
 
-from palpate_edge.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
 from palpate_host.bus.protocol import FrameFlag
 
 _OWN = int(FrameFlag.OWN)

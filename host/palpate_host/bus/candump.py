@@ -23,7 +23,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
-from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.errors import BusError
 
 FORMAT_KEY = "palpate-log"

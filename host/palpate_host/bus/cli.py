@@ -8,10 +8,10 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.bus import BusConfig, open_bus
+from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import on_stop_signal, stop_event
-from palpate_edge.twin_clock import make_clock
 from palpate_host.bus.budget_cli import budget
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask

@@ -23,8 +23,8 @@ from pathlib import Path
 import can
 from can.typechecking import CanFilters
 
-from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.bus import connection as link
 from palpate_host.bus import protocol

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import click
 
-from palpate_edge.can_frame import MAX_STANDARD_ID
+from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID
 from palpate_host.bus.faults import FaultKind, FaultRule
 
 _HELP = {

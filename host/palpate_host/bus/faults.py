@@ -14,7 +14,7 @@ from typing import Annotated
 
 import msgspec
 
-from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.errors import ConfigError
 
 MAX_DELAY_US = 10_000_000

@@ -6,7 +6,7 @@ import heapq
 
 import msgspec
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.bus import protocol
 from palpate_host.bus.bus_load import WINDOW_US, BusLoad

@@ -15,7 +15,7 @@ import canopen
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import BusError
 from palpate_host.bus.sdo_abort_text import abort_text
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from struct import Struct
 
-from palpate_edge.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.errors import BusError
 
 MAGIC = 0x4350

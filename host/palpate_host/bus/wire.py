@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.bit_count import frame_bits
 
 Filters = Sequence[tuple[int, int]] | None  # (identifier, mask); None accepts everything

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import stop_event
 from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter
 from palpate_host.command import Rotate

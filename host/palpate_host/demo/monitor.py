@@ -16,8 +16,8 @@ from types import TracebackType
 
 import msgspec
 
-from palpate_edge.bus import open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, Statistics
 from palpate_host.fingertips import Fingertip

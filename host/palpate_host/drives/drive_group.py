@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.drives.cia402 import Cia402Drive, DriveState
 from palpate_host.drives.drive_settings import needs_of
 from palpate_host.drives.homing import HomingRun

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections import deque
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.drives.cia402 import DriveScale
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.bus import open_bus
+from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
 from palpate_host.bus.candump import LogRecord

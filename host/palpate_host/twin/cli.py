@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.bus import open_bus
+from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.signals import stop_event
 from palpate_host import hand_config
 from palpate_host.drives.serve_devices import serve_devices, states_line

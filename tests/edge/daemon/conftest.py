@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.bus import Bus, BusConfig, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 
 PATIENCE_S = 60.0

@@ -8,7 +8,7 @@ import random
 import numpy as np
 import pytest
 
-from palpate_edge.bus_clock import MAX_DRIFT, MAX_SLEW, WRAP_US, BusClock, ClockState, lower_line
+from palpate_edge.can_bus.clock_sync import MAX_DRIFT, MAX_SLEW, WRAP_US, BusClock, ClockState, lower_line
 
 PERIOD_US = 50_000
 START_US = 1_700_000_000_000_000

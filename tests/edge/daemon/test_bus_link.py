@@ -8,9 +8,9 @@ import errno
 import can
 import pytest
 
-from palpate_edge.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED, Bus, BusConfig
-from palpate_edge.bus_link import BusLink, LinkState
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED, Bus, BusConfig
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import BusLink, LinkState
 from palpate_edge.common.errors import BusError
 
 TPDO, EMCY, SDO = CanFrame(0x190, b"\x01"), CanFrame(0x090, bytes(8)), CanFrame(0x590, bytes(8))

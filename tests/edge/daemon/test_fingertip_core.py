@@ -7,8 +7,8 @@ import struct
 
 import pytest
 
-from palpate_edge.bus_link import LinkChange, LinkState
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledError
 from palpate_edge.fingertip_core import FingertipCore

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.transmit_queue import MAX_OTHERS, MAX_PDO_AGE_US, MAX_PDOS, TransmitQueue
 from palpate_edge.common.errors import BusError
-from palpate_edge.transmit_queue import MAX_OTHERS, MAX_PDO_AGE_US, MAX_PDOS, TransmitQueue
 
 EMCY, SDO, HEARTBEAT = CanFrame(0x090), CanFrame(0x590), CanFrame(0x710)
 

@@ -16,7 +16,7 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 
-from palpate_edge.bus import open_bus
+from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.sd_notify import Notifier
 from palpate_host.drives.az import alarms, axis, gateway

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.bus import Bus, open_bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
 from palpate_host.twin.az.az_server import simulated_port

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.bus import Bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.can_frame import CanFrame
 
 N_SLCAN = 17  # linux/tty.h
 PATIENCE_S = 120.0  # only a hang waits so long; an emulated machine beside other work is slow

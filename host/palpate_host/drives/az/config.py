@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_host.drives.az.axis import AxisSettings, TorqueBy
 from palpate_host.drives.az.motor import AzMotor

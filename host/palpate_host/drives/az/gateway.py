@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
-from palpate_edge.bus import Bus
+from palpate_edge.can_bus.bus import Bus
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import monotonic_us

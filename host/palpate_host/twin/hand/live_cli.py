@@ -79,11 +79,11 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     palpate-host simulate live --config hand.toml --sensors sensors --truth truth \\
       --ring /dev/shm/finger-1 --ring /dev/shm/finger-2 --ring /dev/shm/finger-3
     """
-    from palpate_edge.bus import open_bus  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_edge.can_bus.bus import open_bus  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_edge.can_bus.simulated_clock import ClockKeeper  # noqa: PLC0415
     from palpate_edge.common.errors import ConfigError  # noqa: PLC0415
     from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
-    from palpate_edge.twin_clock import ClockKeeper  # noqa: PLC0415
     from palpate_host.host import load_hand  # noqa: PLC0415
     from palpate_host.twin.camera.look import TWIN_FILE  # noqa: PLC0415
     from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415

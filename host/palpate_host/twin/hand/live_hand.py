@@ -15,10 +15,10 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Protocol
 
-from palpate_edge.bus import Bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.simulated_clock import ClockKeeper
 from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us
-from palpate_edge.twin_clock import ClockKeeper
 from palpate_host.drives.serve_devices import refuse_conflict
 from palpate_host.fingertips import Fingertip
 from palpate_host.hand import Hand

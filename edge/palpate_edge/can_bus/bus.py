@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import can
 import msgspec
 
-from palpate_edge.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.errors import BusError, BusOffError
 
 # linux/can/error.h: class bits of an error frame's identifier.

@@ -19,7 +19,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate_edge.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import LocalClock, monotonic_us
 

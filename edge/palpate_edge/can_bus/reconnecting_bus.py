@@ -11,10 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from palpate_edge.bus import Bus
-from palpate_edge.can_frame import CanFrame
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
 from palpate_edge.common.errors import BusError, BusOffError
-from palpate_edge.transmit_queue import EMCY_IDS, TransmitQueue
 
 FIRST_RETRY_US, LONGEST_RETRY_US = 100_000, 2_000_000  # between two attempts to open it
 FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # between two attempts to send into a full queue
