@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_edge.emergencies import Emergency
+from palpate_edge.node.emergencies import Emergency
 from palpate_host.bus.units import FINGERTIP
 
 # CiA 301: the first that fits counts, from the special to the general. Mask, value, text.
