@@ -16,9 +16,9 @@ from bench.accuracy_report import Section, number, paragraph, table
 from bench.accuracy_stress import HARMS, Harm
 from palpate_edge.dataset import PressDataset, read_dataset
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
 from palpate_edge.measured import measure as look
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 from palpate_host.twin.camera.random_sensor import with_tolerances
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset

@@ -12,9 +12,9 @@ from bench.accuracy_report import Section, number, paragraph, table
 from palpate_edge.calibration import Calibration
 from palpate_edge.dataset import PressDataset
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
 from palpate_edge.motion import SkinMotion
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 
 Array = NDArray[np.float64]
 

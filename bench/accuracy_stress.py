@@ -15,8 +15,8 @@ from palpate_edge.calibration import Calibration
 from palpate_edge.dataset import PressDataset
 from palpate_edge.evaluation import Figures, evaluate_dataset
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]

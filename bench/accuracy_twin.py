@@ -20,10 +20,10 @@ from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.dataset import PressDataset, read_dataset
 from palpate_edge.evaluation import Figures, evaluate_dataset
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
 from palpate_edge.measured import Measured, measure
-from palpate_edge.tracking import Tracker
 from palpate_edge.training.dome_model import load_dome_model
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 from palpate_host.twin.camera.layouts import NAMES
 from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.random_sensor import random_sensor

@@ -17,9 +17,9 @@ from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.geometry.sensor import View
-from palpate_edge.markers import Image, find_blobs, plane
 from palpate_edge.motion import SkinMotion
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import Image, find_blobs, plane
+from palpate_edge.vision.tracker import Tracker
 
 Array = NDArray[np.float64]
 Seconds = NDArray[np.float64]

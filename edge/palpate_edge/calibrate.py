@@ -13,9 +13,9 @@ from palpate_edge.dataset import PressDataset
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.measured import Measured, measure
-from palpate_edge.tracking import Reference
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.virtual_points import VirtualPointMesh
+from palpate_edge.vision.tracker import Reference
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]  # done, total

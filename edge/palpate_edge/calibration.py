@@ -13,9 +13,9 @@ from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.contact import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
-from palpate_edge.markers import Appearance, unlit_grey
-from palpate_edge.skin_light import SkinLight
-from palpate_edge.tracking import Reference
+from palpate_edge.vision.blob_detection import Appearance, unlit_grey
+from palpate_edge.vision.shading import SkinLight
+from palpate_edge.vision.tracker import Reference
 
 FORMAT = "palpate-calibration"
 VERSION = 4

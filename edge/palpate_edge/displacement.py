@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import View
-from palpate_edge.tracking import Beads
+from palpate_edge.vision.tracker import Beads
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.markers import Image
+from palpate_edge.vision.blob_detection import Image
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]  # blue, green, red

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.motion import found_means, means, rms
-from palpate_edge.tracking import Beads, Reference, distances
+from palpate_edge.vision.tracker import Beads, Reference, distances
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ from palpate_edge.correction import CorrectionModel
 from palpate_edge.displacement import DisplacementReader, Hidden
 from palpate_edge.drift import Drift, Skin
 from palpate_edge.geometry.sensor import View
-from palpate_edge.markers import Image, plane
 from palpate_edge.motion import MAX_ROUGHNESS, Motion, SkinMotion, faintness
 from palpate_edge.slip import SlipWatch
-from palpate_edge.tracking import Beads, Reference, Tracker
 from palpate_edge.virtual_points import VirtualPointMesh
+from palpate_edge.vision.blob_detection import Image, plane
+from palpate_edge.vision.tracker import Beads, Reference, Tracker
 
 Array = NDArray[np.float64]
 

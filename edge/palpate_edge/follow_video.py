@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from palpate_edge.capture.recorded import Recording
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.inspect import beads_without_layout, disk_likeness
-from palpate_edge.markers import Appearance, Image, plane
-from palpate_edge.refine import Refiner
-from palpate_edge.tracking import Reference, Tracker, spacing
+from palpate_edge.vision.blob_detection import Appearance, Image, plane
+from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.tracker import Reference, Tracker, spacing
+from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

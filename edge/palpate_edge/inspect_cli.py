@@ -41,8 +41,8 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
         if steps.corrected is not None:
             click.echo(f"  corrected: {contact_text(steps.corrected)}")
         return
-    from palpate_edge.inspect import beads_without_layout  # noqa: PLC0415
     from palpate_edge.pictures import draw_beads  # noqa: PLC0415
+    from palpate_edge.vision.unknown_layout import beads_without_layout  # noqa: PLC0415
 
     blobs, appearance, size_px = beads_without_layout(image, diameter)
     write_picture(output, draw_beads(image, blobs.position_px, size_px))

@@ -15,10 +15,10 @@ from palpate_edge.contact import RawContact, corrected_theta, raw_contact
 from palpate_edge.displacement import CanonicalField, DisplacementReader
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.geometry.sensor import View
-from palpate_edge.markers import Image, plane
 from palpate_edge.motion import SkinMotion
-from palpate_edge.tracking import Beads, Tracker
 from palpate_edge.virtual_points import VirtualPointMesh, VirtualPoints
+from palpate_edge.vision.blob_detection import Image, plane
+from palpate_edge.vision.tracker import Beads, Tracker
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.dataset import Press, PressDataset
-from palpate_edge.first_sight import FirstSight, first_sight
 from palpate_edge.geometry.sensor import View
 from palpate_edge.images import read_image
-from palpate_edge.markers import Image, plane, unlit_grey
 from palpate_edge.motion import MAX_ROUGHNESS, SkinMotion
-from palpate_edge.refine import Refined, Refiner
-from palpate_edge.skin_light import SkinLight, skin_slope
-from palpate_edge.tracking import Beads, Reference, Tracker, spacing
+from palpate_edge.vision.blob_detection import Image, plane, unlit_grey
+from palpate_edge.vision.registration import FirstSight, first_sight
+from palpate_edge.vision.shading import SkinLight, skin_slope
+from palpate_edge.vision.subpixel import Refined, Refiner
+from palpate_edge.vision.tracker import Beads, Reference, Tracker, spacing
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.tracking import Beads, Reference, distances
+from palpate_edge.vision.tracker import Beads, Reference, distances
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

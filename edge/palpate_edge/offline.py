@@ -16,8 +16,8 @@ from palpate_edge.dataset import is_dataset, read_dataset
 from palpate_edge.estimator import Estimator, Method
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 
 MAX_REFERENCE_SHIFT_PX = 1.5  # two sensors of one make differ by more, one sensor over its life by less
 

@@ -10,7 +10,7 @@ from palpate_edge.drawing import GREEN, RED, YELLOW, Panel, rainbow
 from palpate_edge.follow_video import Followed
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import View, bead_layout_mm
-from palpate_edge.markers import Image
+from palpate_edge.vision.blob_detection import Image
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from palpate_edge.contact import on_dome
 from palpate_edge.displacement import about_z, canonical_directions
 from palpate_edge.drawing import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
 from palpate_edge.inspect_steps import Steps, contact_text
-from palpate_edge.markers import Image
 from palpate_edge.virtual_points import ellipse_points
+from palpate_edge.vision.blob_detection import Image
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from palpate_edge.displacement import (
     tangent_basis,
 )
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-from palpate_edge.tracking import Beads
+from palpate_edge.vision.tracker import Beads
 
 RADIUS_MM = 26.5
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))

@@ -15,7 +15,7 @@ from palpate_edge.estimator import Estimator
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.images import read_image
 from palpate_edge.motion import SkinMotion
-from palpate_edge.tracking import Beads, Reference
+from palpate_edge.vision.tracker import Beads, Reference
 from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_host.twin.dome.library import load_library
 

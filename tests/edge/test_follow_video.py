@@ -13,8 +13,8 @@ from palpate_edge import follow_video as follow
 from palpate_edge.capture.recorded import open_recording
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.markers import Appearance
 from palpate_edge.pictures import draw_followed
+from palpate_edge.vision.blob_detection import Appearance
 
 FRAMES = 34
 STILL = 10  # frames until the skin is touched

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.growth import Growth
-from palpate_edge.tracking import distances, spacing
+from palpate_edge.vision.region_growing import Growth
+from palpate_edge.vision.tracker import distances, spacing
 
 SPACING_PX = 17.0
 

@@ -12,8 +12,8 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
-from palpate_edge.markers import plane
-from palpate_edge.tracking import Tracker
+from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.tracker import Tracker
 
 HIDDEN = 25  # of 85
 SEEDS = range(10)

@@ -18,10 +18,10 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.drawing import GREEN, RED, Panel, sheet
 from palpate_edge.geometry.sensor import View, bead_layout_mm
 from palpate_edge.images import read_image
-from palpate_edge.inspect import beads_without_layout, disk_likeness, widest_gap
 from palpate_edge.inspect_steps import take_steps
 from palpate_edge.pictures import draw_residuals
 from palpate_edge.step_pictures import draw_steps
+from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness, widest_gap
 
 
 def count_of(picture, colour, tolerance=25):

@@ -17,8 +17,8 @@ from palpate_edge.estimator import Estimator, Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.images import read_image
-from palpate_edge.inspect import beads_without_layout
 from palpate_edge.training.dome_model import load_dome_model
+from palpate_edge.vision.unknown_layout import beads_without_layout
 from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.dome.probe import Probe
 

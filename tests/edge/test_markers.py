@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.inspect import beads_without_layout
-from palpate_edge.markers import Appearance, find_blobs, plane, unlit_grey
-from palpate_edge.refine import Refiner
-from palpate_edge.skin_light import SkinLight, skin_slope
+from palpate_edge.vision.blob_detection import Appearance, find_blobs, plane, unlit_grey
+from palpate_edge.vision.shading import SkinLight, skin_slope
+from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.unknown_layout import beads_without_layout
 
 DARK = {"bead_bgr": (30, 30, 30), "skin_bgr": (150, 155, 165)}
 BRIGHT = {"bead_bgr": (235, 240, 240), "skin_bgr": (110, 105, 115)}

@@ -15,7 +15,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
 from palpate_edge.estimator import Estimator
 from palpate_edge.images import read_image
-from palpate_edge.inspect import beads_without_layout
+from palpate_edge.vision.unknown_layout import beads_without_layout
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from palpate_edge.markers import Appearance, plane
-from palpate_edge.tracking import NO_PARTNER, Reference, Tracker, assign, distances, spread
+from palpate_edge.vision.blob_detection import Appearance, plane
+from palpate_edge.vision.tracker import NO_PARTNER, Reference, Tracker, assign, distances, spread
 
 SPACING_PX = 22.0
 

@@ -18,9 +18,9 @@ from palpate_edge.evaluation import evaluate_dataset
 from palpate_edge.geometry.sensor import View
 from palpate_edge.images import read_image
 from palpate_edge.measured import measure
-from palpate_edge.tracking import Beads
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.training.samples import training_presses
+from palpate_edge.vision.tracker import Beads
 from palpate_host.twin.dome.library import load_library
 
 HIDDEN_SHARE = 0.3

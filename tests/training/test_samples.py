@@ -11,7 +11,6 @@ from palpate_edge.dataset import Press, read_dataset
 from palpate_edge.displacement import DisplacementReader, mirrored
 from palpate_edge.geometry.sensor import View
 from palpate_edge.measured import measure
-from palpate_edge.tracking import Beads
 from palpate_edge.training.samples import (
     MAX_HIDDEN,
     MOST_COPIES,
@@ -20,6 +19,7 @@ from palpate_edge.training.samples import (
     make_samples,
     training_presses,
 )
+from palpate_edge.vision.tracker import Beads
 
 PRESSES = ((0.5, 0.4, 1.5), (0.9, -2.0, 0.8), (0.2, 3.0, 2.0))  # theta_rad, phi_rad, depth_mm
 

@@ -11,9 +11,9 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.displacement import DisplacementReader, about_z
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.slip import SlipWatch
-from palpate_edge.tracking import Beads
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.training.kernel_ridge import fit
+from palpate_edge.vision.tracker import Beads
 from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_host.twin.dome.equilibrium import Dome
 from palpate_host.twin.dome.mesh import Resolution, dome_mesh

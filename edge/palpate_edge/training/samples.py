@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from palpate_edge.displacement import DisplacementReader, about_z, mirrored
 from palpate_edge.measured import Measured
 from palpate_edge.motion import SkinMotion, faintness
-from palpate_edge.tracking import Beads
+from palpate_edge.vision.tracker import Beads
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from palpate_edge.capture.v4l2.stream import RawFrame, Stream
 from palpate_edge.common.errors import CameraStalledError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.local_clock import LocalClock
-from palpate_edge.markers import Image
+from palpate_edge.vision.blob_detection import Image
 
 MEASURE_RATE_OVER_US = 1_000_000
 SEQUENCE_WRAP = 1 << 32

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from palpate_edge.displacement import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
-from palpate_edge.tracking import Beads
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples, TrainingPress, make_samples
+from palpate_edge.vision.tracker import Beads
 from palpate_host.twin.dome import field_grid
 from palpate_host.twin.dome.library import FieldLibrary
 from palpate_host.twin.dome.probe import Probe

@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Plane
-from palpate_edge.skin_light import SkinLight, skin_reach
-from palpate_edge.windows import CORE_PIXELS, SKIN_PIXELS, Windows
+from palpate_edge.vision.blob_detection import Plane
+from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Windows
+from palpate_edge.vision.shading import SkinLight, skin_reach
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.growth import Growth
-from palpate_edge.markers import Plane, find_blobs
-from palpate_edge.refine import Refiner
-from palpate_edge.skin_light import SkinLight
+from palpate_edge.vision.blob_detection import Plane, find_blobs
+from palpate_edge.vision.region_growing import Growth
+from palpate_edge.vision.shading import SkinLight
+from palpate_edge.vision.subpixel import Refiner
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

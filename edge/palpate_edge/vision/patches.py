@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Plane
+from palpate_edge.vision.blob_detection import Plane
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Appearance, Blobs, Image, Plane, find_blobs, plane
-from palpate_edge.refine import Refiner
-from palpate_edge.tracking import distances
+from palpate_edge.vision.blob_detection import Appearance, Blobs, Image, Plane, find_blobs, plane
+from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.tracker import distances
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

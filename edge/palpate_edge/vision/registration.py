@@ -11,10 +11,10 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
-from palpate_edge.inspect import clearness, with_alike
-from palpate_edge.markers import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
-from palpate_edge.refine import Refiner
-from palpate_edge.tracking import NO_PARTNER, assign, spacing
+from palpate_edge.vision.blob_detection import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.tracker import NO_PARTNER, assign, spacing
+from palpate_edge.vision.unknown_layout import clearness, with_alike
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.markers import Plane
+from palpate_edge.vision.blob_detection import Plane
 
 Array = NDArray[np.float64]
 
