@@ -22,7 +22,7 @@ from palpate_edge.calibrate import calibrate
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.dataset import PressDataset, read_dataset
-from palpate_edge.estimator import Method
+from palpate_edge.estimation.estimator import Method
 from palpate_edge.evaluation import evaluate_dataset
 from palpate_edge.training.dome_model import SHIPPED, load_dome_model
 

@@ -26,7 +26,6 @@ import msgspec
 import numpy as np
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import save_calibration
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import WRAP_US
@@ -34,6 +33,7 @@ from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.config import CaptureConfig, EstimatorConfig, FingertipConfig, NodeConfig
 from palpate_edge.daemon import run
 from palpate_edge.dataset import read_dataset
+from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.health import HealthReport
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import Inject

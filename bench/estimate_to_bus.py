@@ -27,7 +27,7 @@ from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method

@@ -19,8 +19,8 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import Calibration, save_calibration
 from palpate_edge.dataset import read_dataset
+from palpate_edge.estimation.calibration_file import Calibration, save_calibration
 from palpate_edge.training.dome_model import load_dome_model
 
 Array = NDArray[np.float64]

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration import Bead, Calibration, Source
-from palpate_edge.contact import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.dataset import PressDataset
-from palpate_edge.displacement import DisplacementReader
+from palpate_edge.estimation.calibration_file import Bead, Calibration, Source
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
+from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.measured import Measured, measure
 from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.virtual_points import VirtualPointMesh
 from palpate_edge.vision.tracker import Reference
 
 Array = NDArray[np.float64]

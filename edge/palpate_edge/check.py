@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from palpate_edge.calibration import Calibration, load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import IlluminationError, PalpateError
 from palpate_edge.config import FingertipConfig
-from palpate_edge.estimator import MIN_BEADS_SHARE, Estimator, best_method
+from palpate_edge.estimation.calibration_file import Calibration, load_calibration
+from palpate_edge.estimation.estimator import MIN_BEADS_SHARE, Estimator, best_method
 from palpate_edge.health import (
     BeadHealth,
     BusHealth,

@@ -18,8 +18,8 @@ from palpate_edge.inspect_cli import follow, inspect
 from palpate_edge.service_cli import check, identify, record
 
 if TYPE_CHECKING:
-    from palpate_edge.calibration import Calibration
-    from palpate_edge.estimator import Method
+    from palpate_edge.estimation.calibration_file import Calibration
+    from palpate_edge.estimation.estimator import Method
 
 INPUT = click.Path(path_type=Path)
 METHOD = click.option(
@@ -71,8 +71,8 @@ def calibrate(
     train split of its presses, if it has any, the paper's correction function and stiffness and the
     correction model. Without presses the correction model is the dome model alone, and gives no force."""
     from palpate_edge.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
-    from palpate_edge.calibration import save_calibration  # noqa: PLC0415
     from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.estimation.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
@@ -147,8 +147,8 @@ def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) 
     Positions are in mm and forces in N in the fingertip frame F. Empty fields are unknown; a refused frame
     has quality 0 and a reason. With 95 % probability a contact is within radius95_mm of its position.
     """
-    from palpate_edge.calibration import load_calibration  # noqa: PLC0415
     from palpate_edge.contact_csv import write_contacts  # noqa: PLC0415
+    from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.offline import estimate_recording  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
@@ -170,7 +170,7 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     Printed by the regions of the paper's Fig. 8b (1 = 15-30 deg above the base plane, 5 = 75-90), by thirds
     of the largest force, and over all.
     """
-    from palpate_edge.calibration import load_calibration  # noqa: PLC0415
+    from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
     from palpate_edge.evaluation_table import as_table  # noqa: PLC0415
 
@@ -201,7 +201,7 @@ cli.add_command(identify)
 
 def method_of(name: str) -> Method | None:
     """The --method option's value; None lets the calibration decide."""
-    from palpate_edge.estimator import Method  # noqa: PLC0415
+    from palpate_edge.estimation.estimator import Method  # noqa: PLC0415
 
     return None if name == "best" else Method(name)
 

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import cv2
 
-from palpate_edge.calibration import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.can_bus.simulated_clock import clock_of
@@ -26,7 +25,8 @@ from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.config import FingertipConfig
-from palpate_edge.estimator import Estimator, Method
+from palpate_edge.estimation.calibration_file import load_calibration
+from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.health import HealthFile, health_path
 from palpate_edge.health_report import health_report

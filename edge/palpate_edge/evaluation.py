@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration import Calibration, check_sensor
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.dataset import Press, read_dataset
-from palpate_edge.estimator import Estimator, Method
+from palpate_edge.estimation.calibration_file import Calibration, check_sensor
+from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.images import read_image
 
 Array = NDArray[np.float64]

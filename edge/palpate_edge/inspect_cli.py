@@ -31,7 +31,7 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
         raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
     image = read_image(frame)
     if calibration_path is not None:
-        from palpate_edge.calibration import load_calibration  # noqa: PLC0415
+        from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
         from palpate_edge.inspect_steps import contact_text, take_steps  # noqa: PLC0415
         from palpate_edge.step_pictures import draw_steps  # noqa: PLC0415
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration import Calibration
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
-from palpate_edge.contact import RawContact, corrected_theta, raw_contact
-from palpate_edge.displacement import CanonicalField, DisplacementReader
-from palpate_edge.estimator import Estimator, Method
+from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader
+from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.paper_method import RawContact, corrected_theta, raw_contact
+from palpate_edge.estimation.skin_motion import SkinMotion
+from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-from palpate_edge.motion import SkinMotion
-from palpate_edge.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.vision.blob_detection import Image, plane
 from palpate_edge.vision.tracker import Beads, Tracker
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration import Calibration
 from palpate_edge.drawing import GREEN, RED, YELLOW, Panel, rainbow
+from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.follow_video import Followed
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import View, bead_layout_mm

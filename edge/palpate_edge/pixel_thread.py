@@ -12,7 +12,7 @@ from palpate_edge.capture.source import Source
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator
 
 Outcome = Contact | CaptureError
 """What a frame gave, or why there is none for now."""

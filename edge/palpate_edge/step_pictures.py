@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.contact import Contact
-from palpate_edge.contact import on_dome
-from palpate_edge.displacement import about_z, canonical_directions
 from palpate_edge.drawing import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
+from palpate_edge.estimation.displacement_field import about_z, canonical_directions
+from palpate_edge.estimation.paper_method import on_dome
+from palpate_edge.estimation.virtual_points import ellipse_points
 from palpate_edge.inspect_steps import Steps, contact_text
-from palpate_edge.virtual_points import ellipse_points
 from palpate_edge.vision.blob_detection import Image
 
 Array = NDArray[np.float64]

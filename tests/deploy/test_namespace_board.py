@@ -23,9 +23,9 @@ from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
 from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import save_calibration
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.dataset import read_dataset
+from palpate_edge.estimation.calibration_file import save_calibration
 
 pytestmark = pytest.mark.deploy_namespace
 
@@ -248,7 +248,10 @@ def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     """It runs and is watched; its own check tells that every frame is refused."""
     before = serving(board)
     blind = another_release(
-        "blind", "edge/palpate_edge/estimator.py", "MIN_BEADS_SHARE = 0.", "MIN_BEADS_SHARE = 1 + 0."
+        "blind",
+        "edge/palpate_edge/estimation/estimator.py",
+        "MIN_BEADS_SHARE = 0.",
+        "MIN_BEADS_SHARE = 1 + 0.",
     )
     played = play(board, "update", release_wheelhouse=str(blind), release_patience_s=8)
     assert played.status != 0

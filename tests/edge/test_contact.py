@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.contact import (
+from palpate_edge.estimation.paper_method import (
     MAX_THETA_RAD,
     MIN_AREA_STEP,
     PaperModel,
@@ -19,8 +19,8 @@ from palpate_edge.contact import (
     on_dome,
     raw_contact,
 )
+from palpate_edge.estimation.virtual_points import VirtualPoints
 from palpate_edge.geometry.sensor import Camera, View
-from palpate_edge.virtual_points import VirtualPoints
 
 VIEW = View(Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0)))
 BEADS_RADIUS_MM = 26.5

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import load_calibration, save_calibration
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator, Method, best_method
+from palpate_edge.estimation.calibration_file import load_calibration, save_calibration
+from palpate_edge.estimation.estimator import Estimator, Method, best_method
 from palpate_edge.images import read_image
 from palpate_edge.training.dome_model import load_dome_model
 

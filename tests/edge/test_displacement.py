@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.special import kv
 
-from palpate_edge.displacement import (
+from palpate_edge.estimation.displacement_field import (
     BEAD_NOISE,
     CANONICAL_RINGS,
     DisplacementReader,

@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.images import read_image
 
 FRAMES, WARM_UP = 100_000, 5_000

@@ -11,7 +11,7 @@ from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.dataset import Press
-from palpate_edge.estimator import Method
+from palpate_edge.estimation.estimator import Method
 from palpate_edge.evaluation import (
     PAPER_ERRORS_MM,
     _Answer,

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.calibration import save_calibration
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.drawing import GREEN, RED, Panel, sheet
+from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.geometry.sensor import View, bead_layout_mm
 from palpate_edge.images import read_image
 from palpate_edge.inspect_steps import take_steps

@@ -13,7 +13,7 @@ from palpate_edge.calibrate import calibrate
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.images import read_image

@@ -13,7 +13,7 @@ from palpate_edge.calibrate import calibrate
 from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.images import read_image
 from palpate_edge.vision.unknown_layout import beads_without_layout
 

@@ -9,9 +9,9 @@ import numpy as np
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.images import read_image
-from palpate_edge.slip import SlipWatch
 
 FRAME_US = 33_333
 

@@ -40,8 +40,8 @@ def estimate_frames() -> list[Contact]:
     from palpate_edge.calibrate import calibrate
     from palpate_edge.capture.recorded import all_frames, open_recording
     from palpate_edge.dataset import read_dataset
-    from palpate_edge.estimator import Estimator
-    from palpate_edge.estimator import Method as Estimation
+    from palpate_edge.estimation.estimator import Estimator
+    from palpate_edge.estimation.estimator import Method as Estimation
 
     calibration = calibrate(read_dataset(RECORDING / "press"))
     recording = open_recording(RECORDING / "finger-2", grey=calibration.appearance.channel == "grey")

@@ -10,10 +10,10 @@ import pytest
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.common.frame import Frame
-from palpate_edge.correction import CorrectionModel
 from palpate_edge.dataset import read_dataset
-from palpate_edge.displacement import DisplacementReader
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.correction_model import CorrectionModel
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.evaluation import evaluate_dataset
 from palpate_edge.geometry.sensor import View
 from palpate_edge.images import read_image

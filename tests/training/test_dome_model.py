@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.displacement import canonical_directions
+from palpate_edge.estimation.displacement_field import canonical_directions
 from palpate_edge.training.dome_model import NAMES, SHIPPED, DomeModel, load_dome_model, save_dome_model
 
 WIDTH = 2 * len(canonical_directions())

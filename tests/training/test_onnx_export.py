@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.correction import CorrectionModel
-from palpate_edge.displacement import CanonicalField
+from palpate_edge.estimation.correction_model import CorrectionModel
+from palpate_edge.estimation.displacement_field import CanonicalField
 from palpate_edge.training import onnx_export
 from palpate_edge.training.kernel_ridge import fit
 from palpate_edge.training.onnx_export import export

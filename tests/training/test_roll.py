@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.dataset import read_dataset
-from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
 from palpate_edge.measured import measure
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.training.roll import camera_roll, turned

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.dataset import Press, read_dataset
-from palpate_edge.displacement import DisplacementReader, mirrored
+from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.geometry.sensor import View
 from palpate_edge.measured import measure
 from palpate_edge.training.samples import (

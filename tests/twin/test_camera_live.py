@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.calibration import save_calibration
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture import shared_memory
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.dataset import read_dataset
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.calibration_file import save_calibration
+from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.simulate_cli import simulate
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.contact import Contact
-from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
+from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
-from palpate_edge.slip import SlipWatch
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.training.kernel_ridge import fit
 from palpate_edge.vision.tracker import Beads

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import CalibrationError
+from palpate_edge.estimation.virtual_points import delaunay
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-from palpate_edge.virtual_points import delaunay
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

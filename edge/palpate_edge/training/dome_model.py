@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.displacement import canonical_directions
+from palpate_edge.estimation.displacement_field import canonical_directions
 
 Array = NDArray[np.float64]
 

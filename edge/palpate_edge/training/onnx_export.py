@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.correction import SENSOR_KEY, CorrectionModel
-from palpate_edge.displacement import CanonicalField
-from palpate_edge.estimator import MAX_MISFIT
+from palpate_edge.estimation.correction_model import SENSOR_KEY, CorrectionModel
+from palpate_edge.estimation.displacement_field import CanonicalField
+from palpate_edge.estimation.estimator import MAX_MISFIT
 from palpate_edge.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
 from palpate_edge.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
 from palpate_edge.training.kernel_ridge import SIZE_WEIGHT, Regression

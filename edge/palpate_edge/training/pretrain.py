@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.dataset import read_dataset
-from palpate_edge.displacement import DisplacementReader
+from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.measured import measure
 from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.training.samples import Samples, make_samples, training_presses

@@ -16,7 +16,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from palpate_edge.displacement import DisplacementReader, about_z
+from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
 from palpate_edge.geometry.sensor import Sensor, View
 from palpate_edge.measured import Measured
 from palpate_edge.training.dome_model import DomeModel

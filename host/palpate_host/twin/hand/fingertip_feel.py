@@ -8,11 +8,11 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate_edge.calibration import Calibration
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
-from palpate_edge.displacement import tangent_basis
-from palpate_edge.estimator import Estimator
+from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.displacement_field import tangent_basis
+from palpate_edge.estimation.estimator import Estimator
 from palpate_host.hand import Hand
 from palpate_host.rotation import Array
 from palpate_host.twin.camera.deformation import ProbePress

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.displacement import CanonicalField
+from palpate_edge.estimation.displacement_field import CanonicalField
 
 Array = NDArray[np.float64]
 

@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration import Calibration
 from palpate_edge.common.contact import Contact, Vector3, refused_contact
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
-from palpate_edge.contact import corrected_theta, normal_force, on_dome, raw_contact
-from palpate_edge.correction import CorrectionModel
-from palpate_edge.displacement import DisplacementReader, Hidden
-from palpate_edge.drift import Drift, Skin
+from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.correction_model import CorrectionModel
+from palpate_edge.estimation.displacement_field import DisplacementReader, Hidden
+from palpate_edge.estimation.drift import Drift, Skin
+from palpate_edge.estimation.paper_method import corrected_theta, normal_force, on_dome, raw_contact
+from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, Motion, SkinMotion, faintness
+from palpate_edge.estimation.slip import SlipWatch
+from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import View
-from palpate_edge.motion import MAX_ROUGHNESS, Motion, SkinMotion, faintness
-from palpate_edge.slip import SlipWatch
-from palpate_edge.virtual_points import VirtualPointMesh
 from palpate_edge.vision.blob_detection import Image, plane
 from palpate_edge.vision.tracker import Beads, Reference, Tracker
 

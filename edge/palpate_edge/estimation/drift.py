@@ -24,7 +24,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.motion import found_means, means, rms
+from palpate_edge.estimation.skin_motion import found_means, means, rms
 from palpate_edge.vision.tracker import Beads, Reference, distances
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.contact import PaperModel
+from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.vision.blob_detection import Appearance, unlit_grey
 from palpate_edge.vision.shading import SkinLight

@@ -19,8 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-from palpate_edge.virtual_points import VirtualPointMesh, VirtualPoints
 
 Array = NDArray[np.float64]
 
