@@ -21,7 +21,7 @@ from bench.accuracy_report import Section, paragraph
 from palpate_edge.calibrate import calibrate
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.dataset import PressDataset, read_dataset
+from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.estimation.estimator import Method
 from palpate_edge.evaluation import evaluate_dataset
 from palpate_edge.training.dome_model import SHIPPED, load_dome_model

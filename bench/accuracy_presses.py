@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bench.accuracy_report import Section, coverage_shortcoming, number, paragraph, table
 from palpate_edge.calibrate import calibrate
-from palpate_edge.dataset import PressDataset
+from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.estimation.estimator import Method
 from palpate_edge.evaluation import Band, evaluate_dataset

@@ -30,7 +30,7 @@ import sys
 from pathlib import Path
 import palpate_edge.daemon
 from palpate_edge.estimation.calibration_file import load_calibration
-from palpate_edge.capture.recorded import all_frames, open_recording
+from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.estimator import Estimator
 
 estimator = Estimator(load_calibration(Path(sys.argv[1])))

@@ -19,7 +19,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, save_calibration
 from palpate_edge.training.dome_model import load_dome_model
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.dataset import PressDataset
+from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Bead, Calibration, Source
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact

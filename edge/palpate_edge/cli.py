@@ -71,7 +71,7 @@ def calibrate(
     train split of its presses, if it has any, the paper's correction function and stiffness and the
     correction model. Without presses the correction model is the dome model alone, and gives no force."""
     from palpate_edge.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
-    from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
     from palpate_edge.estimation.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
 
@@ -111,9 +111,9 @@ def calibrate(
 
 
 def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
-    from palpate_edge.dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.datasets.images import read_image  # noqa: PLC0415
+    from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
     from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.images import read_image  # noqa: PLC0415
     from palpate_edge.pictures import draw_residuals  # noqa: PLC0415
 
     write_picture(picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration))

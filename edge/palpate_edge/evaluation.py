@@ -16,10 +16,10 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.stopwatch import Stopwatch
-from palpate_edge.dataset import Press, read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, check_sensor
 from palpate_edge.estimation.estimator import Estimator, Method
-from palpate_edge.images import read_image
 
 Array = NDArray[np.float64]
 

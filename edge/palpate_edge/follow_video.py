@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.capture.recorded import Recording
 from palpate_edge.common.errors import DatasetError
+from palpate_edge.datasets.recording import Recording
 from palpate_edge.vision.blob_detection import Appearance, Image, plane
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import Reference, Tracker, spacing

@@ -24,8 +24,8 @@ DIAMETER = click.option(
 def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: float | None) -> None:
     """Find the beads in one image without knowing anything of the sensor, and draw them; with a calibration,
     draw a picture for each step of the paper's and of the corrected method."""
+    from palpate_edge.datasets.images import read_image  # noqa: PLC0415
     from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.images import read_image  # noqa: PLC0415
 
     if calibration_path is not None and diameter is not None:
         raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
@@ -57,7 +57,7 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
 def follow(video: Path, output: Path, diameter: float | None) -> None:
     """Follow the markers of VIDEO (or of a folder of frames) to its end and back, without knowing anything
     of the sensor: a marker that does not come back to where it began has changed its label."""
-    from palpate_edge.capture.recorded import open_recording  # noqa: PLC0415
+    from palpate_edge.datasets.recording import open_recording  # noqa: PLC0415
     from palpate_edge.drawing import write_picture  # noqa: PLC0415
     from palpate_edge.follow_video import HOME_PX, follow_video  # noqa: PLC0415
     from palpate_edge.pictures import draw_followed  # noqa: PLC0415

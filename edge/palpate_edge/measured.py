@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.dataset import Press, PressDataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.sensor import View
-from palpate_edge.images import read_image
 from palpate_edge.vision.blob_detection import Image, plane, unlit_grey
 from palpate_edge.vision.registration import FirstSight, first_sight
 from palpate_edge.vision.shading import SkinLight, skin_slope

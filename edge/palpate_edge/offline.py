@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
-from palpate_edge.dataset import is_dataset, read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import is_dataset, read_dataset
+from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.calibration_file import Calibration, check_sensor
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.images import read_image
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate_edge.capture.recorded import RealTimeSource, open_recording
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.capture.source import ReopeningSource, Source
 from palpate_edge.capture.v4l2.controls import FixedExposure
@@ -14,6 +13,7 @@ from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.config import CaptureConfig, FingertipConfig
+from palpate_edge.datasets.recording import RealTimeSource, open_recording
 from palpate_edge.estimation.calibration_file import Calibration, check_sensor
 from palpate_edge.geometry.sensor import read_sensor
 from palpate_edge.offline import check_recording

@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
 from palpate_edge.config import RecordConfig
-from palpate_edge.record import Recorder, RingLimits
+from palpate_edge.datasets.recorder import Recorder, RingLimits
 
 
 class RecordOnDemand:

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.dataset import COLUMNS, Press, read_dataset, read_truth
+from palpate_edge.datasets.press_dataset import COLUMNS, Press, read_dataset, read_truth
 from palpate_edge.geometry.sensor import read_sensor
 
 FILES = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

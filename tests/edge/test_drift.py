@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.frame import Frame
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.drift import MAX_TOTAL_PX, Drift, Skin
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
-from palpate_edge.images import read_image
 from palpate_edge.vision.tracker import Beads, Reference
 from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_host.twin.dome.library import load_library

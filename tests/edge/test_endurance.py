@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from palpate_edge.common.frame import Frame
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.images import read_image
 
 FRAMES, WARM_UP = 100_000, 5_000
 MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more

@@ -10,7 +10,7 @@ import pytest
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.common.stopwatch import Stopwatch
-from palpate_edge.dataset import Press
+from palpate_edge.datasets.press_dataset import Press
 from palpate_edge.estimation.estimator import Method
 from palpate_edge.evaluation import (
     PAPER_ERRORS_MM,

@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge import follow_video as follow
-from palpate_edge.capture.recorded import open_recording
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
+from palpate_edge.datasets.recording import open_recording
 from palpate_edge.pictures import draw_followed
 from palpate_edge.vision.blob_detection import Appearance
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.frame import Frame
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.images import read_image
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.images import list_images, read_image
+from palpate_edge.datasets.images import list_images, read_image
 
 FILES = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
+from palpate_edge.datasets.images import read_image
 from palpate_edge.drawing import GREEN, RED, Panel, sheet
 from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.geometry.sensor import View, bead_layout_mm
-from palpate_edge.images import read_image
 from palpate_edge.inspect_steps import take_steps
 from palpate_edge.pictures import draw_residuals
 from palpate_edge.step_pictures import draw_steps

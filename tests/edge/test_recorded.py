@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.capture.recorded import RealTimeSource, all_frames, open_recording
 from palpate_edge.common.errors import CaptureError, DatasetError
+from palpate_edge.datasets.recording import RealTimeSource, all_frames, open_recording
 
 PERIOD_US = 40_000  # 25 frames a second
 START_US = 5_000_000

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.common.frame import Frame
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import read_dataset
+from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.images import read_image
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 

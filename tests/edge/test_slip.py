@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.frame import Frame
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.estimation.slip import SlipWatch
-from palpate_edge.images import read_image
 
 FRAME_US = 33_333
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibrate import calibrate
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
 from palpate_edge.measured import measure
 from palpate_edge.training.dome_model import load_dome_model

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate_edge.dataset import Press, read_dataset
+from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.geometry.sensor import View
 from palpate_edge.measured import measure

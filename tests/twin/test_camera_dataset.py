@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.common.errors import ConfigError, DatasetError
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.geometry.sensor import View
 from palpate_host.twin.camera.choose_sensor import choose_sensor
 from palpate_host.twin.camera.look import TWIN_FILE, load_twin

@@ -20,7 +20,7 @@ from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture import shared_memory
 from palpate_edge.capture.shared_memory import SharedMemorySource
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.training.dome_model import load_dome_model

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.measured import measure
 from palpate_edge.training.dome_model import DomeModel

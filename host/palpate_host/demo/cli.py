@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.live import Live
 
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.demo import orchestrator
 from palpate_host.demo.analysis import analyse, summary_lines, write_summary
 from palpate_host.demo.film import make_film

@@ -12,7 +12,7 @@ import rerun as rr
 from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import unix_ahead_us
-from palpate_edge.record import INDEX
+from palpate_edge.datasets.recorder import INDEX
 
 JPEG_QUALITY = 80
 

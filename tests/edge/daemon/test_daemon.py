@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 
-from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.common.signals import IDENTIFY
+from palpate_edge.datasets.recording import all_frames, open_recording
 
 EMCY, TPDO_2 = 0x090, 0x290
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.capture.recorded import all_frames, open_recording
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.record import FrameRing, Recorder, RingLimits
+from palpate_edge.datasets.recorder import FrameRing, Recorder, RingLimits
+from palpate_edge.datasets.recording import all_frames, open_recording
 
 LARGE = RingLimits(bytes=10**9, seconds=1000.0)
 PERIOD_US = 20_000  # 50 frames/s

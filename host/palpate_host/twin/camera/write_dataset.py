@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.dataset import COLUMNS
+from palpate_edge.datasets.press_dataset import COLUMNS
 from palpate_edge.geometry.sensor import Sensor
 from palpate_host.twin.camera.deformation import ProbePress
 from palpate_host.twin.camera.look import TWIN_FILE, save_twin

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate_edge.calibrate import calibrate
 from palpate_edge.common.errors import CalibrationError, ConfigError
-from palpate_edge.dataset import read_dataset
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, load_calibration, save_calibration
 from palpate_edge.training.dome_model import load_dome_model
 from palpate_host.twin.camera import layouts
