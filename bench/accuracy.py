@@ -18,13 +18,13 @@ from bench import accuracy_regions as regions
 from bench import accuracy_sequences as sequences
 from bench import accuracy_stress as stress
 from bench.accuracy_report import Section, paragraph
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.evaluation import evaluate_dataset
+from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.estimation.estimator import Method
-from palpate_edge.evaluation import evaluate_dataset
-from palpate_edge.training.dome_model import SHIPPED, load_dome_model
 
 FINGERS = ("finger-1", "finger-2", "finger-3")
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from bench.accuracy_report import Section, number, paragraph, table
 from bench.accuracy_stress import HARMS, Harm
+from palpate_edge.calibration.measurement import measure as look
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
-from palpate_edge.measured import measure as look
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_host.twin.camera.random_sensor import with_tolerances

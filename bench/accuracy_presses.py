@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bench.accuracy_report import Section, coverage_shortcoming, number, paragraph, table
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.evaluation import Band, evaluate_dataset
+from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.estimation.estimator import Method
-from palpate_edge.evaluation import Band, evaluate_dataset
-from palpate_edge.training.dome_model import DomeModel
 
 COUNTS = (0, 5, 10, 20, 50, 100)
 SUBSETS = 3

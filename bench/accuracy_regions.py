@@ -14,7 +14,7 @@ from bench.accuracy_report import (
     table,
     wrong_flags,
 )
-from palpate_edge.evaluation import PAPER_ERRORS_MM, Band, Figures
+from palpate_edge.calibration.evaluation import PAPER_ERRORS_MM, Band, Figures
 
 COMMAND = "`palpate-edge evaluate press-sample --calibration sample.cal --method {corrected,paper}`"
 REGION_HEAD = ("region", "presses", "Table 1", "paper's method", "corrected", "median", "p95", "max")

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate_edge.evaluation import Figures
+from palpate_edge.calibration.evaluation import Figures
 
 PAGE_WIDTH = 110
 COVERAGE_GOAL_PERCENT = (93.0, 97.0)

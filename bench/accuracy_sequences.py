@@ -14,7 +14,7 @@ from bench.accuracy_report import (
     table,
     wrong_flags,
 )
-from palpate_edge.evaluation import Figures
+from palpate_edge.calibration.evaluation import Figures
 
 COMMAND = "`palpate-edge evaluate press-sequences/finger-1 --calibration sample.cal`"
 FAR_MM = 2.0

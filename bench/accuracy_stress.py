@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.accuracy_report import Section, number, paragraph, refused, table, wrong_flags
+from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Calibration
-from palpate_edge.evaluation import Figures, evaluate_dataset
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 

@@ -14,14 +14,14 @@ import cv2
 import numpy as np
 
 from bench.accuracy_report import number, paragraph, refused, table, wrong_flags
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
+from palpate_edge.calibration.measurement import Measured, measure
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
-from palpate_edge.evaluation import Figures, evaluate_dataset
-from palpate_edge.measured import Measured, measure
-from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_host.twin.camera.layouts import NAMES

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, save_calibration
-from palpate_edge.training.dome_model import load_dome_model
 
 Array = NDArray[np.float64]
 

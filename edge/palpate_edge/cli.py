@@ -70,10 +70,10 @@ def calibrate(
     """Make a calibration from a press DATASET: the layout and the camera from its reference frames; from the
     train split of its presses, if it has any, the paper's correction function and stiffness and the
     correction model. Without presses the correction model is the dome model alone, and gives no force."""
-    from palpate_edge.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
+    from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
+    from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
     from palpate_edge.estimation.calibration_file import save_calibration  # noqa: PLC0415
-    from palpate_edge.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
     with progress_bar("calibrating") as progress:
@@ -127,8 +127,8 @@ def train(datasets: tuple[Path, ...], output: Path) -> None:
 
     A sensor of the same make then needs few presses of its own.
     """
-    from palpate_edge.training.dome_model import save_dome_model  # noqa: PLC0415
-    from palpate_edge.training.pretrain import pretrain  # noqa: PLC0415
+    from palpate_edge.calibration.training.dome_model import save_dome_model  # noqa: PLC0415
+    from palpate_edge.calibration.training.pretrain import pretrain  # noqa: PLC0415
 
     with progress_bar("training") as progress:
         dome = pretrain(datasets, progress)
@@ -170,9 +170,9 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     Printed by the regions of the paper's Fig. 8b (1 = 15-30 deg above the base plane, 5 = 75-90), by thirds
     of the largest force, and over all.
     """
+    from palpate_edge.calibration.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
+    from palpate_edge.calibration.evaluation_report import as_table  # noqa: PLC0415
     from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
-    from palpate_edge.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
-    from palpate_edge.evaluation_table import as_table  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
     with progress_bar("evaluating") as progress:

@@ -22,7 +22,7 @@ from deploy_rig.image import PROJECT, changed_sources, wheelhouse
 from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import save_calibration

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.measured import force_that_moves
+from palpate_edge.calibration.measurement import force_that_moves
 
 
 def test_it_is_the_force_at_which_the_stiffest_place_moves_so_far():

@@ -7,19 +7,19 @@ import math
 
 import pytest
 
-from palpate_edge.common.contact import Contact, refused_contact
-from palpate_edge.common.errors import CalibrationError, DatasetError
-from palpate_edge.common.stopwatch import Stopwatch
-from palpate_edge.datasets.press_dataset import Press
-from palpate_edge.estimation.estimator import Method
-from palpate_edge.evaluation import (
+from palpate_edge.calibration.evaluation import (
     PAPER_ERRORS_MM,
     _Answer,
     _figures,
     evaluate_dataset,
     write_json,
 )
-from palpate_edge.evaluation_table import as_table
+from palpate_edge.calibration.evaluation_report import as_table
+from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.errors import CalibrationError, DatasetError
+from palpate_edge.common.stopwatch import Stopwatch
+from palpate_edge.datasets.press_dataset import Press
+from palpate_edge.estimation.estimator import Method
 
 
 def above_base(angle_deg, turned_deg=0.0):

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
@@ -17,7 +18,6 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
-from palpate_edge.training.dome_model import load_dome_model
 from palpate_edge.vision.unknown_layout import beads_without_layout
 from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.dome.probe import Probe

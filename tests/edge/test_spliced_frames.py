@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.evaluation import evaluate_dataset
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.evaluation import evaluate_dataset
-from palpate_edge.training.dome_model import load_dome_model
 
 OWN_PRESSES = (0, 180)
 

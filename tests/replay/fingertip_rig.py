@@ -37,7 +37,7 @@ BUS_OFF_US = {"bus-off": (1_500_000, 2_100_000)}
 
 def estimate_frames() -> list[Contact]:
     """Contacts of the recorded frames, as `palpate-edge run` would estimate them."""
-    from palpate_edge.calibrate import calibrate
+    from palpate_edge.calibration.calibrate import calibrate
     from palpate_edge.datasets.press_dataset import read_dataset
     from palpate_edge.datasets.recording import all_frames, open_recording
     from palpate_edge.estimation.estimator import Estimator

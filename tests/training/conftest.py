@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate_edge.training.samples import Samples
+from palpate_edge.calibration.training.samples import Samples
 
 Array = NDArray[np.float64]
 

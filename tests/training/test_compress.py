@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
-from palpate_edge.training.compress import compressed, pivoted_cholesky
-from palpate_edge.training.kernel_ridge import gauss
+from palpate_edge.calibration.training.compress import compressed, pivoted_cholesky
+from palpate_edge.calibration.training.kernel_ridge import gauss
 
 
 def points(count=120, seed=3):

@@ -10,9 +10,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.calibration.training.dome_model import (
+    NAMES,
+    SHIPPED,
+    DomeModel,
+    load_dome_model,
+    save_dome_model,
+)
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import canonical_directions
-from palpate_edge.training.dome_model import NAMES, SHIPPED, DomeModel, load_dome_model, save_dome_model
 
 WIDTH = 2 * len(canonical_directions())
 ONE_FILE_A_TEST = settings(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.kernel_ridge import FEWEST_PRESSES, SIZE_WEIGHT, fit, gauss
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES, SIZE_WEIGHT, fit, gauss
 
 RADIUS_MM = 30.0
 

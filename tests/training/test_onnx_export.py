@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from palpate_edge.calibration.training import onnx_export
+from palpate_edge.calibration.training.kernel_ridge import fit
+from palpate_edge.calibration.training.onnx_export import export
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.correction_model import CorrectionModel
 from palpate_edge.estimation.displacement_field import CanonicalField
-from palpate_edge.training import onnx_export
-from palpate_edge.training.kernel_ridge import fit
-from palpate_edge.training.onnx_export import export
 
 SENSOR = "0123456789abcdef"
 OTHER_SENSOR = "fedcba9876543210"

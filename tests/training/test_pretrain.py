@@ -8,9 +8,9 @@ import shutil
 import numpy as np
 import pytest
 
+from palpate_edge.calibration.training.pretrain import pretrain
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import COLUMNS, read_dataset
-from palpate_edge.training.pretrain import pretrain
 
 LENGTHS = ("outer_radius_mm", "wall_mm", "radius_mm", "diameter_mm")
 

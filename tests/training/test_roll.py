@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.measurement import measure
+from palpate_edge.calibration.training.dome_model import load_dome_model
+from palpate_edge.calibration.training.roll import camera_roll, turned
+from palpate_edge.calibration.training.samples import training_presses
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
-from palpate_edge.measured import measure
-from palpate_edge.training.dome_model import load_dome_model
-from palpate_edge.training.roll import camera_roll, turned
-from palpate_edge.training.samples import training_presses
 
 ROLL_RAD = 0.03
 PRESSES = 30

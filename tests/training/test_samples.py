@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate_edge.datasets.press_dataset import Press, read_dataset
-from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
-from palpate_edge.geometry.sensor import View
-from palpate_edge.measured import measure
-from palpate_edge.training.samples import (
+from palpate_edge.calibration.measurement import measure
+from palpate_edge.calibration.training.samples import (
     MAX_HIDDEN,
     MOST_COPIES,
     MOST_SAMPLES,
@@ -19,6 +16,9 @@ from palpate_edge.training.samples import (
     make_samples,
     training_presses,
 )
+from palpate_edge.datasets.press_dataset import Press, read_dataset
+from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
+from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.tracker import Beads
 
 PRESSES = ((0.5, 0.4, 1.5), (0.9, -2.0, 0.8), (0.2, 3.0, 2.0))  # theta_rad, phi_rad, depth_mm

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.kernel_ridge import fit
+from palpate_edge.calibration.training.spread import STRANGER_DEG, fit_spread, left_out_residuals, strangeness
 from palpate_edge.estimation.skin_motion import faintness
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.kernel_ridge import fit
-from palpate_edge.training.spread import STRANGER_DEG, fit_spread, left_out_residuals, strangeness
 
 RADIUS_MM = 30.0
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from palpate_edge.calibrate import calibrate
+from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.common.errors import ConfigError, DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.geometry.sensor import View

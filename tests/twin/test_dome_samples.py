@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate_edge.calibration.training.dome_model import load_dome_model, save_dome_model
+from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.estimation.displacement_field import canonical_directions
-from palpate_edge.training.dome_model import load_dome_model, save_dome_model
-from palpate_edge.training.kernel_ridge import fit
 from palpate_host.twin.dome import dome_samples as maker
 from palpate_host.twin.dome.library import load_library
 

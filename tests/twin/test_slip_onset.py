@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from palpate_edge.calibration.training.dome_model import load_dome_model
+from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.common.contact import Contact
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
 from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
-from palpate_edge.training.dome_model import load_dome_model
-from palpate_edge.training.kernel_ridge import fit
 from palpate_edge.vision.tracker import Beads
 from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_host.twin.dome.equilibrium import Dome

@@ -169,7 +169,7 @@ def model(seed: int, out: Path | None) -> None:
     """Makes the dome model that calibrations start from, out of the library's fields."""
     from rich.progress import Progress  # noqa: PLC0415
 
-    from palpate_edge.training.dome_model import SHIPPED, save_dome_model  # noqa: PLC0415
+    from palpate_edge.calibration.training.dome_model import SHIPPED, save_dome_model  # noqa: PLC0415
     from palpate_host.twin.dome.dome_samples import dome_samples  # noqa: PLC0415
     from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
 

@@ -11,10 +11,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.samples import Samples, TrainingPress, make_samples
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.samples import Samples, TrainingPress, make_samples
 from palpate_edge.vision.tracker import Beads
 from palpate_host.twin.dome import field_grid
 from palpate_host.twin.dome.library import FieldLibrary

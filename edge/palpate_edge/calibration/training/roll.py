@@ -16,12 +16,12 @@ import cv2
 import msgspec
 import numpy as np
 
+from palpate_edge.calibration.measurement import Measured
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.kernel_ridge import fit
+from palpate_edge.calibration.training.samples import TrainingPress
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
 from palpate_edge.geometry.sensor import Sensor, View
-from palpate_edge.measured import Measured
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.kernel_ridge import fit
-from palpate_edge.training.samples import TrainingPress
 
 ROLL_SIGMA_RAD = 0.02  # of assembly, as in camera_fit.PRIOR_SIGMA
 MODEL_SIGMA = 0.03  # of the dome model's error across the meridian, over the dome's radius

@@ -15,7 +15,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.training.samples import Samples
+from palpate_edge.calibration.training.samples import Samples
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.training.compress import compressed
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.samples import Samples
+from palpate_edge.calibration.training.compress import compressed
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.samples import Samples
 
 Array = NDArray[np.float64]
 

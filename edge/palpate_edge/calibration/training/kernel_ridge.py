@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.training.answer_field import AnswerField, fit_answer_field
-from palpate_edge.training.compress import compressed
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.samples import Samples
-from palpate_edge.training.spread import (
+from palpate_edge.calibration.training.answer_field import AnswerField, fit_answer_field
+from palpate_edge.calibration.training.compress import compressed
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.spread import (
     Spread,
     constant_spread,
     fit_spread,

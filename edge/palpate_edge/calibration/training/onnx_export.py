@@ -18,13 +18,13 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from palpate_edge.calibration.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
+from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
+from palpate_edge.calibration.training.kernel_ridge import SIZE_WEIGHT, Regression
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.correction_model import SENSOR_KEY, CorrectionModel
 from palpate_edge.estimation.displacement_field import CanonicalField
 from palpate_edge.estimation.estimator import MAX_MISFIT
-from palpate_edge.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
-from palpate_edge.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
-from palpate_edge.training.kernel_ridge import SIZE_WEIGHT, Regression
 
 Array = NDArray[np.float64]
 

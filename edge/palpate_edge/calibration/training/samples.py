@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration.measurement import Measured
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
-from palpate_edge.measured import Measured
 from palpate_edge.vision.tracker import Beads
 
 Array = NDArray[np.float64]

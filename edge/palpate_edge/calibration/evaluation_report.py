@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_edge.evaluation import Band, Confusion, Figures
+from palpate_edge.calibration.evaluation import Band, Confusion, Figures
 
 
 def as_table(figures: Figures) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.calibration.measurement import measure
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.samples import Samples, make_samples, training_presses
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader
-from palpate_edge.measured import measure
-from palpate_edge.training.dome_model import DomeModel
-from palpate_edge.training.samples import Samples, make_samples, training_presses
 
 MOST_SAMPLES = 2000
 

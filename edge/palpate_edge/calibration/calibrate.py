@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration.measurement import Measured, measure
+from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Bead, Calibration, Source
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.measured import Measured, measure
-from palpate_edge.training.dome_model import DomeModel
 from palpate_edge.vision.tracker import Reference
 
 Array = NDArray[np.float64]
@@ -83,8 +83,8 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
 
 def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
     """With the camera's roll, which a learned layout does not tell, from the presses."""
-    from palpate_edge.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
-    from palpate_edge.training.samples import training_presses  # noqa: PLC0415
+    from palpate_edge.calibration.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
+    from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
     reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
@@ -96,9 +96,9 @@ def _train(
     sensor: Sensor, dome: DomeModel, measured: Measured, progress: Callable[[int], None]
 ) -> tuple[bytes, float | None]:
     """The correction model's ONNX file, and the sensor's stiffness over the dome model's."""
-    from palpate_edge.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
-    from palpate_edge.training.onnx_export import export  # noqa: PLC0415
-    from palpate_edge.training.samples import make_samples, training_presses  # noqa: PLC0415
+    from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
+    from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
+    from palpate_edge.calibration.training.samples import make_samples, training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
     reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
