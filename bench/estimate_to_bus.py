@@ -27,11 +27,11 @@ from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.gc_freeze import long_lived
+from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method
-from palpate_edge.pixel_thread import PixelThread
 
 FRAMES = 600
 PERIOD_S = 1 / 120

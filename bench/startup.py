@@ -28,7 +28,7 @@ FINGER = RECORDING / "finger-1"
 FIRST_ESTIMATE = """
 import sys
 from pathlib import Path
-import palpate_edge.daemon
+import palpate_edge.daemon.daemon
 from palpate_edge.estimation.calibration_file import load_calibration
 from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.estimator import Estimator

@@ -35,10 +35,10 @@ def check(config_path: Path, as_json: bool) -> None:
     """
     import msgspec  # noqa: PLC0415
 
-    from palpate_edge.check import as_table, exit_status  # noqa: PLC0415
-    from palpate_edge.check import check as check_parts  # noqa: PLC0415
-    from palpate_edge.config import read_config  # noqa: PLC0415
-    from palpate_edge.health import read_health  # noqa: PLC0415
+    from palpate_edge.daemon.config import read_config  # noqa: PLC0415
+    from palpate_edge.daemon.health import read_health  # noqa: PLC0415
+    from palpate_edge.daemon.self_check import as_table, exit_status  # noqa: PLC0415
+    from palpate_edge.daemon.self_check import check as check_parts  # noqa: PLC0415
 
     config = read_config(config_path)
     report = read_health(config.name, config.health, time.monotonic())
@@ -68,8 +68,8 @@ def record(action: str, config_path: Path) -> None:
     """
     from palpate_edge.common.errors import CaptureError  # noqa: PLC0415
     from palpate_edge.common.signals import RECORD, RECORD_NO_MORE  # noqa: PLC0415
-    from palpate_edge.config import read_config  # noqa: PLC0415
-    from palpate_edge.health import read_health  # noqa: PLC0415
+    from palpate_edge.daemon.config import read_config  # noqa: PLC0415
+    from palpate_edge.daemon.health import read_health  # noqa: PLC0415
 
     config = read_config(config_path)
     report = read_health(config.name, config.health, time.monotonic())
@@ -93,8 +93,8 @@ def identify(config_path: Path) -> None:
     """
     from palpate_edge.common.errors import IlluminationError  # noqa: PLC0415
     from palpate_edge.common.signals import IDENTIFY  # noqa: PLC0415
-    from palpate_edge.config import read_config  # noqa: PLC0415
-    from palpate_edge.health import read_health  # noqa: PLC0415
+    from palpate_edge.daemon.config import read_config  # noqa: PLC0415
+    from palpate_edge.daemon.health import read_health  # noqa: PLC0415
     from palpate_edge.illumination.client import Illumination  # noqa: PLC0415
     from palpate_edge.illumination.controller_thread import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.deploy_foreign
 EMULATOR = "qemu-aarch64-static"
 MODULES = ("can", "canopen", "click", "cv2", "msgspec", "numpy", "onnxruntime", "smbus2")
 SEEN = f"""
-import platform, palpate_edge.daemon
+import platform, palpate_edge.daemon.daemon
 import {", ".join(MODULES)}
 print(platform.machine(), *{MODULES})
 """

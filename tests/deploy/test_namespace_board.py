@@ -233,7 +233,10 @@ def test_a_bus_that_is_away_is_waited_for_and_a_crash_loop_ends(board, soon_give
 def test_a_release_that_dies_is_rolled_back(board, another_release):
     before, begin_s = serving(board), time.monotonic()
     broken = another_release(
-        "dies", "edge/palpate_edge/daemon.py", "    cv2.setNumThreads(1)\n", "    raise RuntimeError('bad')\n"
+        "dies",
+        "edge/palpate_edge/daemon/daemon.py",
+        "    cv2.setNumThreads(1)\n",
+        "    raise RuntimeError('bad')\n",
     )
     played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
     assert played.status != 0

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from palpate_edge.config import FingertipConfig
+from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.hand_config import HandConfig

@@ -12,7 +12,7 @@ import pytest
 from palpate_edge.common.contact import refused_contact
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.pixel_thread import PixelThread
+from palpate_edge.daemon.capture_thread import PixelThread
 
 PATIENCE_S = 30.0
 

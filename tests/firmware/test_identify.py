@@ -13,7 +13,7 @@ from firmware_rig.smbus_adapter import WireSmBus
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.common.signals import IDENTIFY, called_by_signals
-from palpate_edge.health import (
+from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
     CameraHealth,

@@ -9,7 +9,7 @@ from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.health_report import light_health
+from palpate_edge.daemon.health_report import light_health
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import Light
 from palpate_edge.illumination.registers import Fault

@@ -14,9 +14,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from palpate_edge import daemon
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_edge.config import FingertipConfig
+from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.daemon import daemon
 from palpate_host import host
 
 HUB = "from palpate_host.bus.cli import bus; bus()"

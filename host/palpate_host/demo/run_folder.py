@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.config import FingertipConfig, read_config
+from palpate_edge.daemon.config import FingertipConfig, read_config
 from palpate_host import hand_config
 from palpate_host.demo.programme import TURNS_DEG
 from palpate_host.hand_config import HandConfig

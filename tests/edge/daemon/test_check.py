@@ -5,7 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from palpate_edge.check import (
+from palpate_edge.daemon.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
+from palpate_edge.daemon.self_check import (
     Row,
     Verdict,
     as_table,
@@ -16,7 +17,6 @@ from palpate_edge.check import (
     judge_clock,
     judge_light,
 )
-from palpate_edge.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
 
 CAMERA = CameraHealth(
     source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0, dropped_share=0.0

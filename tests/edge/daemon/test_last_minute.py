@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.last_minute import MINUTE_US, DroppedFrames, LastMinute
+from palpate_edge.daemon.sliding_window import MINUTE_US, DroppedFrames, LastMinute
 
 SECOND_US = 1_000_000
 START_US = 1_700_000_000_000_000

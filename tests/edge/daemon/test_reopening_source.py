@@ -11,7 +11,7 @@ from palpate_edge.capture.source import ReopeningSource
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.pixel_thread import PixelThread
+from palpate_edge.daemon.capture_thread import PixelThread
 
 LOST, STALLED = CameraLostError("unplugged"), CameraStalledError("silent")
 

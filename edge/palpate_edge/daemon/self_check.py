@@ -16,10 +16,9 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import IlluminationError, PalpateError
-from palpate_edge.config import FingertipConfig
-from palpate_edge.estimation.calibration_file import Calibration, load_calibration
-from palpate_edge.estimation.estimator import MIN_BEADS_SHARE, Estimator, best_method
-from palpate_edge.health import (
+from palpate_edge.daemon.capture_factory import open_source
+from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
     CameraHealth,
@@ -27,11 +26,12 @@ from palpate_edge.health import (
     HealthReport,
     LightHealth,
 )
-from palpate_edge.health_report import clock_health, light_health
+from palpate_edge.daemon.health_report import clock_health, light_health
+from palpate_edge.daemon.sliding_window import DroppedFrames
+from palpate_edge.estimation.calibration_file import Calibration, load_calibration
+from palpate_edge.estimation.estimator import MIN_BEADS_SHARE, Estimator, best_method
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import LightState
-from palpate_edge.last_minute import DroppedFrames
-from palpate_edge.open_source import open_source
 
 TRY_S = 1.5
 FEW_BEADS_SHARE = 0.9

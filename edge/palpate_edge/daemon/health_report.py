@@ -7,9 +7,10 @@ import time
 
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.reconnecting_bus import BusLink
-from palpate_edge.config import FingertipConfig
-from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.health import (
+from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.fingertip_core import FingertipCore
+from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
     CameraHealth,
@@ -19,7 +20,6 @@ from palpate_edge.health import (
 )
 from palpate_edge.illumination.controller_thread import LightState
 from palpate_edge.illumination.registers import Fault
-from palpate_edge.pixel_thread import PixelThread
 
 
 def health_report(

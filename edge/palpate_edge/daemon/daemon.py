@@ -24,15 +24,18 @@ from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
-from palpate_edge.config import FingertipConfig
+from palpate_edge.daemon.capture_factory import open_source
+from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.fingertip_core import FingertipCore
+from palpate_edge.daemon.health import HealthFile, health_path
+from palpate_edge.daemon.health_report import health_report
+from palpate_edge.daemon.recording_control import RecordOnDemand
+from palpate_edge.daemon.sliding_window import DroppedFrames, LastMinute
 from palpate_edge.estimation.calibration_file import load_calibration
 from palpate_edge.estimation.estimator import Estimator, Method
-from palpate_edge.fingertip_core import FingertipCore
-from palpate_edge.health import HealthFile, health_path
-from palpate_edge.health_report import health_report
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import Light
-from palpate_edge.last_minute import DroppedFrames, LastMinute
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     BitRateActivated,
@@ -45,9 +48,6 @@ from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
 from palpate_edge.node.fingertip_objects import Method as MethodCode
 from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.stored_parameters import NOTHING_STORED
-from palpate_edge.open_source import open_source
-from palpate_edge.pixel_thread import PixelThread
-from palpate_edge.record_on_demand import RecordOnDemand
 
 LONGEST_WAIT_S = 0.5
 HEALTH_EVERY_US = 1_000_000

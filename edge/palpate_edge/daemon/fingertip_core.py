@@ -14,7 +14,7 @@ from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState, Stamped
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraStalledError, CaptureError
-from palpate_edge.frame_watch import FrameWatch
+from palpate_edge.daemon.frame_monitor import FrameWatch
 from palpate_edge.node.emergencies import ActiveEmergencies, Emergency
 from palpate_edge.node.events import (
     Event,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.config import RecordConfig
+from palpate_edge.daemon.config import RecordConfig
 from palpate_edge.datasets.recorder import Recorder, RingLimits
 
 
