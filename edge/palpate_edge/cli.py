@@ -113,8 +113,8 @@ def calibrate(
 def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
-    from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.pictures import draw_residuals  # noqa: PLC0415
+    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
+    from palpate_edge.diagnostics.figures import draw_residuals  # noqa: PLC0415
 
     write_picture(picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration))
 
@@ -147,9 +147,9 @@ def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) 
     Positions are in mm and forces in N in the fingertip frame F. Empty fields are unknown; a refused frame
     has quality 0 and a reason. With 95 % probability a contact is within radius95_mm of its position.
     """
-    from palpate_edge.contact_csv import write_contacts  # noqa: PLC0415
+    from palpate_edge.diagnostics.batch import estimate_recording  # noqa: PLC0415
+    from palpate_edge.diagnostics.contact_csv import write_contacts  # noqa: PLC0415
     from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
-    from palpate_edge.offline import estimate_recording  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
     with progress_bar("estimating") as progress:

@@ -25,15 +25,15 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
     """Find the beads in one image without knowing anything of the sensor, and draw them; with a calibration,
     draw a picture for each step of the paper's and of the corrected method."""
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
-    from palpate_edge.drawing import write_picture  # noqa: PLC0415
+    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
 
     if calibration_path is not None and diameter is not None:
         raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
     image = read_image(frame)
     if calibration_path is not None:
+        from palpate_edge.diagnostics.pipeline_figures import draw_steps  # noqa: PLC0415
+        from palpate_edge.diagnostics.pipeline_steps import contact_text, take_steps  # noqa: PLC0415
         from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
-        from palpate_edge.inspect_steps import contact_text, take_steps  # noqa: PLC0415
-        from palpate_edge.step_pictures import draw_steps  # noqa: PLC0415
 
         steps = take_steps(image, load_calibration(calibration_path), str(frame))
         write_picture(output, draw_steps(steps))
@@ -41,7 +41,7 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
         if steps.corrected is not None:
             click.echo(f"  corrected: {contact_text(steps.corrected)}")
         return
-    from palpate_edge.pictures import draw_beads  # noqa: PLC0415
+    from palpate_edge.diagnostics.figures import draw_beads  # noqa: PLC0415
     from palpate_edge.vision.unknown_layout import beads_without_layout  # noqa: PLC0415
 
     blobs, appearance, size_px = beads_without_layout(image, diameter)
@@ -58,9 +58,9 @@ def follow(video: Path, output: Path, diameter: float | None) -> None:
     """Follow the markers of VIDEO (or of a folder of frames) to its end and back, without knowing anything
     of the sensor: a marker that does not come back to where it began has changed its label."""
     from palpate_edge.datasets.recording import open_recording  # noqa: PLC0415
-    from palpate_edge.drawing import write_picture  # noqa: PLC0415
-    from palpate_edge.follow_video import HOME_PX, follow_video  # noqa: PLC0415
-    from palpate_edge.pictures import draw_followed  # noqa: PLC0415
+    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
+    from palpate_edge.diagnostics.figures import draw_followed  # noqa: PLC0415
+    from palpate_edge.diagnostics.video_tracking import HOME_PX, follow_video  # noqa: PLC0415
 
     recording = open_recording(video)
     try:

@@ -9,7 +9,7 @@ import pytest
 
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.contact_csv import write_contacts
+from palpate_edge.diagnostics.contact_csv import write_contacts
 
 HEADER = "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm"
 TOUCH = Contact(3, 99, True, True, (1.5, -2.25, 29.9), 1.25, (0.1, 0.2, -1.2), None, 1.0, "", 85, 85, 0.4)

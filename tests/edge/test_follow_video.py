@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge import follow_video as follow
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import open_recording
-from palpate_edge.pictures import draw_followed
+from palpate_edge.diagnostics import video_tracking as follow
+from palpate_edge.diagnostics.figures import draw_followed
 from palpate_edge.vision.blob_detection import Appearance
 
 FRAMES = 34

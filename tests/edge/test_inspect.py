@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from palpate_edge.cli import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import read_image
-from palpate_edge.drawing import GREEN, RED, Panel, sheet
+from palpate_edge.diagnostics.canvas import GREEN, RED, Panel, sheet
+from palpate_edge.diagnostics.figures import draw_residuals
+from palpate_edge.diagnostics.pipeline_figures import draw_steps
+from palpate_edge.diagnostics.pipeline_steps import take_steps
 from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.geometry.sensor import View, bead_layout_mm
-from palpate_edge.inspect_steps import take_steps
-from palpate_edge.pictures import draw_residuals
-from palpate_edge.step_pictures import draw_steps
 from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness, widest_gap
 
 

@@ -14,9 +14,9 @@ from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.daemon.config import CaptureConfig, FingertipConfig
 from palpate_edge.datasets.recording import RealTimeSource, open_recording
+from palpate_edge.diagnostics.batch import check_recording
 from palpate_edge.estimation.calibration_file import Calibration, check_sensor
 from palpate_edge.geometry.sensor import read_sensor
-from palpate_edge.offline import check_recording
 
 
 def open_source(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.drawing import GREEN, RED, YELLOW, Panel, rainbow
+from palpate_edge.diagnostics.canvas import GREEN, RED, YELLOW, Panel, rainbow
+from palpate_edge.diagnostics.video_tracking import Followed
 from palpate_edge.estimation.calibration_file import Calibration
-from palpate_edge.follow_video import Followed
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import View, bead_layout_mm
 from palpate_edge.vision.blob_detection import Image

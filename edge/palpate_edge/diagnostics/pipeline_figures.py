@@ -1,4 +1,4 @@
-"""The pictures of :mod:`palpate_edge.inspect_steps`, one a step, on one sheet.
+"""The pictures of :mod:`palpate_edge.diagnostics.pipeline_steps`, one a step, on one sheet.
 
 Numbers in the titles are the paper's equations and figures; lengths are in px in the image, in mm in frame F.
 """
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.contact import Contact
-from palpate_edge.drawing import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
+from palpate_edge.diagnostics.canvas import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
+from palpate_edge.diagnostics.pipeline_steps import Steps, contact_text
 from palpate_edge.estimation.displacement_field import about_z, canonical_directions
 from palpate_edge.estimation.paper_method import on_dome
 from palpate_edge.estimation.virtual_points import ellipse_points
-from palpate_edge.inspect_steps import Steps, contact_text
 from palpate_edge.vision.blob_detection import Image
 
 Array = NDArray[np.float64]
