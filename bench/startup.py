@@ -39,7 +39,7 @@ assert contact.valid, contact.reason
 print("estimated", flush=True)
 sys.stdin.read()
 """
-RUN = "from palpate_edge.cli import main; main()"
+RUN = "from palpate_edge.cli.main import main; main()"
 HUB = "from palpate_host.cli import main; main()"
 DAEMON = """
 name = "bench"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.cli import main
+from palpate_edge.cli.main import main
 
 HUB = "from palpate_host.bus.cli import bus; bus()"
 PATIENCE_S = 60
@@ -52,7 +52,7 @@ def edge() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "palpate_edge.cli", *map(str, arguments)]
+        command = [sys.executable, "-m", "palpate_edge.cli.main", *map(str, arguments)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         started.append(process)
         return process

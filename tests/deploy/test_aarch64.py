@@ -65,11 +65,11 @@ def test_a_frame_gives_its_contact(board_python, drawn_dataset, tmp_path):
     frames, calibration = tmp_path / "frames", tmp_path / "drawn.cal"
     frames.mkdir()
     shutil.copy(drawn_dataset / "frames/003.png", frames)
-    here = [sys.executable, "-m", "palpate_edge.cli"]
+    here = [sys.executable, "-m", "palpate_edge.cli.main"]
     subprocess.run([*here, "calibrate", drawn_dataset, "-o", calibration], check=True)
     words = ["estimate", str(frames), "--calibration", str(calibration), "--method", "corrected", "--csv"]
     subprocess.run([*here, *words, tmp_path / "here.csv"], check=True)
-    board_python("-m", "palpate_edge.cli", *words, str(tmp_path / "there.csv"))
+    board_python("-m", "palpate_edge.cli.main", *words, str(tmp_path / "there.csv"))
     (there,), (here,) = (
         list(csv.DictReader((tmp_path / name).read_text().splitlines())) for name in ("there.csv", "here.csv")
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.cli import cli
+from palpate_edge.cli.main import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import open_recording
 from palpate_edge.diagnostics import video_tracking as follow

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.cli import cli
+from palpate_edge.cli.main import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.diagnostics.canvas import GREEN, RED, Panel, sheet

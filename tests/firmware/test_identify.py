@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
+from palpate_edge.cli.service_commands import identify
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.common.signals import IDENTIFY, called_by_signals
 from palpate_edge.daemon.health import (
@@ -23,7 +24,6 @@ from palpate_edge.daemon.health import (
 )
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import Light
-from palpate_edge.service_cli import identify
 
 
 class Ring:

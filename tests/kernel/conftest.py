@@ -46,7 +46,14 @@ class FingertipProcess:
     def __init__(self, folder: Path, config: str) -> None:
         self._said, self._health = folder / "said", folder / "health"
         (folder / "finger.toml").write_text(f'name = "finger-1"\nhealth = "{self._health}"\n{config}')
-        command = [sys.executable, "-m", "palpate_edge.cli", "run", "--config", str(folder / "finger.toml")]
+        command = [
+            sys.executable,
+            "-m",
+            "palpate_edge.cli.main",
+            "run",
+            "--config",
+            str(folder / "finger.toml"),
+        ]
         with self._said.open("wb") as said:
             self.process = subprocess.Popen(command, stdout=said, stderr=said)
 

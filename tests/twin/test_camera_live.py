@@ -128,7 +128,7 @@ def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) ->
     assert "listening" in hub.stderr.readline()
     processes = [
         hub,
-        subprocess.Popen([sys.executable, "-m", "palpate_edge.cli", "run", "--config", str(config)]),
+        subprocess.Popen([sys.executable, "-m", "palpate_edge.cli.main", "run", "--config", str(config)]),
     ]
     places: list[NDArray[np.float64]] = []
     try:

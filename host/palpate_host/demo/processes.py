@@ -36,7 +36,7 @@ class DemoError(PalpateError):
 class Program(Enum):
     """Which command a process runs, by the module behind it."""
 
-    EDGE = "palpate_edge.cli"
+    EDGE = "palpate_edge.cli.main"
     HOST = "palpate_host.cli"
 
     @property

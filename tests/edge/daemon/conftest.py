@@ -87,7 +87,7 @@ class Rig:
         self.notes: list[tuple[float, str]] = []
         environment = {"NOTIFY_SOCKET": str(folder / "notify"), "WATCHDOG_USEC": str(WATCHDOG_US)}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "palpate_edge.cli", "run", "--config", str(self.config)],
+            [sys.executable, "-m", "palpate_edge.cli.main", "run", "--config", str(self.config)],
             env={**os.environ, **environment},
             stderr=stack.enter_context((folder / "stderr").open("w")),
         )
@@ -149,7 +149,7 @@ class Rig:
 
     def edge(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Another ``palpate-edge`` beside it."""
-        command = [sys.executable, "-m", "palpate_edge.cli", *arguments, "--config", str(self.config)]
+        command = [sys.executable, "-m", "palpate_edge.cli.main", *arguments, "--config", str(self.config)]
         return subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
 
     def _hear_notes(self) -> None:

@@ -12,10 +12,10 @@ import click
 import cv2
 
 from palpate_edge import __version__
+from palpate_edge.cli.inspect_commands import follow, inspect
+from palpate_edge.cli.service_commands import check, identify, record
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.progress import progress_bar
-from palpate_edge.inspect_cli import follow, inspect
-from palpate_edge.service_cli import check, identify, record
 
 if TYPE_CHECKING:
     from palpate_edge.estimation.calibration_file import Calibration
