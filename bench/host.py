@@ -12,8 +12,8 @@ import numpy as np
 
 import palpate_host
 from bench.timing import Row, table, time_each
+from palpate_bus.logs.candump import read_log
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_host.bus.candump import read_log
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.replay import replay

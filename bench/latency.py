@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.timing import Row, table
-from palpate_host.bus.candump import LogRecord
+from palpate_bus.logs.candump import LogRecord
 from palpate_host.fingertips import unwrap_us
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand

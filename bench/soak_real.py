@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.soak_virtual import resident_bytes
-from palpate_host.bus.candump import read_log
+from palpate_bus.logs.candump import read_log
 from palpate_host.network import SYNC
 from palpate_host.twin.hand.motion import read_motion
 

@@ -17,10 +17,10 @@ from pathlib import Path
 from statistics import median
 from struct import Struct
 
+from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
+from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
-from palpate_host.bus.candump import LogHeader, LogRecord, write_log
-from palpate_host.bus.log_files import read_any_log
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.fingertips import unwrap_us
 from palpate_host.hand import Hand

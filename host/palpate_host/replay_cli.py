@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_host import host
-from palpate_host.bus.candump import LogRecord
 from palpate_host.bus.decode import Decoder
 from palpate_host.bus.device import devices_of_hand
 from palpate_host.bus.monitor import line

@@ -20,9 +20,9 @@ from durand.network import CANBusNetwork
 from durand.object_dictionary import Record, Variable
 from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import load_eds
-from palpate_host.bus.candump import LogRecord
 
 WAIT_S = 60.0  # for threads on a busy machine
 

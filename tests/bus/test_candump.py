@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import (
+from palpate_bus.logs.candump import (
     LogError,
     LogHeader,
     LogRecord,
@@ -18,6 +17,7 @@ from palpate_host.bus.candump import (
     read_log,
     write_log,
 )
+from palpate_edge.can_bus.can_frame import CanFrame
 
 # The first two lines as the manual page of candump shows the format; stamps with awkward microseconds.
 LINES = [

@@ -7,9 +7,9 @@ import subprocess
 
 import pytest
 
+from palpate_bus.logs.candump import LogRecord
+from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
-from palpate_host.bus.pcap import write_pcap
 
 FRAMES = [
     (CanFrame(0x710, b"\x00"), "Boot-up"),

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.run_folder import MODEL
 from palpate_host.hand_config import HandConfig, load
 

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from palpate_host.bus.candump import read_log
-from palpate_host.bus.pcap import write_pcap
+from palpate_bus.logs.candump import read_log
+from palpate_bus.logs.pcap import write_pcap
 from palpate_host.demo import cli as demo_cli
 from palpate_host.demo.film import make_film
 from palpate_host.demo.run_folder import RunFolder

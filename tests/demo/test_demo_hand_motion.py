@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.hand_motion import hand_figures, joint_torques, replay_modes
 from palpate_host.supervisor import Mode
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.traffic import id_name, traffic
 
 START_US = 1_700_000_000_000_000

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import distribution
 from palpate_host.demo.truth import finger_figures, of_recording, of_twin, read_pairs, unwrapped
 

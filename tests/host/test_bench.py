@@ -9,8 +9,8 @@ import pytest
 from bench.latency import parts
 from bench.tick import disagreement
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 
 
 def test_one_tick_is_the_same_by_the_host_by_numpy_and_by_pinocchio() -> None:

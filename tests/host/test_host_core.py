@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.hand_config import ControlMode
 from palpate_host.master import HostCore

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from palpate_bus.logs.candump import LogRecord, read_log
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.candump import LogRecord, read_log
 from palpate_host.command import Command
 from palpate_host.host import load_hand
 from palpate_host.operator_socket import OperatorSocket

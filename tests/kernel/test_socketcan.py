@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from kernel_guest.links import PATIENCE_S, receive
+from palpate_bus.logs.candump import LogRecord, LogWriter, read_log
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.candump import LogRecord, LogWriter, read_log
 
 pytestmark = pytest.mark.usefixtures("kernel")
 

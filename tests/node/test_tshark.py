@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate_bus.logs.candump import LogRecord
+from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
@@ -18,8 +20,6 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave
-from palpate_host.bus.candump import LogRecord
-from palpate_host.bus.pcap import write_pcap
 
 TOUCH = Contact(1, 0, True, True, (0.0, 9.0, 12.0), 2.0, None, None, 1.0, "", 31, 31)
 

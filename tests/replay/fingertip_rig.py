@@ -11,13 +11,13 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.contact import Contact
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, Method
-from palpate_host.bus.candump import LogRecord
 
 HERE = Path(__file__).parent
 RECORDING = HERE.parents[1] / "demo" / "recording"

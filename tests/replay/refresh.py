@@ -23,7 +23,7 @@ from pathlib import Path
 
 import click
 
-from palpate_host.bus.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
 from palpate_host.host import load_hand
 from palpate_host.replay import contract_header, replay_to_log, write_output
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from random import Random
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 
 START_US = 1_700_000_000_000_000
 FAULT_US = START_US + 1_500_000

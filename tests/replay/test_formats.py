@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 import palpate_host
+from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, parse_log, write_log
+from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogError, LogHeader, LogRecord, parse_log, write_log
-from palpate_host.bus.log_files import read_any_log
 from palpate_host.host import load_hand
 from palpate_host.replay import on_bus_clock, read_bound_log, replay
 from palpate_host.replay_cli import replay as replay_command

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import palpate_host
+from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract, contract_header, replay, replay_to_log
 from palpate_host.supervisor import Mode

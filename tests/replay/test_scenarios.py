@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
+from palpate_bus.logs.candump import format_record, parse_log
+from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.candump import format_record, parse_log
-from palpate_host.bus.pcap import write_pcap
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract, replay
 from palpate_host.supervisor import Mode

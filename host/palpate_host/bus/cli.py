@@ -8,12 +8,13 @@ from pathlib import Path
 
 import click
 
+from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter, read_log
+from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import on_stop_signal, stop_event
 from palpate_host.bus.budget_cli import budget
-from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
 from palpate_host.bus.default_socket import default_socket
@@ -24,7 +25,6 @@ from palpate_host.bus.hub import Hub
 from palpate_host.bus.lss_cli import lss
 from palpate_host.bus.monitor_cli import monitor
 from palpate_host.bus.node_cli import scan, sdo
-from palpate_host.bus.pcap import write_pcap
 from palpate_host.bus.stats_table import stats_table, status_line
 
 FILE = click.Path(path_type=Path, dir_okay=False)

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.candump import LogRecord
 from palpate_host.bus.device import FINGERTIP_NODES, Device, Reading, usual_device
 from palpate_host.bus.emcy_text import emcy_text, register_text
 from palpate_host.bus.lss_text import lss_text

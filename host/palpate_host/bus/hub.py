@@ -10,10 +10,10 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.local_clock import LocalClock
 from palpate_host.bus import protocol
-from palpate_host.bus.candump import LogRecord, LogWriter
 from palpate_host.bus.control import Statistics
 from palpate_host.bus.hub_client import Client
 from palpate_host.bus.hub_core import HubCore

@@ -14,7 +14,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
 
 if TYPE_CHECKING:
-    from palpate_host.bus.candump import LogRecord
+    from palpate_bus.logs.candump import LogRecord
     from palpate_host.bus.device import Device
 
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -91,7 +91,7 @@ def _source(
     log_path: Path | None, duration_s: float | None, bus: dict[str, Any]
 ) -> Iterator[tuple[dict[str, str], Iterator[LogRecord]]]:
     """A log's header and its records, or what comes from the bus until a stop."""
-    from palpate_host.bus.log_files import read_any_log  # noqa: PLC0415
+    from palpate_bus.logs.log_files import read_any_log  # noqa: PLC0415
 
     if log_path is not None:
         log = read_any_log(log_path)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_bus.logs.candump import read_log
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_host.bus.candump import read_log
 from palpate_host.demo.hand_motion import (
     HandFigures,
     JointTorque,

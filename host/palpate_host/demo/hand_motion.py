@@ -16,10 +16,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution
 from palpate_host.demo.programme import Given
 from palpate_host.drives.cia402 import CIA402_EDS, Controlword

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
+from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import stop_event
-from palpate_host.bus.candump import LogHeader, LogRecord, LogWriter
 from palpate_host.command import Rotate
 from palpate_host.demo.monitor import Sight
 from palpate_host.demo.orchestrator import DemoInterruptedError, Show, log_header

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_host.bus.candump import LogRecord
 from palpate_host.demo.distribution import Distribution, distribution
 from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip, TipContact
 from palpate_host.network import HEARTBEAT_ID, NmtState

@@ -13,9 +13,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from palpate_bus.logs.candump import LogRecord, write_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.candump import LogRecord, write_log
 from palpate_host.experiment.protocol import Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 from palpate_host.hand import Hand

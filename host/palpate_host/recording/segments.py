@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.candump import LogRecord, LogWriter
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.recording.mcap import McapRecording

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, TextIO
 import can
 from can.io.blf import BLFParseError
 
+from palpate_bus.logs.candump import BusLog, LogError, LogHeader, LogRecord, parse_log
 from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, CanFrame
-from palpate_host.bus.candump import BusLog, LogError, LogHeader, LogRecord, parse_log
 
 MAX_LOG_BYTES = 1 << 30
 _RELATIVE_LIMIT_S = 1e6  # ASC without a date counts from zero

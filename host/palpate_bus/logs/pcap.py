@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from struct import Struct
 
-from palpate_host.bus.candump import LogError, LogRecord
+from palpate_bus.logs.candump import LogError, LogRecord
 
 LINKTYPE_CAN_SOCKETCAN = 227
 _REMOTE_FLAG = 0x4000_0000
