@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.bit_count import frame_bits
 
 GENERATOR = "1100010110011001"  # x^15+x^14+x^10+x^8+x^7+x^4+x^3+1, Bosch CAN 2.0 part A, 3.1.1
 

@@ -13,11 +13,11 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.load.bit_count import frame_bits
+from palpate_bus.load.budget import Case, budget, largest_frame_rate, worst_bits
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.bus import protocol
-from palpate_host.bus.bit_count import frame_bits
-from palpate_host.bus.budget import Case, budget, largest_frame_rate, worst_bits
 from palpate_host.bus.cli import bus
 from palpate_host.bus.hub_client import Client
 from palpate_host.bus.hub_core import HubCore

@@ -13,11 +13,11 @@ from itertools import pairwise
 import can
 import pytest
 
+from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.bus import protocol
-from palpate_host.bus.bit_count import frame_bits
 from palpate_host.bus.connection import ask
 from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
 from palpate_host.bus.faults import FaultKind, FaultRule

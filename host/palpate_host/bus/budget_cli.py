@@ -43,9 +43,9 @@ def budget(
     """
     from rich.console import Console  # noqa: PLC0415 - no other command of the hub needs it
 
-    from palpate_host.bus.budget import Case  # noqa: PLC0415
-    from palpate_host.bus.budget import budget as budget_of  # noqa: PLC0415
-    from palpate_host.bus.budget_table import show  # noqa: PLC0415
+    from palpate_bus.load.budget import Case  # noqa: PLC0415
+    from palpate_bus.load.budget import budget as budget_of  # noqa: PLC0415
+    from palpate_bus.load.budget_table import show  # noqa: PLC0415
 
     case = Case(
         fingertips=fingertips,

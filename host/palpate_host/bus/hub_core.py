@@ -6,10 +6,10 @@ import heapq
 
 import msgspec
 
+from palpate_bus.load.measured_load import WINDOW_US, BusLoad
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.bus import protocol
-from palpate_host.bus.bus_load import WINDOW_US, BusLoad
 from palpate_host.bus.control import (
     AskStatistics,
     Done,

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
+from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.bit_count import frame_bits
 
 Filters = Sequence[tuple[int, int]] | None  # (identifier, mask); None accepts everything
 

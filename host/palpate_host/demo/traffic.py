@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import LogRecord
-from palpate_host.bus.bit_count import frame_bits
 from palpate_host.hand_config import HandConfig
 
 BIN_US = 100_000

@@ -9,7 +9,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from palpate_host.bus.budget import FITS_PERCENT, Budget, Case, budget, largest_frame_rate
+from palpate_bus.load.budget import FITS_PERCENT, Budget, Case, budget, largest_frame_rate
 
 BAR_WIDTH = 40
 _COLOURS = {"fits": "green", "tight": "yellow", "does not fit": "red"}
