@@ -22,8 +22,8 @@ def check_eds(paths: tuple[Path, ...], quiet: bool) -> None:
     palpate-host bus check-eds firmware/fingertip.eds
     palpate-host bus check-eds --quiet vendor/*.eds
     """
-    from palpate_host.bus.eds_check import check_file  # noqa: PLC0415 - no other command needs it
-    from palpate_host.bus.eds_text import Severity  # noqa: PLC0415
+    from palpate_bus.eds.check import check_file  # noqa: PLC0415 - no other command needs it
+    from palpate_bus.eds.text import Severity  # noqa: PLC0415
 
     failed = False
     for path in paths:

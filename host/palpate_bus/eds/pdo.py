@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_host.bus.eds_text import Findings, Section
-from palpate_host.bus.eds_values import parse_integer
-from palpate_host.bus.eds_variable import Variable, Variables
+from palpate_bus.eds.text import Findings, Section
+from palpate_bus.eds.values import parse_integer
+from palpate_bus.eds.variable import Variable, Variables
 
 NOT_VALID = 1 << 31
 MAX_PDO_BITS = 64

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_host.bus.eds_text import Findings, Section
-from palpate_host.bus.eds_values import (
+from palpate_bus.eds.text import Findings, Section
+from palpate_bus.eds.values import (
     DATA_TYPES,
     DOMAIN,
     FIRST_COMPLEX_TYPE,

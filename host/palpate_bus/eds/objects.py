@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from palpate_host.bus.eds_text import Findings, Section
-from palpate_host.bus.eds_values import UNSIGNED8
-from palpate_host.bus.eds_variable import (
+from palpate_bus.eds.text import Findings, Section
+from palpate_bus.eds.values import UNSIGNED8
+from palpate_bus.eds.variable import (
     MAX_SUBINDEX,
     Variables,
     check_name,

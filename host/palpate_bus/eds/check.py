@@ -10,12 +10,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from palpate_host.bus.eds_communication import check_communication
-from palpate_host.bus.eds_objects import OBJECT_SECTION, SUB_SECTION, read_objects
-from palpate_host.bus.eds_pdo import PDO_KINDS, pdo_numbers
-from palpate_host.bus.eds_text import Finding, Findings, Section, parse_sections, read_text
-from palpate_host.bus.eds_values import parse_integer
-from palpate_host.bus.eds_variable import Variables
+from palpate_bus.eds.communication import check_communication
+from palpate_bus.eds.objects import OBJECT_SECTION, SUB_SECTION, read_objects
+from palpate_bus.eds.pdo import PDO_KINDS, pdo_numbers
+from palpate_bus.eds.text import Finding, Findings, Section, parse_sections, read_text
+from palpate_bus.eds.values import parse_integer
+from palpate_bus.eds.variable import Variables
 
 BAUD_RATES_KBIT_S = (10, 20, 50, 125, 250, 500, 800, 1000)
 MANDATORY_OBJECTS = (0x1000, 0x1001, 0x1018)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from palpate_host.bus.eds_objects import OBJECT_TYPES
-from palpate_host.bus.eds_pdo import NOT_VALID, PDO_KINDS, PDOS, check_pdo, dummies_of, pdo_numbers
-from palpate_host.bus.eds_text import Findings, Section
-from palpate_host.bus.eds_values import UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING
-from palpate_host.bus.eds_variable import NODE_ID, Variable, Variables
+from palpate_bus.eds.objects import OBJECT_TYPES
+from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, PDOS, check_pdo, dummies_of, pdo_numbers
+from palpate_bus.eds.text import Findings, Section
+from palpate_bus.eds.values import UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING
+from palpate_bus.eds.variable import NODE_ID, Variable, Variables
 
 CAN_ID_MASK = 0x7FF
 EXTENDED = 1 << 29
