@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from palpate_bus.decode.device import Device, Key
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.device import Device, Key
 from palpate_host.bus.master_session import master, sdo_client
 from palpate_host.bus.scan import FoundNode
 from palpate_host.bus.scan import scan as scan_bus

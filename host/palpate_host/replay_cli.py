@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
+from palpate_bus.decode.decoder import Decoder
+from palpate_bus.decode.device import devices_of_hand
+from palpate_bus.decode.monitor_lines import line
 from palpate_bus.logs.candump import LogRecord
 from palpate_host import host
-from palpate_host.bus.decode import Decoder
-from palpate_host.bus.device import devices_of_hand
-from palpate_host.bus.monitor import line
 from palpate_host.hand_config import HandConfig
 from palpate_host.replay import Replay, Step, read_bound_log, replay_steps, steps, write_output
 from palpate_host.run_cli import CONFIG

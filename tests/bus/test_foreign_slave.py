@@ -16,10 +16,10 @@ import durand.network
 import pytest
 from durand.scheduler import VirtualScheduler, get_scheduler, set_scheduler
 
+from palpate_bus.decode.device import Device
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip_objects import encode_contact
-from palpate_host.bus.device import Device
 from palpate_host.bus.master_session import sdo_client
 from palpate_host.bus.node_check import differences
 from palpate_host.bus.sdo_access import read_number

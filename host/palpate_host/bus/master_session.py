@@ -15,9 +15,9 @@ import canopen
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from palpate_bus.decode.sdo_abort_text import abort_text
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.sdo_abort_text import abort_text
 
 SDO_TIMEOUT_S = 1.0
 _SEND_TRIES = 50

@@ -14,8 +14,8 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
 
 if TYPE_CHECKING:
+    from palpate_bus.decode.device import Device
     from palpate_bus.logs.candump import LogRecord
-    from palpate_host.bus.device import Device
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 SERVICES = ("nmt", "sync", "time", "emcy", "tpdo", "rpdo", "sdo", "heartbeat", "lss", "other")
@@ -53,8 +53,8 @@ def monitor(
     palpate-host bus monitor --log traffic.log --json | jq .values
     palpate-host bus monitor --interface socketcan --channel can0 --eds 5=drive.eds
     """
-    from palpate_host.bus.decode import Decoder, Service  # noqa: PLC0415 - `bus hub` shall not wait for it
-    from palpate_host.bus.monitor import Selection, json_line, line  # noqa: PLC0415
+    from palpate_bus.decode.decoder import Decoder, Service  # noqa: PLC0415 - `bus hub` shall not wait for it
+    from palpate_bus.decode.monitor_lines import Selection, json_line, line  # noqa: PLC0415
 
     selection = Selection(frozenset(nodes), frozenset(Service(service) for service in services))
     shown, begin_us = 0, None
@@ -71,7 +71,7 @@ def monitor(
 
 
 def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, ...]) -> dict[int, Device]:
-    from palpate_host.bus.device import Device, devices_of_hand, devices_of_header  # noqa: PLC0415
+    from palpate_bus.decode.device import Device, devices_of_hand, devices_of_header  # noqa: PLC0415
     from palpate_host.hand_config import load  # noqa: PLC0415
 
     devices = devices_of_header(header)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from palpate_bus.decode.device import Device, Key
 from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, pdo_numbers
 from palpate_bus.eds.values import parse_integer
-from palpate_host.bus.device import Device, Key
 
 Read = Callable[[Key], int | None]
 """An object's number, None when the node has none."""

@@ -13,7 +13,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 if TYPE_CHECKING:
-    from palpate_host.bus.device import Device
+    from palpate_bus.decode.device import Device
     from palpate_host.bus.scan import FoundNode
 
 DIFFERS = 1
@@ -220,6 +220,6 @@ def _shown(device: Device | None, key: tuple[int, int], data: bytes) -> str:
 
 
 def _device(node: int, eds_path: Path | None) -> Device | None:
-    from palpate_host.bus.device import Device, usual_device  # noqa: PLC0415
+    from palpate_bus.decode.device import Device, usual_device  # noqa: PLC0415
 
     return Device(node, f"node 0x{node:02X}", eds_path) if eds_path else usual_device(node)

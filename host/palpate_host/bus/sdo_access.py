@@ -11,9 +11,9 @@ from collections.abc import Callable
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError
 
+from palpate_bus.decode.device import Device, Key
 from palpate_bus.eds.values import DataTypeInfo, parse_integer
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.device import Device, Key
 from palpate_host.bus.master_session import sdo_errors
 
 BLOCK_FROM_BYTES = 128  # below, the block transfer's own frames cost more than they save

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from palpate_host.bus.decode import Decoded, Service
+from palpate_bus.decode.decoder import Decoded, Service
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from enum import Enum
 
-from palpate_host.bus.device import Device, Key, Reading
-from palpate_host.bus.sdo_abort_text import abort_text
+from palpate_bus.decode.device import Device, Key, Reading
+from palpate_bus.decode.sdo_abort_text import abort_text
 
 MAX_VALUE_BYTES = 1 << 20  # more is counted and not kept
 SEGMENT_BYTES = 7

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from palpate_bus.decode.device import FINGERTIP_NODES, Device, Reading, usual_device
+from palpate_bus.decode.emcy_text import emcy_text, register_text
+from palpate_bus.decode.lss_text import lss_text
+from palpate_bus.decode.sdo_decode import SdoListener
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.device import FINGERTIP_NODES, Device, Reading, usual_device
-from palpate_host.bus.emcy_text import emcy_text, register_text
-from palpate_host.bus.lss_text import lss_text
-from palpate_host.bus.sdo_decode import SdoListener
 
 LSS_TO_MASTER, LSS_TO_SLAVE = 0x7E4, 0x7E5
 TIME_ID, SYNC_ID = 0x100, 0x080

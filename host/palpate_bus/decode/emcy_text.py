@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from palpate_bus.decode.units import FINGERTIP
 from palpate_edge.node.emergencies import Emergency
-from palpate_host.bus.units import FINGERTIP
 
 # CiA 301: the first that fits counts, from the special to the general. Mask, value, text.
 _CODES: tuple[tuple[int, int, str], ...] = (

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.pdo import PDO_KINDS, pdo_numbers
 from palpate_bus.eds.text import Findings, parse_sections, read_text
@@ -14,7 +15,6 @@ from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
-from palpate_host.bus.units import Unit, meaning_of, si_unit, unit_of
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.hand_config import HandConfig
 
