@@ -11,13 +11,13 @@ import can
 import numpy as np
 
 from bench.timing import Row, table, time_both, time_each
+from palpate_bus.hub.server import Hub
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.nmt import NMT_ID
-from palpate_host.bus.hub import Hub
 
 ROUND_TRIPS = 1000
 DRAINED_S = 0.002  # a burst's frames have left the hub's queue

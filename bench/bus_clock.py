@@ -25,6 +25,9 @@ import click
 import msgspec
 import numpy as np
 
+from palpate_bus.hub.connection import ask
+from palpate_bus.hub.control import Inject
+from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -35,9 +38,6 @@ from palpate_edge.daemon.daemon import run
 from palpate_edge.daemon.health import HealthReport
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import save_calibration
-from palpate_host.bus.connection import ask
-from palpate_host.bus.control import Inject
-from palpate_host.bus.faults import FaultKind, FaultRule
 from palpate_host.network import SYNC, TimeStampProducer
 
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from palpate_bus.hub import protocol
+from palpate_bus.hub.control import ClearFaults, Done, Inject, Refused, reply_decoder
+from palpate_bus.hub.faults import MAX_RULES, FaultKind, FaultPlan, FaultRule
+from palpate_bus.hub.hub_client import Client
+from palpate_bus.hub.hub_core import HubCore
+from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, Mode
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus import protocol
-from palpate_host.bus.control import ClearFaults, Done, Inject, Refused, reply_decoder
-from palpate_host.bus.faults import MAX_RULES, FaultKind, FaultPlan, FaultRule
-from palpate_host.bus.hub_client import Client
-from palpate_host.bus.hub_core import HubCore
-from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
 
 
 class Bench:

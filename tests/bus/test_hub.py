@@ -13,14 +13,14 @@ from itertools import pairwise
 import can
 import pytest
 
+from palpate_bus.hub import protocol
+from palpate_bus.hub.connection import ask
+from palpate_bus.hub.control import AskStatistics, ClearFaults, Inject, Statistics
+from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host.bus import protocol
-from palpate_host.bus.connection import ask
-from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
-from palpate_host.bus.faults import FaultKind, FaultRule
 
 PATIENCE_S = 20.0
 
@@ -309,7 +309,7 @@ def test_the_last_words_of_a_client_go_out(start_hub, open_port):
 
 
 def test_a_client_that_only_sends_keeps_a_bounded_number_of_frames(start_hub, open_port, monkeypatch):
-    monkeypatch.setattr("palpate_host.bus.client.MAX_PENDING", 10)
+    monkeypatch.setattr("palpate_bus.hub.plugin.MAX_PENDING", 10)
     start_hub("--bitrate", "0")
     deaf, other = open_port("deaf"), open_port("other")
     for number in range(30):

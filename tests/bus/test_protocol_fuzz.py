@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.hub import protocol
+from palpate_bus.hub.hub_client import Client
+from palpate_bus.hub.hub_core import HubCore
+from palpate_bus.hub.protocol import GarbledStreamError, Hello, Kind
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus import protocol
-from palpate_host.bus.hub_client import Client
-from palpate_host.bus.hub_core import HubCore
-from palpate_host.bus.protocol import GarbledStreamError, Hello, Kind
 
 FRAMES = st.lists(
     st.builds(CanFrame, can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8), remote=st.booleans()),

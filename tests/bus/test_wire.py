@@ -7,9 +7,9 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.hub.wire import Submitted, Wire
 from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.wire import Submitted, Wire
 
 
 def arbitrate_bit_by_bit(frames: list[CanFrame]) -> int:

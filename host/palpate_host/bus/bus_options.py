@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 import click
 
+from palpate_bus.hub.default_socket import default_socket
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.common.signals import stop_event
-from palpate_host.bus.default_socket import default_socket
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 SLICE_S = 0.1

@@ -8,6 +8,11 @@ from pathlib import Path
 
 import click
 
+from palpate_bus.hub.connection import ask
+from palpate_bus.hub.control import AskStatistics, ClearFaults, Inject, Statistics
+from palpate_bus.hub.default_socket import default_socket
+from palpate_bus.hub.faults import FaultRule
+from palpate_bus.hub.server import Hub
 from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.bus import BusConfig, open_bus
@@ -15,13 +20,8 @@ from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import on_stop_signal, stop_event
 from palpate_host.bus.budget_cli import budget
-from palpate_host.bus.connection import ask
-from palpate_host.bus.control import AskStatistics, ClearFaults, Inject, Statistics
-from palpate_host.bus.default_socket import default_socket
 from palpate_host.bus.eds_cli import check_eds
 from palpate_host.bus.fault_cli import fault_rule_options
-from palpate_host.bus.faults import FaultRule
-from palpate_host.bus.hub import Hub
 from palpate_host.bus.lss_cli import lss
 from palpate_host.bus.monitor_cli import monitor
 from palpate_host.bus.node_cli import scan, sdo

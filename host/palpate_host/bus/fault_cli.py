@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 import click
 
+from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID
-from palpate_host.bus.faults import FaultKind, FaultRule
 
 _HELP = {
     FaultKind.DROP: "Lose frames before they reach the wire.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_host.bus.control import Statistics
+from palpate_bus.hub.control import Statistics
 
 
 def status_line(statistics: Statistics) -> str:

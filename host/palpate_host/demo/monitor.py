@@ -16,10 +16,10 @@ from types import TracebackType
 
 import msgspec
 
+from palpate_bus.hub.connection import ask
+from palpate_bus.hub.control import AskStatistics, Statistics
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.connection import ask
-from palpate_host.bus.control import AskStatistics, Statistics
 from palpate_host.fingertips import Fingertip
 from palpate_host.hand_config import HandConfig
 from palpate_host.network import HEARTBEAT_ID, NmtState

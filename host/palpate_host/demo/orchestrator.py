@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate_bus.hub.connection import ask
+from palpate_bus.hub.control import AskStatistics
 from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
-from palpate_host.bus.connection import ask
-from palpate_host.bus.control import AskStatistics
 from palpate_host.demo.live_view import Scale
 from palpate_host.demo.monitor import Monitor, Sight
 from palpate_host.demo.processes import Children, DemoError, Program, Urgency

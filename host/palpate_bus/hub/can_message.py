@@ -7,8 +7,8 @@ import time
 
 import can
 
+from palpate_bus.hub.protocol import FrameFlag
 from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
-from palpate_host.bus.protocol import FrameFlag
 
 _OWN = int(FrameFlag.OWN)
 

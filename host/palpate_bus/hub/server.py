@@ -10,14 +10,14 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+from palpate_bus.hub import protocol
+from palpate_bus.hub.control import Statistics
+from palpate_bus.hub.hub_client import Client
+from palpate_bus.hub.hub_core import HubCore
+from palpate_bus.hub.protocol import GarbledStreamError, Kind
 from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.local_clock import LocalClock
-from palpate_host.bus import protocol
-from palpate_host.bus.control import Statistics
-from palpate_host.bus.hub_client import Client
-from palpate_host.bus.hub_core import HubCore
-from palpate_host.bus.protocol import GarbledStreamError, Kind
 
 RECEIVE_BYTES = 64 * 1024
 LOG_FLUSH_US = 500_000

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_bus.hub import protocol
+from palpate_bus.hub.control import Refused, Reply, Request, reply_decoder
+from palpate_bus.hub.protocol import Hello, Kind
 from palpate_edge.common.errors import BusError
-from palpate_host.bus import protocol
-from palpate_host.bus.control import Refused, Reply, Request, reply_decoder
-from palpate_host.bus.protocol import Hello, Kind
 
 ANSWER_TIMEOUT_S = 5.0  # a hub answers within a millisecond; a machine under load may take longer
 RECEIVE_BYTES = 64 * 1024

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from palpate_host.bus.faults import FaultRule
+from palpate_bus.hub.faults import FaultRule
 
 
 class Inject(msgspec.Struct, frozen=True, tag="inject", forbid_unknown_fields=True):

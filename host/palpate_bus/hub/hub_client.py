@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from palpate_host.bus import protocol
-from palpate_host.bus.control import PortStatistics
-from palpate_host.bus.protocol import Mode
+from palpate_bus.hub import protocol
+from palpate_bus.hub.control import PortStatistics
+from palpate_bus.hub.protocol import Mode
 
 NO_MODE = Mode(0)
 

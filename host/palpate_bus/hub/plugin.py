@@ -23,14 +23,14 @@ from pathlib import Path
 import can
 from can.typechecking import CanFilters
 
+from palpate_bus.hub import connection as link
+from palpate_bus.hub import protocol
+from palpate_bus.hub.can_message import classic_frame, error_frame, is_data_frame, message
+from palpate_bus.hub.default_socket import default_socket
+from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, Mode
 from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host.bus import connection as link
-from palpate_host.bus import protocol
-from palpate_host.bus.can_message import classic_frame, error_frame, is_data_frame, message
-from palpate_host.bus.default_socket import default_socket
-from palpate_host.bus.protocol import FrameFlag, Hello, Kind, Mode
 
 CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
 MAX_PENDING = 8192  # frames that `recv` has not taken yet

@@ -6,11 +6,8 @@ import heapq
 
 import msgspec
 
-from palpate_bus.load.measured_load import WINDOW_US, BusLoad
-from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.common.errors import ConfigError
-from palpate_host.bus import protocol
-from palpate_host.bus.control import (
+from palpate_bus.hub import protocol
+from palpate_bus.hub.control import (
     AskStatistics,
     Done,
     FaultStatistics,
@@ -22,10 +19,13 @@ from palpate_host.bus.control import (
     Statistics,
     request_decoder,
 )
-from palpate_host.bus.faults import UNHARMED, FaultPlan
-from palpate_host.bus.hub_client import NO_MODE, Client
-from palpate_host.bus.protocol import FrameFlag, GarbledStreamError, Kind, Mode
-from palpate_host.bus.wire import Delivery, Submitted, Wire
+from palpate_bus.hub.faults import UNHARMED, FaultPlan
+from palpate_bus.hub.hub_client import NO_MODE, Client
+from palpate_bus.hub.protocol import FrameFlag, GarbledStreamError, Kind, Mode
+from palpate_bus.hub.wire import Delivery, Submitted, Wire
+from palpate_bus.load.measured_load import WINDOW_US, BusLoad
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.errors import ConfigError
 
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
 MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # with answers and credits, which are never left out
