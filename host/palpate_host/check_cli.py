@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from palpate_bus.decode.device import Device, Key
+from palpate_bus.master.scan import FoundNode
+from palpate_bus.master.scan import scan as scan_bus
+from palpate_bus.master.sdo_access import read_number
+from palpate_bus.master.session import master, sdo_client
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.master_session import master, sdo_client
-from palpate_host.bus.scan import FoundNode
-from palpate_host.bus.scan import scan as scan_bus
-from palpate_host.bus.sdo_access import read_number
 from palpate_host.hand_check import NodeReport, check_nodes, joint_angles, table
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore

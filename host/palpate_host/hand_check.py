@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_bus.decode.device import Device, Key, devices_of_hand
+from palpate_bus.master.node_check import differences
 from palpate_edge.common.errors import BusError
-from palpate_host.bus.node_check import differences
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.joint_command import Follows
 from palpate_host.hand_config import HandConfig, JointConfig

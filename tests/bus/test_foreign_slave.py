@@ -17,12 +17,12 @@ import pytest
 from durand.scheduler import VirtualScheduler, get_scheduler, set_scheduler
 
 from palpate_bus.decode.device import Device
+from palpate_bus.master.node_check import differences
+from palpate_bus.master.sdo_access import read_number
+from palpate_bus.master.session import sdo_client
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip_objects import encode_contact
-from palpate_host.bus.master_session import sdo_client
-from palpate_host.bus.node_check import differences
-from palpate_host.bus.sdo_access import read_number
 from palpate_host.supervisor import Mode
 
 BENCH = Path(__file__).parents[1] / "host" / "virtual_bench.py"

@@ -16,15 +16,15 @@ from click.testing import CliRunner
 from durand.network import CANBusNetwork
 
 from palpate_bus.decode.device import Device, usual_device
+from palpate_bus.master.lss import parse_address
+from palpate_bus.master.sdo_access import encode, find_object
+from palpate_bus.master.session import master
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.bus.cli import bus
-from palpate_host.bus.lss import parse_address
-from palpate_host.bus.master_session import master
-from palpate_host.bus.sdo_access import encode, find_object
 from palpate_host.drives.cia402 import CIA402_EDS
 
 

@@ -28,8 +28,8 @@ def list_(**bus: Any) -> None:
     \b
     palpate-host bus lss list
     """
-    from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
-    from palpate_host.bus.master_session import master  # noqa: PLC0415
+    from palpate_bus.master.lss import find_unconfigured  # noqa: PLC0415
+    from palpate_bus.master.session import master  # noqa: PLC0415
 
     with master(chosen_bus(**bus), "lss") as network:
         found = find_unconfigured(network, lambda address: click.echo(str(address)))
@@ -47,8 +47,8 @@ def set_(node: int, address: str | None, store: bool, **bus: Any) -> None:
     \b
     palpate-host bus lss set 0x11 --store
     """
-    from palpate_host.bus.lss import only_unconfigured, parse_address, set_node_id  # noqa: PLC0415
-    from palpate_host.bus.master_session import master  # noqa: PLC0415
+    from palpate_bus.master.lss import only_unconfigured, parse_address, set_node_id  # noqa: PLC0415
+    from palpate_bus.master.session import master  # noqa: PLC0415
 
     with master(chosen_bus(**bus), "lss") as network:
         device = parse_address(address) if address else only_unconfigured(network)

@@ -14,7 +14,7 @@ from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 if TYPE_CHECKING:
     from palpate_bus.decode.device import Device
-    from palpate_host.bus.scan import FoundNode
+    from palpate_bus.master.scan import FoundNode
 
 DIFFERS = 1
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -49,10 +49,10 @@ def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any
     palpate-host bus scan
     palpate-host bus scan --interface socketcan --channel can0 --json
     """
+    from palpate_bus.master.lss import find_unconfigured  # noqa: PLC0415
+    from palpate_bus.master.scan import scan as scan_bus  # noqa: PLC0415
+    from palpate_bus.master.session import master  # noqa: PLC0415
     from palpate_edge.common.progress import progress_bar  # noqa: PLC0415 - `bus hub` shall not wait for canopen
-    from palpate_host.bus.lss import find_unconfigured  # noqa: PLC0415
-    from palpate_host.bus.master_session import master  # noqa: PLC0415
-    from palpate_host.bus.scan import scan as scan_bus  # noqa: PLC0415
 
     with master(chosen_bus(**bus), "scan") as network:
         with progress_bar("asking 127 node ids") as progress:
@@ -135,8 +135,8 @@ def read(
     palpate-host bus sdo read 0x10 "Manufacturer device name"
     palpate-host bus sdo read 5 1021 --block -o drive.eds
     """
-    from palpate_host.bus import sdo_access  # noqa: PLC0415
-    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
+    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
+    from palpate_bus.master import sdo_access  # noqa: PLC0415
 
     device = _device(node, eds_path)
     key = sdo_access.find_object(device, object_name)
@@ -173,8 +173,8 @@ def write(
     palpate-host bus sdo write 0x10 "Producer heartbeat time" 250ms
     palpate-host bus sdo write 0x10 6125:1 zero
     """
-    from palpate_host.bus import sdo_access  # noqa: PLC0415
-    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
+    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
+    from palpate_bus.master import sdo_access  # noqa: PLC0415
 
     if (value is None) == (file_path is None):
         raise click.UsageError("give either VALUE or --file")
@@ -198,9 +198,9 @@ def check(node: int, timeout_s: float, eds_path: Path | None, **bus: Any) -> Non
     \b
     palpate-host bus sdo check 0x10
     """
-    from palpate_host.bus.master_session import master, sdo_client  # noqa: PLC0415
-    from palpate_host.bus.node_check import differences  # noqa: PLC0415
-    from palpate_host.bus.sdo_access import read_number  # noqa: PLC0415
+    from palpate_bus.master.node_check import differences  # noqa: PLC0415
+    from palpate_bus.master.sdo_access import read_number  # noqa: PLC0415
+    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
 
     device = _device(node, eds_path)
     if device is None:

@@ -13,8 +13,8 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from palpate_bus.decode.device import Device, Key
 from palpate_bus.eds.values import DataTypeInfo, parse_integer
+from palpate_bus.master.session import sdo_errors
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.master_session import sdo_errors
 
 BLOCK_FROM_BYTES = 128  # below, the block transfer's own frames cost more than they save
 COMMAND_UNKNOWN, NO_OBJECT, NO_SUBINDEX = 0x0504_0001, 0x0602_0000, 0x0609_0011

@@ -13,7 +13,7 @@ import canopen
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate_host.bus.master_session import sdo_client
+from palpate_bus.master.session import sdo_client
 
 NODE_IDS = range(1, 128)
 DEVICE_TYPE, DEVICE_NAME, IDENTITY = 0x1000, 0x1008, 0x1018
