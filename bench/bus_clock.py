@@ -43,7 +43,7 @@ from palpate_host.network import SYNC, TimeStampProducer
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"
 TICK_S = 0.01
 SETTLE_S = 10.0  # starting processes takes half of it
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 
 
 DELAY_US = 1000

@@ -126,7 +126,7 @@ def _hub() -> Iterator[str]:
     """A hub process; gives its socket."""
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "hub.sock")
-        start = "from palpate_host.bus.cli import bus; bus()"
+        start = "from palpate_bus.cli.main import bus; bus()"
         command = [sys.executable, "-c", start, "hub", "--socket", path]
         with subprocess.Popen(command, stderr=subprocess.PIPE) as hub:
             assert hub.stderr is not None

@@ -26,7 +26,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
     "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
     "simulate": ("palpate_host.twin.simulate_cli:simulate", "The twin: the dome, its camera, datasets."),
-    "bus": ("palpate_host.bus.cli:bus", "The local CAN hub, logs, statistics and faults."),
+    "bus": ("palpate_bus.cli.main:bus", "The local CAN hub, logs, statistics and faults."),
 }
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from palpate_edge.cli.main import main
 
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 PATIENCE_S = 60
 
 

@@ -21,7 +21,7 @@ from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any-machine")
 
-MAIN = "from palpate_host.bus.cli import bus; bus()"
+MAIN = "from palpate_bus.cli.main import bus; bus()"
 
 
 class HubProcess:

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.cli.main import bus
 from palpate_bus.hub import protocol
 from palpate_bus.hub.hub_client import Client
 from palpate_bus.hub.hub_core import HubCore
@@ -21,7 +22,6 @@ from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.load.budget import Case, budget, largest_frame_rate, worst_bits
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.bus.cli import bus
 
 GOLDEN = Path(__file__).parents[1] / "replay" / "demo.log.gz"
 # Lengths worked out in Davis et al. (2007), table of transmission times: 8 bytes take 135 bits at most.

@@ -9,13 +9,13 @@ import time
 import pytest
 from click.testing import CliRunner
 
+from palpate_bus.cli.main import bus
 from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_host.bus.cli import bus
 
 WAIT_S = 60  # for a process on a busy machine
-MAIN = "from palpate_host.bus.cli import bus; bus()"
+MAIN = "from palpate_bus.cli.main import bus; bus()"
 
 
 def run(*arguments):

@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 from durand.network import CANBusNetwork
 
+from palpate_bus.cli.main import bus
 from palpate_bus.decode.device import Device, usual_device
 from palpate_bus.master.lss import parse_address
 from palpate_bus.master.sdo_access import encode, find_object
@@ -24,7 +25,6 @@ from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host.bus.cli import bus
 from palpate_host.drives.cia402 import CIA402_EDS
 
 

@@ -29,7 +29,7 @@ from palpate_edge.estimation.calibration_file import save_calibration
 
 pytestmark = pytest.mark.deploy_namespace
 
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 SERVICE = "palpate-fingertip.service"
 CHECK = "/opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml"
 WATCHED_S = float(os.environ.get("PALPATE_WATCHED_S", "10"))  # for what is written to the card

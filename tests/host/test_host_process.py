@@ -13,7 +13,7 @@ import pytest
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 
 PROGRAMS = {
-    "hub": "from palpate_host.bus.cli import bus; bus()",
+    "hub": "from palpate_bus.cli.main import bus; bus()",
     "drives": "from palpate_host.twin.cli import drives; drives()",
     "run": (
         "import sys\n"

@@ -19,7 +19,7 @@ from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.daemon import daemon
 from palpate_host import host
 
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 LEAST_OBJECTS = 10_000  # the modules that host and daemon import make more
 
 

@@ -398,7 +398,7 @@ def test_two_runs_of_the_same_frames_are_the_same() -> None:
     assert run() == run()
 
 
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 DRIVES = "from palpate_host.twin.cli import drives; drives()"
 
 

@@ -23,7 +23,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 
 PATIENCE_S = 60.0
-HUB = "from palpate_host.bus.cli import bus; bus()"
+HUB = "from palpate_bus.cli.main import bus; bus()"
 WATCHDOG_US = 1_500_000
 FEED_US = WATCHDOG_US // 3
 NODE = 0x10

@@ -27,7 +27,7 @@ SILENCE_S = 1.5
 WATCHDOG_US = 300_000
 # A loaded test machine may answer late: no answer is given up while a test stops the simulator.
 PROGRAMS = {
-    "hub": "from palpate_host.bus.cli import bus; bus()",
+    "hub": "from palpate_bus.cli.main import bus; bus()",
     "az": (
         "import sys\n"
         "from palpate_edge.common.errors import PalpateError\n"

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
+from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 
 @click.group()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, open_chosen_bus
 
 if TYPE_CHECKING:
     from palpate_bus.decode.device import Device

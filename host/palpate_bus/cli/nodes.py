@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE, chosen_bus
 from palpate_edge.common.errors import ConfigError
-from palpate_host.bus.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 if TYPE_CHECKING:
     from palpate_bus.decode.device import Device
@@ -135,8 +135,8 @@ def read(
     palpate-host bus sdo read 0x10 "Manufacturer device name"
     palpate-host bus sdo read 5 1021 --block -o drive.eds
     """
-    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
     from palpate_bus.master import sdo_access  # noqa: PLC0415
+    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
 
     device = _device(node, eds_path)
     key = sdo_access.find_object(device, object_name)
@@ -173,8 +173,8 @@ def write(
     palpate-host bus sdo write 0x10 "Producer heartbeat time" 250ms
     palpate-host bus sdo write 0x10 6125:1 zero
     """
-    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
     from palpate_bus.master import sdo_access  # noqa: PLC0415
+    from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
 
     if (value is None) == (file_path is None):
         raise click.UsageError("give either VALUE or --file")

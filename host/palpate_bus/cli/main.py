@@ -8,6 +8,13 @@ from pathlib import Path
 
 import click
 
+from palpate_bus.cli.budget import budget
+from palpate_bus.cli.check_eds import check_eds
+from palpate_bus.cli.faults import fault_rule_options
+from palpate_bus.cli.lss import lss
+from palpate_bus.cli.monitor import monitor
+from palpate_bus.cli.nodes import scan, sdo
+from palpate_bus.cli.stats_table import stats_table, status_line
 from palpate_bus.hub.connection import ask
 from palpate_bus.hub.control import AskStatistics, ClearFaults, Inject, Statistics
 from palpate_bus.hub.default_socket import default_socket
@@ -19,13 +26,6 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import on_stop_signal, stop_event
-from palpate_host.bus.budget_cli import budget
-from palpate_host.bus.eds_cli import check_eds
-from palpate_host.bus.fault_cli import fault_rule_options
-from palpate_host.bus.lss_cli import lss
-from palpate_host.bus.monitor_cli import monitor
-from palpate_host.bus.node_cli import scan, sdo
-from palpate_host.bus.stats_table import stats_table, status_line
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 SOCKET = click.option(
