@@ -22,7 +22,7 @@ from palpate_edge.vision.tracker import Tracker
 from palpate_host.twin.camera.random_sensor import with_tolerances
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome.library import load_library
 
 Array = NDArray[np.float64]
 

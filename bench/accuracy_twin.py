@@ -29,7 +29,7 @@ from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, Shot, single_presses, write_dataset
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome.library import load_library
 
 SENSORS = 10
 PLAN = Plan(train=200, test=60)

@@ -14,8 +14,8 @@ from bench.timing import Item, Row, table, time_each
 from palpate_host.twin.camera.random_presses import random_press
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.library import load_library
+from palpate_twin.dome.probe import Probe
 
 SENSORS = {"85 beads, pinhole": 0, "85 beads, fisheye": 2, "127 pins": 3, "331 pins": 4}  # seeds
 PRESSES = 60

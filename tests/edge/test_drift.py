@@ -16,8 +16,8 @@ from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.tracker import Beads, Reference
-from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome.dome_samples import CAMERA, LAYOUTS
+from palpate_twin.dome.library import load_library
 
 THRESHOLD_PX = 0.02
 SECOND_US = 1_000_000

@@ -19,8 +19,8 @@ from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.vision.unknown_layout import beads_without_layout
-from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.library import load_library
+from palpate_twin.dome.probe import Probe
 
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
 RINGS = {

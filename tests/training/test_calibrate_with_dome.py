@@ -21,7 +21,7 @@ from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.tracker import Beads
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome.library import load_library
 
 HIDDEN_SHARE = 0.3
 

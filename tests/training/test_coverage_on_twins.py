@@ -16,7 +16,7 @@ from palpate_edge.estimation.estimator import Estimator
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome.library import load_library
 
 SEEDS = (100, 101, 102)  # one of each layout of 85 beads
 PRESSES, TESTS = 60, 60

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_host.twin.dome import field_grid, library
-from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.dome.make_library import Domes
-from palpate_host.twin.dome.mesh import Resolution
-from palpate_host.twin.dome.press import press_path
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid, library
+from palpate_twin.dome.library import load_library
+from palpate_twin.dome.make_library import Domes
+from palpate_twin.dome.mesh import Resolution
+from palpate_twin.dome.press import press_path
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

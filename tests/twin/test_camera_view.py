@@ -23,9 +23,9 @@ from palpate_host.twin.camera.look import Look, TwinSensor
 from palpate_host.twin.camera.random_presses import CYCLE_S, moving_press, random_press
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.library import FieldLibrary, load_library
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.library import FieldLibrary, load_library
+from palpate_twin.dome.probe import Probe
 
 Image = NDArray[np.uint8]
 

@@ -11,15 +11,15 @@ from click.testing import CliRunner
 from tests.twin.fresh_solutions import directions, solutions
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.convergence import converge
-from palpate_host.twin.dome.equilibrium import Dome
-from palpate_host.twin.dome.library import load_library
-from palpate_host.twin.dome.make_library import Domes, new_file, solve_angle, write_library
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.side_points import side_points
 from palpate_host.twin.simulate_cli import simulate
+from palpate_twin.dome import field_grid as grid
+from palpate_twin.dome.convergence import converge
+from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.library import load_library
+from palpate_twin.dome.make_library import Domes, new_file, solve_angle, write_library
+from palpate_twin.dome.mesh import Resolution, dome_mesh
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.side_points import side_points
 
 TINY = ["--mesh", "4", "3", "1"]
 

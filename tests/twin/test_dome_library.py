@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.library import SHIPPED, FieldLibrary, lagrange, load_library, ring_weights
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid as grid
+from palpate_twin.dome.library import SHIPPED, FieldLibrary, lagrange, load_library, ring_weights
+from palpate_twin.dome.probe import Probe
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import pytest
 from palpate_edge.calibration.training.dome_model import load_dome_model, save_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.estimation.displacement_field import canonical_directions
-from palpate_host.twin.dome import dome_samples as maker
-from palpate_host.twin.dome.library import load_library
+from palpate_twin.dome import dome_samples as maker
+from palpate_twin.dome.library import load_library
 
 
 @pytest.fixture(scope="module")

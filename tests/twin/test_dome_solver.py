@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome.elasticity import Solid, bulk_per_mu
-from palpate_host.twin.dome.equilibrium import Dome
-from palpate_host.twin.dome.friction_contact import contact
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.press import directions, press, press_path
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.sampling import Sampler
-from palpate_host.twin.dome.surface import outer_surface
+from palpate_twin.dome.elasticity import Solid, bulk_per_mu
+from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.friction_contact import contact
+from palpate_twin.dome.mesh import Resolution, dome_mesh
+from palpate_twin.dome.press import directions, press, press_path
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.sampling import Sampler
+from palpate_twin.dome.surface import outer_surface
 
 TINY = Resolution(cap=4, side=3, wall=1)
 THETA_RAD = np.radians(35.0)

@@ -15,13 +15,13 @@ from palpate_host.twin.camera import layouts
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
-from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.driven_hand import HandMotor
 from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
 from palpate_host.twin.hand.lockstep import LockstepLoop
 from palpate_host.twin.hand.loop import run_loop
+from palpate_twin.dome.library import load_library
 
 TABLE_4 = PACKAGED["table4-wide"]
 PITCH, YAW = 1, 2

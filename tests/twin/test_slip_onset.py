@@ -14,12 +14,12 @@ from palpate_edge.estimation.displacement_field import DisplacementReader, about
 from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.tracker import Beads
-from palpate_host.twin.dome.dome_samples import CAMERA, LAYOUTS
-from palpate_host.twin.dome.equilibrium import Dome
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.press import press_path
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.sampling import Sampler
+from palpate_twin.dome.dome_samples import CAMERA, LAYOUTS
+from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.mesh import Resolution, dome_mesh
+from palpate_twin.dome.press import press_path
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.sampling import Sampler
 
 THETA_RAD = 0.3
 DEPTH_MM, SLIDE_MM, STEPS = 1.5, 6.0, 20

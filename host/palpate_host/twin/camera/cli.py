@@ -9,7 +9,7 @@ import cv2
 
 from palpate_edge.common.signals import stop_event
 from palpate_host.twin.camera.layouts import NAMES
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.probe import Probe
 
 SHIPPED_PROBES = {probe.label: probe for probe in (Probe.PLATE, Probe.SPHERE5)}
 
@@ -80,7 +80,7 @@ def dataset(
         single_presses,
         write_dataset,
     )
-    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     cv2.setNumThreads(1)
     twin = choose_sensor(sensor_path, random_seed, layout)
@@ -132,7 +132,7 @@ def camera(
     from palpate_host.twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
     from palpate_host.twin.camera.live import run_camera  # noqa: PLC0415
     from palpate_host.twin.camera.renderer import CameraView  # noqa: PLC0415
-    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     cv2.setNumThreads(1)
     twin = choose_sensor(sensor_path, random_seed)

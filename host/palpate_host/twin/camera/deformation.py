@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Dome
-from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.library import FieldLibrary, periodic, ring_weights
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid as grid
+from palpate_twin.dome.library import FieldLibrary, periodic, ring_weights
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

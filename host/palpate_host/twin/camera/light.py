@@ -13,7 +13,7 @@ from palpate_edge.geometry.sensor import Sensor, View
 from palpate_host.twin.camera.deformation import AZIMUTHS, skin_directions
 from palpate_host.twin.camera.look import Look
 from palpate_host.twin.camera.still import Part
-from palpate_host.twin.dome import field_grid as grid
+from palpate_twin.dome import field_grid as grid
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

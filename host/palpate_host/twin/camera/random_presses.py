@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate_host.twin.camera.deformation import DeformableDome, ProbePress
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.probe import Probe
 
 MOST_THETA_DEG = 72.0
 DEPTH_SHARES = (0.02, 0.95)  # of the deepest that the library has there

@@ -16,7 +16,7 @@ from palpate_host.twin.camera.light import STEP, SkinLight
 from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.noise import NoiseField
 from palpate_host.twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
-from palpate_host.twin.dome.library import FieldLibrary
+from palpate_twin.dome.library import FieldLibrary
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -19,7 +19,7 @@ from palpate_host.twin.camera.deformation import ProbePress
 from palpate_host.twin.camera.look import TWIN_FILE, save_twin
 from palpate_host.twin.camera.random_presses import moving_press, random_press
 from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

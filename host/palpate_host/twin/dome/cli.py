@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.probe import Probe
 
 if TYPE_CHECKING:
-    from palpate_host.twin.dome.mesh import Resolution
+    from palpate_twin.dome.mesh import Resolution
 
 FILE = click.Path(path_type=Path, dir_okay=False, writable=True)
 PROBES = {probe.label: probe for probe in Probe}
@@ -59,10 +59,10 @@ def analysis(
     """Table 2's ratios as this dome gives them, and one press on finer and finer meshes."""
     import numpy as np  # noqa: PLC0415 (as below: these load scipy)
 
-    from palpate_host.twin.dome.convergence import converge  # noqa: PLC0415
-    from palpate_host.twin.dome.equilibrium import Dome  # noqa: PLC0415
-    from palpate_host.twin.dome.mesh import dome_mesh  # noqa: PLC0415
-    from palpate_host.twin.dome.side_points import FORCE_PER_MU_MM2, TABLE_2, side_points  # noqa: PLC0415
+    from palpate_twin.dome.convergence import converge  # noqa: PLC0415
+    from palpate_twin.dome.equilibrium import Dome  # noqa: PLC0415
+    from palpate_twin.dome.mesh import dome_mesh  # noqa: PLC0415
+    from palpate_twin.dome.side_points import FORCE_PER_MU_MM2, TABLE_2, side_points  # noqa: PLC0415
 
     click.echo(f"Side points on the bead sphere, plate, {FORCE_PER_MU_MM2:g} mm^2 times mu (Table 2)")
     click.echo("contact angle  depth mm  before mm  after mm  ratio  paper")
@@ -105,10 +105,10 @@ def press(
     """One press: force on the dome and on its base, centre of pressure, and a picture (Fig. 11)."""
     import numpy as np  # noqa: PLC0415
 
-    from palpate_host.twin.dome import press as pressing  # noqa: PLC0415
-    from palpate_host.twin.dome.equilibrium import Dome  # noqa: PLC0415
-    from palpate_host.twin.dome.mesh import dome_mesh  # noqa: PLC0415
-    from palpate_host.twin.dome.picture import draw_press  # noqa: PLC0415
+    from palpate_twin.dome import press as pressing  # noqa: PLC0415
+    from palpate_twin.dome.equilibrium import Dome  # noqa: PLC0415
+    from palpate_twin.dome.mesh import dome_mesh  # noqa: PLC0415
+    from palpate_twin.dome.picture import draw_press  # noqa: PLC0415
 
     model = Dome(dome_mesh(resolution=_resolution(mesh), half=shear_mm[1] == 0))
     pressed = pressing.press(model, float(np.radians(theta_deg)), depth_mm, PROBES[probe_name], shear_mm)
@@ -141,9 +141,9 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
     import numpy as np  # noqa: PLC0415
     from rich.progress import Progress  # noqa: PLC0415
 
-    from palpate_host.twin.dome import field_grid as grid  # noqa: PLC0415
-    from palpate_host.twin.dome.library import SHIPPED  # noqa: PLC0415
-    from palpate_host.twin.dome.make_library import Domes, Row, solve_angle, write_library  # noqa: PLC0415
+    from palpate_twin.dome import field_grid as grid  # noqa: PLC0415
+    from palpate_twin.dome.library import SHIPPED  # noqa: PLC0415
+    from palpate_twin.dome.make_library import Domes, Row, solve_angle, write_library  # noqa: PLC0415
 
     target = out or SHIPPED
     if not os.access(target.parent, os.W_OK):
@@ -170,8 +170,8 @@ def model(seed: int, out: Path | None) -> None:
     from rich.progress import Progress  # noqa: PLC0415
 
     from palpate_edge.calibration.training.dome_model import SHIPPED, save_dome_model  # noqa: PLC0415
-    from palpate_host.twin.dome.dome_samples import dome_samples  # noqa: PLC0415
-    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_twin.dome.dome_samples import dome_samples  # noqa: PLC0415
+    from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     with Progress() as progress:
         task = progress.add_task("sensors", total=None)
@@ -184,6 +184,6 @@ def model(seed: int, out: Path | None) -> None:
 
 
 def _resolution(mesh: tuple[int, int, int]) -> Resolution:
-    from palpate_host.twin.dome.mesh import Resolution  # noqa: PLC0415
+    from palpate_twin.dome.mesh import Resolution  # noqa: PLC0415
 
     return Resolution(*mesh)

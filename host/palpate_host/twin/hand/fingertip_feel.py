@@ -18,9 +18,9 @@ from palpate_host.rotation import Array
 from palpate_host.twin.camera.deformation import ProbePress
 from palpate_host.twin.camera.look import TwinSensor
 from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.dome.library import FieldLibrary
-from palpate_host.twin.dome.probe import Probe
 from palpate_host.twin.hand.engine import Engine
+from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.probe import Probe
 
 LARGEST_THETA_DEG = 74.0
 """The library's fields end at 75 degrees from the pole."""

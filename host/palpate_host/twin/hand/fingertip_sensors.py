@@ -16,7 +16,7 @@ from palpate_host.twin.camera.look import TWIN_FILE, TwinSensor, load_twin
 from palpate_host.twin.camera.random_sensor import random_sensor
 from palpate_host.twin.camera.renderer import CameraView
 from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
-from palpate_host.twin.dome.library import FieldLibrary
+from palpate_twin.dome.library import FieldLibrary
 
 PRESSES = 60
 SEEDS_TO_TRY = 100

@@ -21,9 +21,9 @@ from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.errors import ConfigError
 from palpate_host.twin.camera.look import load_twin
 from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.dome.library import load_library
 from palpate_host.twin.hand.fingertip_feel import DomeTouch, Picture, press_of
 from palpate_host.twin.hand.picture_file import PictureFile
+from palpate_twin.dome.library import load_library
 
 READY_S = 60.0
 STOP_S = 5.0

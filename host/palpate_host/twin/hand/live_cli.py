@@ -31,8 +31,8 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     palpate-host simulate fingertips -o sensors
     """
     from palpate_host import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
-    from palpate_host.twin.dome.library import load_library  # noqa: PLC0415
     from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+    from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     config = hand_config.load(hand_file(hand_name))
     output.mkdir(parents=True, exist_ok=True)

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import field_grid as grid
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid as grid
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.equilibrium import Dome
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.press import press
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.sampling import Sampler
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.mesh import Resolution, dome_mesh
+from palpate_twin.dome.press import press
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.sampling import Sampler
 
 MESHES = (Resolution(4, 3, 1), Resolution(6, 4, 2), Resolution(8, 6, 2), Resolution(12, 8, 2))
 SHEAR_SHARE = 0.15

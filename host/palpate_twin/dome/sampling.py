@@ -8,8 +8,8 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import hexahedron
-from palpate_host.twin.dome.mesh import DomeMesh
+from palpate_twin.dome import hexahedron
+from palpate_twin.dome.mesh import DomeMesh
 
 Array = NDArray[np.float64]
 

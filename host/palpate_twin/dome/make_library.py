@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.equilibrium import Dome, State
-from palpate_host.twin.dome.mesh import Resolution, dome_mesh
-from palpate_host.twin.dome.press import Press, press_path
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.sampling import Sampler
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.equilibrium import Dome, State
+from palpate_twin.dome.mesh import Resolution, dome_mesh
+from palpate_twin.dome.press import Press, press_path
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.sampling import Sampler
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_host.twin.dome.mesh import HEXAHEDRON20
+from palpate_twin.dome.mesh import HEXAHEDRON20
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from palpate_host.twin.dome.elasticity import POISSON_RATIO, Solid
-from palpate_host.twin.dome.friction_contact import FRICTION, Contact, contact, no_anchor
-from palpate_host.twin.dome.mesh import DomeMesh
-from palpate_host.twin.dome.probe import ProbePose
-from palpate_host.twin.dome.surface import Surface, outer_surface
+from palpate_twin.dome.elasticity import POISSON_RATIO, Solid
+from palpate_twin.dome.friction_contact import FRICTION, Contact, contact, no_anchor
+from palpate_twin.dome.mesh import DomeMesh
+from palpate_twin.dome.probe import ProbePose
+from palpate_twin.dome.surface import Surface, outer_surface
 
 Array = NDArray[np.float64]
 

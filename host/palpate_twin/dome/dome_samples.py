@@ -16,9 +16,9 @@ from palpate_edge.calibration.training.samples import Samples, TrainingPress, ma
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.tracker import Beads
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.library import FieldLibrary
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

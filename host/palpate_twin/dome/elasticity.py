@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from palpate_host.twin.dome import hexahedron
+from palpate_twin.dome import hexahedron
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_host.twin.dome.probe import Probe
+from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]
 

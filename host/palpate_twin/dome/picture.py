@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.mesh import DomeMesh
-from palpate_host.twin.dome.press import Press
-from palpate_host.twin.dome.sampling import Sampler
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.mesh import DomeMesh
+from palpate_twin.dome.press import Press
+from palpate_twin.dome.sampling import Sampler
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome.equilibrium import Dome, Equilibrium, State
-from palpate_host.twin.dome.probe import Probe, ProbePose
+from palpate_twin.dome.equilibrium import Dome, Equilibrium, State
+from palpate_twin.dome.probe import Probe, ProbePose
 
 Array = NDArray[np.float64]
 Shear = tuple[float, float]

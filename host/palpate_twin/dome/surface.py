@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from palpate_host.twin.dome.mesh import DomeMesh
+from palpate_twin.dome.mesh import DomeMesh
 
 Array = NDArray[np.float64]
 

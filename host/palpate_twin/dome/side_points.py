@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.dome import field_grid
-from palpate_host.twin.dome.equilibrium import Dome
-from palpate_host.twin.dome.press import directions, largest_depth_mm, press_path
-from palpate_host.twin.dome.probe import Probe
-from palpate_host.twin.dome.sampling import Sampler
+from palpate_twin.dome import field_grid
+from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.press import directions, largest_depth_mm, press_path
+from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.sampling import Sampler
 
 Array = NDArray[np.float64]
 

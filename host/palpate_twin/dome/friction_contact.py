@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_host.twin.dome.probe import Probe, penetration
+from palpate_twin.dome.probe import Probe, penetration
 
 Array = NDArray[np.float64]
 
