@@ -19,9 +19,9 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
-from palpate_host.twin.camera.random_sensor import with_tolerances
-from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_twin.camera.random_sensor import with_tolerances
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.dome.library import load_library
 
 Array = NDArray[np.float64]

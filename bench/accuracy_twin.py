@@ -24,11 +24,11 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
-from palpate_host.twin.camera.layouts import NAMES
-from palpate_host.twin.camera.look import TwinSensor
-from palpate_host.twin.camera.random_sensor import random_sensor
-from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.camera.write_dataset import Plan, Shot, single_presses, write_dataset
+from palpate_twin.camera.layouts import NAMES
+from palpate_twin.camera.look import TwinSensor
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.camera.write_dataset import Plan, Shot, single_presses, write_dataset
 from palpate_twin.dome.library import load_library
 
 SENSORS = 10

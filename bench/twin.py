@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.timing import Item, Row, table, time_each
-from palpate_host.twin.camera.random_presses import random_press
-from palpate_host.twin.camera.random_sensor import random_sensor
-from palpate_host.twin.camera.renderer import CameraView
+from palpate_twin.camera.random_presses import random_press
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.library import load_library
 from palpate_twin.dome.probe import Probe
 

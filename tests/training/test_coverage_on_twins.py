@@ -13,9 +13,9 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_host.twin.camera.random_sensor import random_sensor
-from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.dome.library import load_library
 
 SEEDS = (100, 101, 102)  # one of each layout of 85 beads

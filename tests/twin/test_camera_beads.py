@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import Camera, CameraPose
-from palpate_host.twin.camera.bead_ellipse import BeadProjector
-from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
+from palpate_twin.camera.bead_ellipse import BeadProjector
+from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
 
 Array = NDArray[np.float64]
 

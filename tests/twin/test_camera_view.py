@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Ring, Sensor, bead_layout_mm
-from palpate_host.twin.camera.deformation import (
+from palpate_twin.camera.deformation import (
     DeformableDome,
     ProbePress,
     skin_directions,
     turned_rings,
 )
-from palpate_host.twin.camera.layouts import NAMES
-from palpate_host.twin.camera.look import Look, TwinSensor
-from palpate_host.twin.camera.random_presses import CYCLE_S, moving_press, random_press
-from palpate_host.twin.camera.random_sensor import random_sensor
-from palpate_host.twin.camera.renderer import CameraView
+from palpate_twin.camera.layouts import NAMES
+from palpate_twin.camera.look import Look, TwinSensor
+from palpate_twin.camera.random_presses import CYCLE_S, moving_press, random_press
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import FieldLibrary, load_library
 from palpate_twin.dome.probe import Probe

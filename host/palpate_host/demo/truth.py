@@ -52,7 +52,7 @@ def of_twin(path: Path) -> TruthOf:
     return touches.get
 
 
-TWIN_COLUMNS = 8  # palpate_host.twin.camera.live.COLUMNS
+TWIN_COLUMNS = 8  # palpate_twin.camera.live.COLUMNS
 
 
 def _touch(cells: Sequence[str]) -> Touch:

@@ -22,7 +22,7 @@ def sensor(sensor_toml: Path, picture: Path | None) -> None:
       palpate-host simulate sensor demo/recording/press/sensor.toml
       palpate-host simulate sensor my-sensor.toml --picture my-sensor.svg
     """
-    from palpate_host.twin.sensor_drawing import draw_sensor, plan_text  # noqa: PLC0415 (slow to import)
+    from palpate_twin.camera.sensor_drawing import draw_sensor, plan_text  # noqa: PLC0415 (slow to import)
 
     found = read_sensor(sensor_toml)
     click.echo(plan_text(found))

@@ -8,7 +8,7 @@ import click
 import cv2
 
 from palpate_edge.common.signals import stop_event
-from palpate_host.twin.camera.layouts import NAMES
+from palpate_twin.camera.layouts import NAMES
 from palpate_twin.dome.probe import Probe
 
 SHIPPED_PROBES = {probe.label: probe for probe in (Probe.PLATE, Probe.SPHERE5)}
@@ -72,9 +72,9 @@ def dataset(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: what --help need not wait for)
 
-    from palpate_host.twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
-    from palpate_host.twin.camera.renderer import CameraView  # noqa: PLC0415
-    from palpate_host.twin.camera.write_dataset import (  # noqa: PLC0415
+    from palpate_twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
+    from palpate_twin.camera.renderer import CameraView  # noqa: PLC0415
+    from palpate_twin.camera.write_dataset import (  # noqa: PLC0415
         Plan,
         one_sequence,
         single_presses,
@@ -129,9 +129,9 @@ def camera(
       palpate-edge calibrate dome-7 -o dome-7.cal
       palpate-host simulate camera --sensor dome-7 --shm /dev/shm/finger-1
     """
-    from palpate_host.twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
-    from palpate_host.twin.camera.live import run_camera  # noqa: PLC0415
-    from palpate_host.twin.camera.renderer import CameraView  # noqa: PLC0415
+    from palpate_twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
+    from palpate_twin.camera.live import run_camera  # noqa: PLC0415
+    from palpate_twin.camera.renderer import CameraView  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     cv2.setNumThreads(1)

@@ -11,11 +11,11 @@ from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import CalibrationError, ConfigError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, load_calibration, save_calibration
-from palpate_host.twin.camera import layouts
-from palpate_host.twin.camera.look import TWIN_FILE, TwinSensor, load_twin
-from palpate_host.twin.camera.random_sensor import random_sensor
-from palpate_host.twin.camera.renderer import CameraView
-from palpate_host.twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_twin.camera import layouts
+from palpate_twin.camera.look import TWIN_FILE, TwinSensor, load_twin
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.dome.library import FieldLibrary
 
 PRESSES = 60

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate_host.twin.camera.deformation import DeformableDome, ProbePress
+from palpate_twin.camera.deformation import DeformableDome, ProbePress
 from palpate_twin.dome.probe import Probe
 
 MOST_THETA_DEG = 72.0

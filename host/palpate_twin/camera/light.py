@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import Sensor, View
-from palpate_host.twin.camera.deformation import AZIMUTHS, skin_directions
-from palpate_host.twin.camera.look import Look
-from palpate_host.twin.camera.still import Part
+from palpate_twin.camera.deformation import AZIMUTHS, skin_directions
+from palpate_twin.camera.look import Look
+from palpate_twin.camera.still import Part
 from palpate_twin.dome import field_grid as grid
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Sensor, View
-from palpate_host.twin.camera.look import Look
+from palpate_twin.camera.look import Look
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

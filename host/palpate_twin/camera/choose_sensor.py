@@ -6,8 +6,8 @@ from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import read_sensor
-from palpate_host.twin.camera.look import TWIN_FILE, TwinSensor, load_twin
-from palpate_host.twin.camera.random_sensor import random_sensor, with_tolerances
+from palpate_twin.camera.look import TWIN_FILE, TwinSensor, load_twin
+from palpate_twin.camera.random_sensor import random_sensor, with_tolerances
 
 
 def choose_sensor(path: Path | None, seed: int | None, layout: str | None = None) -> TwinSensor:

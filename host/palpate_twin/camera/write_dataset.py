@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import COLUMNS
 from palpate_edge.geometry.sensor import Sensor
-from palpate_host.twin.camera.deformation import ProbePress
-from palpate_host.twin.camera.look import TWIN_FILE, save_twin
-from palpate_host.twin.camera.random_presses import moving_press, random_press
-from palpate_host.twin.camera.renderer import CameraView
+from palpate_twin.camera.deformation import ProbePress
+from palpate_twin.camera.look import TWIN_FILE, save_twin
+from palpate_twin.camera.random_presses import moving_press, random_press
+from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
 Array = NDArray[np.float64]

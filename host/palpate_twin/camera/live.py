@@ -14,8 +14,8 @@ import numpy as np
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import monotonic_us
-from palpate_host.twin.camera.random_presses import moving_press
-from palpate_host.twin.camera.renderer import CameraView
+from palpate_twin.camera.random_presses import moving_press
+from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
 COLUMNS = ["sequence", "exposed_at_us", "x_mm", "y_mm", "z_mm", "fx_N", "fy_N", "fz_N"]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Sensor, bead_layout_mm
-from palpate_host.twin.camera import layouts
-from palpate_host.twin.camera.look import Colour, Look, TwinSensor
+from palpate_twin.camera import layouts
+from palpate_twin.camera.look import Colour, Look, TwinSensor
 
 Array = NDArray[np.float64]
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import View
-from palpate_host.twin.camera.bead_ellipse import BeadProjector
-from palpate_host.twin.camera.bead_layer import WHOLE, BeadLayer
-from palpate_host.twin.camera.deformation import DeformableDome, Deformation, ProbePress
-from palpate_host.twin.camera.light import STEP, SkinLight
-from palpate_host.twin.camera.look import TwinSensor
-from palpate_host.twin.camera.noise import NoiseField
-from palpate_host.twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
+from palpate_twin.camera.bead_ellipse import BeadProjector
+from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
+from palpate_twin.camera.deformation import DeformableDome, Deformation, ProbePress
+from palpate_twin.camera.light import STEP, SkinLight
+from palpate_twin.camera.look import TwinSensor
+from palpate_twin.camera.noise import NoiseField
+from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
 from palpate_twin.dome.library import FieldLibrary
 
 Array = NDArray[np.float64]
