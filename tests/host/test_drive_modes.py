@@ -22,8 +22,8 @@ from palpate_host.drives.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.drives.joint_orders import LEAD_RAD, JointOrders
 from palpate_host.hand_config import ForceLaw, HomingConfig, RunConfig, StartMode
 from palpate_host.supervisor import Mode
-from palpate_host.twin.drive_plant import JointParameters, JointPlant
-from palpate_host.twin.simulated_drives import PlantMotor, SimulatedDrive
+from palpate_twin.drives.drive_plant import JointParameters, JointPlant
+from palpate_twin.drives.simulated_drives import PlantMotor, SimulatedDrive
 
 TICK_US = 10_000
 SYNC = CanFrame(0x080)

@@ -27,9 +27,9 @@ from palpate_edge.node.slave import Output
 from palpate_host import hand_config
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.serve_devices import serve_devices
-from palpate_host.twin.drive_plant import JointParameters, JointPlant
-from palpate_host.twin.hand_drives import drives_of
-from palpate_host.twin.simulated_drives import SimulatedDrive
+from palpate_twin.drives.drive_plant import JointParameters, JointPlant
+from palpate_twin.drives.hand_drives import drives_of
+from palpate_twin.drives.simulated_drives import SimulatedDrive
 
 TABLE_4_HAND = CIA402_EDS.parents[1] / "models" / "table4.toml"
 START = CanFrame(0x000, b"\x01\x00")

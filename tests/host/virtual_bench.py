@@ -23,8 +23,8 @@ from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.network import SYNC
 from palpate_host.status import HostStatus
-from palpate_host.twin.hand_drives import drives_of
-from palpate_host.twin.simulated_drives import SimulatedDrive
+from palpate_twin.drives.hand_drives import drives_of
+from palpate_twin.drives.simulated_drives import SimulatedDrive
 
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 START_POSE_RAD = (0.0, 0.348, 1.221)

@@ -10,7 +10,7 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.signals import stop_event
 from palpate_host import hand_config
 from palpate_host.drives.serve_devices import serve_devices, states_line
-from palpate_host.twin.hand_drives import drives_of
+from palpate_twin.drives.hand_drives import drives_of
 
 TABLE_4_POSE_RAD = (0.0, 0.348, 1.221)
 

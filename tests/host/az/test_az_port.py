@@ -15,10 +15,10 @@ from palpate_host.drives.az.port import AzPort, Parity
 from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, Input, Status
 from palpate_host.drives.az.temperature import AzTemperatures
 from palpate_host.drives.cia402_device import Cia402Device
-from palpate_host.twin.az.az_server import AzServer
-from palpate_host.twin.az.pty_line import pty_line
-from palpate_host.twin.az.simulated_az import SimulatedAz
-from palpate_host.twin.drive_plant import JointParameters
+from palpate_twin.drives.az.az_server import AzServer
+from palpate_twin.drives.az.pty_line import pty_line
+from palpate_twin.drives.az.simulated_az import SimulatedAz
+from palpate_twin.drives.drive_plant import JointParameters
 
 BAUD_RATE = 230_400
 MOTOR = motor.AzMotor()

@@ -24,8 +24,8 @@ from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
 from palpate_host.drives.az.registers import DRIVER_TEMPERATURE
 from palpate_host.drives.cia402 import CIA402_EDS
-from palpate_host.twin.az.az_server import AzServer, simulated_port
-from palpate_host.twin.az.simulated_az import SimulatedAz
+from palpate_twin.drives.az.az_server import AzServer, simulated_port
+from palpate_twin.drives.az.simulated_az import SimulatedAz
 
 NODE = 5
 WAIT_S = 20.0

@@ -19,7 +19,7 @@ from palpate_edge.can_bus.bus import Bus, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
-from palpate_host.twin.az.az_server import simulated_port
+from palpate_twin.drives.az.az_server import simulated_port
 
 NODES = (5, 6)
 PATIENCE_S = 60.0

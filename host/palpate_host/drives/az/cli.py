@@ -49,7 +49,7 @@ def gateway(config_path: Path) -> None:
 @_CONFIG
 def simulate(config_path: Path) -> None:
     """Serves every port of az.toml with simulated drives, behind a link at its path."""
-    from palpate_host.twin.az.az_server import simulated_port  # noqa: PLC0415 - the twin is no part of a host
+    from palpate_twin.drives.az.az_server import simulated_port  # noqa: PLC0415 - the twin is no part of a host
 
     config = az_config.load(config_path)
     with stop_event() as stop, ExitStack() as stack:

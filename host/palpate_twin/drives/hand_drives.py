@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.hand_config import HandConfig
-from palpate_host.twin.drive_plant import JointParameters
-from palpate_host.twin.simulated_drives import SimulatedDrive
+from palpate_twin.drives.drive_plant import JointParameters
+from palpate_twin.drives.simulated_drives import SimulatedDrive
 
 
 def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive]:

@@ -14,7 +14,7 @@ from palpate_host.drives.az import alarms
 from palpate_host.drives.az import registers as az
 from palpate_host.drives.az.motor import FULL_CURRENT, AzMotor
 from palpate_host.drives.az.registers import Input, OperationType, Status, Trigger, from_words, to_words
-from palpate_host.twin.drive_plant import JointParameters, JointPlant
+from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 
 LONGEST_STEP_US = 1_000
 # A stepper keeps step with its command until its torque is spent; chosen: within 2 ms.

@@ -18,8 +18,8 @@ from palpate_edge.common.local_clock import monotonic_us
 from palpate_host.drives.az.config import PortConfig
 from palpate_host.drives.az.port import Parity
 from palpate_host.drives.az.registers import COMMUNICATION_TIMEOUT
-from palpate_host.twin.az.pty_line import pty_line
-from palpate_host.twin.az.simulated_az import SimulatedAz
+from palpate_twin.drives.az.pty_line import pty_line
+from palpate_twin.drives.az.simulated_az import SimulatedAz
 
 LAST_REGISTER = COMMUNICATION_TIMEOUT.address + 1
 START_TIMEOUT_S = 5.0

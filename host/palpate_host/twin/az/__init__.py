@@ -1,1 +1,0 @@
-"""Simulated AZ drives: registers behind a real serial line."""
