@@ -24,7 +24,7 @@ from palpate_host.demo import cli as demo_cli
 from palpate_host.demo.film import make_film
 from palpate_host.demo.run_folder import RunFolder
 from palpate_host.rotation import to_rpy_deg
-from palpate_host.twin.hand.motion import read_motion
+from palpate_twin.hand.motion import read_motion
 
 pytestmark = pytest.mark.demo
 

@@ -20,11 +20,11 @@ from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.film import draw_states, write_film
 from palpate_host.twin.hand.fingertip_feel import DirectFeel
 from palpate_host.twin.hand.live_cameras import Exposure
 from palpate_host.twin.hand.live_hand import LiveHand
-from palpate_host.twin.hand.motion import Motion, MotionFile, read_motion
+from palpate_twin.hand.film import draw_states, write_film
+from palpate_twin.hand.motion import Motion, MotionFile, read_motion
 
 TABLE_4 = PACKAGED["table4-wide"]
 FACE_M = 0.040  # from the object's middle to its faces
@@ -101,7 +101,7 @@ def test_the_plain_drawing_shows_the_object_where_opengl_would(tmp_path: Path):
 
 def test_the_plain_camera_is_mujocos():
     """MuJoCo's free camera, asked for its place and direction through its own scene."""
-    from palpate_host.twin.hand.plain_drawing import _View
+    from palpate_twin.hand.plain_drawing import _View
 
     twin = make_engine(load_hand(TABLE_4)[0], "eqs").twin
     camera = mujoco.MjvCamera()

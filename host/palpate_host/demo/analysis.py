@@ -37,7 +37,7 @@ from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.motion import Motion, read_motion
+from palpate_twin.hand.motion import Motion, read_motion
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,9 +24,9 @@ from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.fingertip_feel import RenderedFeel
 from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors
 from palpate_host.twin.hand.lockstep import LockstepLoop
-from palpate_host.twin.hand.motion import PERIOD_US, MotionFile
 from palpate_host.twin.hand.picture_file import PictureFile
 from palpate_twin.dome.library import load_library
+from palpate_twin.hand.motion import PERIOD_US, MotionFile
 
 ORIGIN = "palpate demo --lockstep"
 START_S, STOP_S = 5.0, 3.0

@@ -12,7 +12,7 @@ from palpate_host import rotation
 from palpate_host.demo.hand_motion import Moment
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.motion import Motion
+from palpate_twin.hand.motion import Motion
 
 TURNING = (Mode.MANIPULATE, Mode.BLIND)
 BOUND_DEG = 3.0

@@ -23,11 +23,11 @@ from palpate_host.host import load_hand
 from palpate_host.manipulation import Manipulation
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.engine import Engine, LostGraspError
-from palpate_host.twin.hand.friction import FrictionHand
-from palpate_host.twin.hand.rolling import RollingHand
-from palpate_host.twin.hand.twin_model import TwinModel, twin_model
 from palpate_host.virtual_frame import virtual_frame
+from palpate_twin.hand.engine import Engine, LostGraspError
+from palpate_twin.hand.friction import FrictionHand
+from palpate_twin.hand.rolling import RollingHand
+from palpate_twin.hand.twin_model import TwinModel, twin_model
 
 TICK_S = 1e-3
 FRAME_RATE_HZ = 30.0

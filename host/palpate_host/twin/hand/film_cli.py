@@ -59,9 +59,9 @@ def film(
 
     from palpate_host import hand_config  # noqa: PLC0415
     from palpate_host.rotation import to_rpy_deg  # noqa: PLC0415
-    from palpate_host.twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
-    from palpate_host.twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
-    from palpate_host.twin.hand.twin_model import twin_model  # noqa: PLC0415
+    from palpate_twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
+    from palpate_twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
+    from palpate_twin.hand.twin_model import twin_model  # noqa: PLC0415
 
     twin = twin_model(hand_config.load(config_path), with_contacts=False)
     motion = read_motion(motion_path)

@@ -15,12 +15,12 @@ from palpate_edge.estimation.displacement_field import tangent_basis
 from palpate_edge.estimation.estimator import Estimator
 from palpate_host.hand import Hand
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.engine import Engine
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
+from palpate_twin.hand.engine import Engine
 
 LARGEST_THETA_DEG = 74.0
 """The library's fields end at 75 degrees from the pole."""

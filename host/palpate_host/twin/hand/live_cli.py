@@ -88,8 +88,8 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
     from palpate_host.twin.hand.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
     from palpate_host.twin.hand.live_hand import LiveHand  # noqa: PLC0415
-    from palpate_host.twin.hand.motion import MotionFile  # noqa: PLC0415
     from palpate_twin.camera.look import TWIN_FILE  # noqa: PLC0415
+    from palpate_twin.hand.motion import MotionFile  # noqa: PLC0415
 
     config, kinematics = load_hand(config_path)
     names = [finger.name for finger in config.fingers]

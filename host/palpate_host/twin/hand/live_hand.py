@@ -24,11 +24,11 @@ from palpate_host.fingertips import Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.network import SYNC
-from palpate_host.twin.hand.driven_hand import DrivenHand
-from palpate_host.twin.hand.engine import Engine
 from palpate_host.twin.hand.fingertip_feel import touches_in_F
 from palpate_host.twin.hand.live_cameras import Exposure
-from palpate_host.twin.hand.motion import PERIOD_US, MotionFile
+from palpate_twin.hand.driven_hand import DrivenHand
+from palpate_twin.hand.engine import Engine
+from palpate_twin.hand.motion import PERIOD_US, MotionFile
 
 LOOK_US = 2_000
 """The hand moves on at least so often, in steps of the engine."""

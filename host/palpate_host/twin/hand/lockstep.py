@@ -26,9 +26,9 @@ from palpate_host.network import SYNC
 from palpate_host.rotation import Array
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.driven_hand import DrivenHand
-from palpate_host.twin.hand.engine import Engine, LostGraspError
 from palpate_host.twin.hand.fingertip_feel import Feel, touches_in_F
+from palpate_twin.hand.driven_hand import DrivenHand
+from palpate_twin.hand.engine import Engine, LostGraspError
 
 START_US = 1_700_000_000_000_000
 FRAME_PERIOD_US = 33_333

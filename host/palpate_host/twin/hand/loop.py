@@ -16,7 +16,7 @@ from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin.hand.fingertip_feel import Feel
 from palpate_host.twin.hand.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
 from palpate_host.twin.hand.paper import AXES, STEP_DEG
-from palpate_host.twin.hand.twin_model import TwinModel
+from palpate_twin.hand.twin_model import TwinModel
 
 G_M_S2 = 9.81
 POSITION_STIFFNESS_N_M = 300.0

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.engine import BRAKE_KGM2, STEP_S, TipTouch
-from palpate_host.twin.hand.twin_model import TwinModel
+from palpate_twin.hand.engine import BRAKE_KGM2, STEP_S, TipTouch
+from palpate_twin.hand.twin_model import TwinModel
 
 IMPEDANCE = 0.5
 NOSLIP_ITERATIONS = 5

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.plain_drawing import draw_plainly
-from palpate_host.twin.hand.twin_model import TwinModel
+from palpate_twin.hand.plain_drawing import draw_plainly
+from palpate_twin.hand.twin_model import TwinModel
 
 Image = npt.NDArray[np.uint8]
 

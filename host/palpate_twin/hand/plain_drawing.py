@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_host.rotation import Array, cross
-from palpate_host.twin.hand.twin_model import TwinModel
+from palpate_twin.hand.twin_model import TwinModel
 
 Image = npt.NDArray[np.uint8]
 

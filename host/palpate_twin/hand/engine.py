@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate_edge.common.errors import PalpateError
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.twin_model import TwinModel
+from palpate_twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4
 BRAKE_KGM2 = 1e6

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate_edge.common.errors import ConfigError, DatasetError
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.engine import Engine
+from palpate_twin.hand.engine import Engine
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 TIP_COLUMNS = ("slip_{}_mm", "force_{}_N", "friction_{}_N")
