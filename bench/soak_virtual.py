@@ -23,8 +23,8 @@ from palpate_host.master import HostCore, Output
 from palpate_host.status import HostStatus
 from palpate_host.twin.hand.cli import CONTACT_NOISE_MM
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import DirectFeel
-from palpate_host.twin.hand.lockstep import LockstepLoop
+from palpate_twin.closed_loop.fingertip_feel import DirectFeel
+from palpate_twin.closed_loop.lockstep import LockstepLoop
 
 LOOK_S = 0.1
 YARDSTICK_TURNS = 5000

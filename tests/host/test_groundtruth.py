@@ -18,7 +18,7 @@ from palpate_host.cli import cli
 from palpate_host.groundtruth.intrinsics import Board, Intrinsics, calibrate, write_intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, Refusal
 from palpate_host.groundtruth.track import Marker, Tracker
-from palpate_host.twin.hand.external_camera import ExternalCamera, camera_above
+from palpate_twin.closed_loop.external_camera import ExternalCamera, camera_above
 
 SIZE_PX = (640, 480)
 TRUE_K = np.array([[560.0, 0.0, 313.0], [0.0, 556.0, 244.0], [0.0, 0.0, 1.0]])

@@ -20,8 +20,8 @@ from palpate_host.master import HostCore
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import DirectFeel
-from palpate_host.twin.hand.lockstep import LockstepLoop, missing_turn_deg
+from palpate_twin.closed_loop.fingertip_feel import DirectFeel
+from palpate_twin.closed_loop.lockstep import LockstepLoop, missing_turn_deg
 
 STRANGER = Path(__file__).with_name("stranger") / "hand.toml"
 

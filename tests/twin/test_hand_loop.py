@@ -13,13 +13,13 @@ from palpate_host.host import load_hand
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
-from palpate_host.twin.hand.lockstep import LockstepLoop
-from palpate_host.twin.hand.loop import run_loop
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_twin.closed_loop.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
+from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.closed_loop.loop import run_loop
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.driven_hand import HandMotor
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from palpate_host.twin.hand.fingertip_feel import DomeTouch, press_of
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
+from palpate_twin.closed_loop.fingertip_feel import DomeTouch, press_of
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import load_library
 

@@ -20,9 +20,9 @@ from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import DirectFeel
-from palpate_host.twin.hand.live_cameras import Exposure
-from palpate_host.twin.hand.live_hand import LiveHand
+from palpate_twin.closed_loop.fingertip_feel import DirectFeel
+from palpate_twin.closed_loop.live_cameras import Exposure
+from palpate_twin.closed_loop.live_hand import LiveHand
 from palpate_twin.hand.film import draw_states, write_film
 from palpate_twin.hand.motion import Motion, MotionFile, read_motion
 

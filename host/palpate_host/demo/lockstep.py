@@ -21,10 +21,10 @@ from palpate_host.host import load_hand
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import STARTING
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import RenderedFeel
-from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors
-from palpate_host.twin.hand.lockstep import LockstepLoop
-from palpate_host.twin.hand.picture_file import PictureFile
+from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
+from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
+from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.closed_loop.picture_file import PictureFile
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.motion import PERIOD_US, MotionFile
 

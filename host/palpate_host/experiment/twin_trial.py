@@ -25,9 +25,9 @@ from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header, steps
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.external_camera import MarkerTruth, camera_above
-from palpate_host.twin.hand.fingertip_feel import DirectFeel
-from palpate_host.twin.hand.lockstep import LockstepLoop, Sample, turning_samples
+from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
+from palpate_twin.closed_loop.fingertip_feel import DirectFeel
+from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples
 
 PICTURES_HZ = 5.0
 

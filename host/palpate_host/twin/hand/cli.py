@@ -209,10 +209,10 @@ def loop(
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
     from palpate_host import hand_config  # noqa: PLC0415
-    from palpate_host.twin.hand.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
-    from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
-    from palpate_host.twin.hand.loop import loop_table, run_loop  # noqa: PLC0415
     from palpate_host.twin.hand.paper import AXES  # noqa: PLC0415
+    from palpate_twin.closed_loop.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
+    from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+    from palpate_twin.closed_loop.loop import loop_table, run_loop  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, write_row  # noqa: PLC0415
 

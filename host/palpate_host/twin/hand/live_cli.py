@@ -31,7 +31,7 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     palpate-host simulate fingertips -o sensors
     """
     from palpate_host import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
-    from palpate_host.twin.hand.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+    from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     config = hand_config.load(hand_file(hand_name))
@@ -86,9 +86,9 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
     from palpate_host.host import load_hand  # noqa: PLC0415
     from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
-    from palpate_host.twin.hand.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
-    from palpate_host.twin.hand.live_hand import LiveHand  # noqa: PLC0415
     from palpate_twin.camera.look import TWIN_FILE  # noqa: PLC0415
+    from palpate_twin.closed_loop.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
+    from palpate_twin.closed_loop.live_hand import LiveHand  # noqa: PLC0415
     from palpate_twin.hand.motion import MotionFile  # noqa: PLC0415
 
     config, kinematics = load_hand(config_path)

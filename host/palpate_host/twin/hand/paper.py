@@ -15,7 +15,7 @@ from palpate_host import hand_config, rotation
 from palpate_host.hand_config import ControlMode
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.experiment import RECORD_S, Outcome, Trial, run_trial
-from palpate_host.twin.hand.external_camera import MarkerTruth, camera_above
+from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 
 STEP_DEG = 30.0
 AXES = ("roll", "pitch", "yaw")

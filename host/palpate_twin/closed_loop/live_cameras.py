@@ -19,10 +19,10 @@ import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.hand.fingertip_feel import DomeTouch, Picture, press_of
-from palpate_host.twin.hand.picture_file import PictureFile
 from palpate_twin.camera.look import load_twin
 from palpate_twin.camera.renderer import CameraView
+from palpate_twin.closed_loop.fingertip_feel import DomeTouch, Picture, press_of
+from palpate_twin.closed_loop.picture_file import PictureFile
 from palpate_twin.dome.library import load_library
 
 READY_S = 60.0

@@ -26,7 +26,7 @@ from palpate_host.network import SYNC
 from palpate_host.rotation import Array
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.fingertip_feel import Feel, touches_in_F
+from palpate_twin.closed_loop.fingertip_feel import Feel, touches_in_F
 from palpate_twin.hand.driven_hand import DrivenHand
 from palpate_twin.hand.engine import Engine, LostGraspError
 

@@ -13,9 +13,9 @@ import numpy as np
 from palpate_host.host import load_hand
 from palpate_host.rotation import Array
 from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.fingertip_feel import Feel
-from palpate_host.twin.hand.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
 from palpate_host.twin.hand.paper import AXES, STEP_DEG
+from palpate_twin.closed_loop.fingertip_feel import Feel
+from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
 from palpate_twin.hand.twin_model import TwinModel
 
 G_M_S2 = 9.81

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.hand.fingertip_feel import Picture
 from palpate_twin.camera.live import COLUMNS
+from palpate_twin.closed_loop.fingertip_feel import Picture
 
 
 class PictureFile:

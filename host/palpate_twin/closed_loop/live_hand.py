@@ -24,8 +24,8 @@ from palpate_host.fingertips import Fingertip
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.network import SYNC
-from palpate_host.twin.hand.fingertip_feel import touches_in_F
-from palpate_host.twin.hand.live_cameras import Exposure
+from palpate_twin.closed_loop.fingertip_feel import touches_in_F
+from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.hand.driven_hand import DrivenHand
 from palpate_twin.hand.engine import Engine
 from palpate_twin.hand.motion import PERIOD_US, MotionFile
