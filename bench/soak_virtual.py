@@ -22,9 +22,9 @@ from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.status import HostStatus
 from palpate_host.twin.hand.cli import CONTACT_NOISE_MM
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.paper.trial import make_engine
 
 LOOK_S = 0.1
 YARDSTICK_TURNS = 5000

@@ -13,9 +13,9 @@ from bench.timing import Row, table, time_each
 from palpate_host.control import joint_torque_Nm
 from palpate_host.host import load_hand
 from palpate_host.manipulation import gains_of
-from palpate_host.twin.hand.experiment import ENGINES, make_engine, run_trial
-from palpate_host.twin.hand.paper import Law
 from palpate_twin.hand.engine import Engine
+from palpate_twin.paper.figure_data import Law
+from palpate_twin.paper.trial import ENGINES, make_engine, run_trial
 
 MODELS = Path(palpate_host.__file__).parent / "models"
 STEPS = 400

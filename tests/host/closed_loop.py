@@ -18,9 +18,9 @@ from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.master import HostCore
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.joint_servo import JointServo
+from palpate_twin.paper.trial import make_engine
 
 STANDING = (DriveGoal.OFF, DriveGoal.QUICK_STOP)
 

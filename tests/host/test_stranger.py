@@ -19,9 +19,9 @@ from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, missing_turn_deg
+from palpate_twin.paper.trial import make_engine
 
 STRANGER = Path(__file__).with_name("stranger") / "hand.toml"
 

@@ -15,10 +15,10 @@ from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.hand_model import compiled, read_spec
 from palpate_host.host import load_hand
 from palpate_host.manipulation import gains_of
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.twin_config import ObjectConfig
 from palpate_twin.hand.prism import prism_of
 from palpate_twin.hand.twin_model import twin_model
+from palpate_twin.paper.trial import make_engine
 
 MODELS = CIA402_EDS.parents[1] / "models"
 TABLE_3 = MODELS / "table3.toml"

@@ -12,7 +12,6 @@ from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.host import load_hand
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
@@ -22,6 +21,7 @@ from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.loop import run_loop
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.driven_hand import HandMotor
+from palpate_twin.paper.trial import make_engine
 
 TABLE_4 = PACKAGED["table4-wide"]
 PITCH, YAW = 1, 2

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from palpate_host.cli import cli
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.hand_config import ControlMode
-from palpate_host.twin.hand.experiment import Outcome, Trial, run_trial
-from palpate_host.twin.hand.paper import Case, Law, Result, engines_apart_deg, engines_table
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
+from palpate_twin.paper.figure_data import Case, Law, Result, engines_apart_deg, engines_table
+from palpate_twin.paper.trial import Outcome, Trial, run_trial
 
 TABLE_3 = CIA402_EDS.parents[1] / "models" / "table3.toml"
 TABLE_4 = TABLE_3.with_name("table4.toml")

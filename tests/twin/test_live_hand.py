@@ -19,12 +19,12 @@ from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode
 from palpate_host.twin.hand.cli import PACKAGED
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.closed_loop.live_hand import LiveHand
 from palpate_twin.hand.film import draw_states, write_film
 from palpate_twin.hand.motion import Motion, MotionFile, read_motion
+from palpate_twin.paper.trial import make_engine
 
 TABLE_4 = PACKAGED["table4-wide"]
 FACE_M = 0.040  # from the object's middle to its faces

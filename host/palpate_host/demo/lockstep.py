@@ -20,13 +20,13 @@ from palpate_host.demo.run_folder import RunFolder
 from palpate_host.host import load_hand
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import STARTING
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.picture_file import PictureFile
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.motion import PERIOD_US, MotionFile
+from palpate_twin.paper.trial import make_engine
 
 ORIGIN = "palpate demo --lockstep"
 START_S, STOP_S = 5.0, 3.0

@@ -44,7 +44,7 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
     from palpate_host.experiment.report import write_report  # noqa: PLC0415
-    from palpate_host.experiment.twin_trial import run_twin_trial  # noqa: PLC0415
+    from palpate_twin.paper.twin_trial import run_twin_trial  # noqa: PLC0415
 
     config = load(protocol)
     asked = cases(config)

@@ -12,11 +12,11 @@ import numpy as np
 
 from palpate_host.host import load_hand
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.experiment import make_engine
-from palpate_host.twin.hand.paper import AXES, STEP_DEG
 from palpate_twin.closed_loop.fingertip_feel import Feel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
 from palpate_twin.hand.twin_model import TwinModel
+from palpate_twin.paper.figure_data import AXES, STEP_DEG
+from palpate_twin.paper.trial import make_engine
 
 G_M_S2 = 9.81
 POSITION_STIFFNESS_N_M = 300.0

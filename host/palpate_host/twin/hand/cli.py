@@ -92,9 +92,9 @@ def paper(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
-    from palpate_host.twin.hand.experiment import ENGINES  # noqa: PLC0415
-    from palpate_host.twin.hand.figures import draw_turns  # noqa: PLC0415
-    from palpate_host.twin.hand.paper import all_cases, engines_table, run_all, table  # noqa: PLC0415
+    from palpate_twin.paper.figure_data import all_cases, engines_table, run_all, table  # noqa: PLC0415
+    from palpate_twin.paper.figures import draw_turns  # noqa: PLC0415
+    from palpate_twin.paper.trial import ENGINES  # noqa: PLC0415
 
     engines = list(ENGINES) if engine == "both" else [engine]
     output.mkdir(parents=True, exist_ok=True)
@@ -136,7 +136,7 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
       palpate-host simulate hand --hand table3
       palpate-host simulate hand --hand my-hand.toml --write my-hand.xml --picture my-hand.png
     """
-    from palpate_host.twin.hand.describe import describe, draw, mjcf  # noqa: PLC0415
+    from palpate_twin.paper.describe import describe, draw, mjcf  # noqa: PLC0415
 
     path = hand_file(hand_name)
     click.echo(describe(path))
@@ -209,12 +209,12 @@ def loop(
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
     from palpate_host import hand_config  # noqa: PLC0415
-    from palpate_host.twin.hand.paper import AXES  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.closed_loop.loop import loop_table, run_loop  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, write_row  # noqa: PLC0415
+    from palpate_twin.paper.figure_data import AXES  # noqa: PLC0415
 
     path = hand_file(hand_name)
     config = hand_config.load(path)

@@ -85,11 +85,11 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
     from palpate_host.host import load_hand  # noqa: PLC0415
-    from palpate_host.twin.hand.experiment import make_engine  # noqa: PLC0415
     from palpate_twin.camera.look import TWIN_FILE  # noqa: PLC0415
     from palpate_twin.closed_loop.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
     from palpate_twin.closed_loop.live_hand import LiveHand  # noqa: PLC0415
     from palpate_twin.hand.motion import MotionFile  # noqa: PLC0415
+    from palpate_twin.paper.trial import make_engine  # noqa: PLC0415
 
     config, kinematics = load_hand(config_path)
     names = [finger.name for finger in config.fingers]

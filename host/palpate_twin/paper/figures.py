@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate_host.twin.hand.paper import AXES, STEP_DEG, Law, Result
+from palpate_twin.paper.figure_data import AXES, STEP_DEG, Law, Result
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green")
 LINES = ("-", ":")

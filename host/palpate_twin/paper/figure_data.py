@@ -14,8 +14,8 @@ import numpy as np
 from palpate_host import hand_config, rotation
 from palpate_host.hand_config import ControlMode
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.experiment import RECORD_S, Outcome, Trial, run_trial
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
+from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
 
 STEP_DEG = 30.0
 AXES = ("roll", "pitch", "yaw")

@@ -24,10 +24,10 @@ from palpate_host.host import load_hand
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header, steps
 from palpate_host.rotation import Array
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples
+from palpate_twin.paper.trial import make_engine
 
 PICTURES_HZ = 5.0
 

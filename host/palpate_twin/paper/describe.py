@@ -7,11 +7,11 @@ from pathlib import Path
 from palpate_host import hand_config
 from palpate_host.hand_model import compiled, spec_of
 from palpate_host.host import load_hand
-from palpate_host.twin.hand.experiment import make_engine
 from palpate_host.virtual_frame import check_numbering
 from palpate_twin.hand.film import draw_states, write_row
 from palpate_twin.hand.rolling import RollingHand
 from palpate_twin.hand.twin_model import twin_model
+from palpate_twin.paper.trial import make_engine
 
 
 def describe(hand_toml: Path) -> str:
