@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from palpate_host.command import Rotate
-from palpate_host.demo.programme import Programme
-from palpate_host.demo.run_folder import make_run_folder
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.status import HostStatus
 from palpate_host.twin.hand.cli import CONTACT_NOISE_MM
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.demo.programme import Programme
+from palpate_twin.demo.run_folder import make_run_folder
 from palpate_twin.paper.trial import make_engine
 
 LOOK_S = 0.1

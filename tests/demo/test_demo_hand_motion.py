@@ -10,8 +10,8 @@ import pytest
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.errors import ConfigError
-from palpate_host.demo.hand_motion import hand_figures, joint_torques, replay_modes
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.hand_motion import hand_figures, joint_torques, replay_modes
 
 BENCH = Path(__file__).parents[1] / "host" / "virtual_bench.py"
 RATED_NM = 1.9  # the simulated motor behind its gear: 0.095 N m at 20:1

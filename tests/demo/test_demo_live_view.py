@@ -8,11 +8,11 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from palpate_host.demo.dome_map import CONTACT_DOT, dome_map
-from palpate_host.demo.live_view import Scale, plain_line, render
-from palpate_host.demo.monitor import Sight
 from palpate_host.status import Counters, FingerStatus, HostStatus, JointStatus
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.dome_map import CONTACT_DOT, dome_map
+from palpate_twin.demo.live_view import Scale, plain_line, render
+from palpate_twin.demo.monitor import Sight
 
 FREE = FingerStatus(
     name="finger-1",

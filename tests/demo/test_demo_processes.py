@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from palpate_host.demo.processes import Children, DemoError, Program
+from palpate_twin.demo.processes import Children, DemoError, Program
 
 PARENT = """
 import sys, time
 from pathlib import Path
-from palpate_host.demo.processes import Children, Program
+from palpate_twin.demo.processes import Children, Program
 folder = Path(sys.argv[1])
 with Children(folder) as children:
     children.start("hub", Program.HOST, ["bus", "hub", "--socket", str(folder / "hub.sock")])

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate_host.demo.programme import TURNS_DEG, Programme, read_given
-from palpate_host.demo.run_folder import MODEL
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.rotation import from_rpy_deg
 from palpate_host.status import matrix
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.programme import TURNS_DEG, Programme, read_given
+from palpate_twin.demo.run_folder import MODEL
 
 SECOND_US = 1_000_000
 BEGIN_US = 1_700_000_000 * SECOND_US

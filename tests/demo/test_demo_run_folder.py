@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.demo.run_folder import MODEL, make_run_folder
+from palpate_twin.demo.run_folder import MODEL, make_run_folder
 
 RECORDING = Path(__file__).parents[2] / "demo" / "recording"
 

@@ -6,7 +6,7 @@ import pytest
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.demo.traffic import id_name, traffic
+from palpate_twin.demo.traffic import id_name, traffic
 
 START_US = 1_700_000_000_000_000
 # 0x555 without data is 47 bits (start 1, identifier 11, RTR, IDE, r0, length 4, CRC 15, tail and interframe

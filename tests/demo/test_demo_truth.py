@@ -13,8 +13,8 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_host.demo.distribution import distribution
-from palpate_host.demo.truth import finger_figures, of_recording, of_twin, read_pairs, unwrapped
+from palpate_twin.demo.distribution import distribution
+from palpate_twin.demo.truth import finger_figures, of_recording, of_twin, read_pairs, unwrapped
 
 NODE = 0x11
 CONTACT, VALID = 1, 4

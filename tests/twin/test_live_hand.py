@@ -13,8 +13,6 @@ from palpate_edge.common.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host import rotation
-from palpate_host.demo.hand_motion import Moment
-from palpate_host.demo.turn import turn_of
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode
@@ -22,6 +20,8 @@ from palpate_host.twin.hand.cli import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.closed_loop.live_hand import LiveHand
+from palpate_twin.demo.hand_motion import Moment
+from palpate_twin.demo.turn import turn_of
 from palpate_twin.hand.film import draw_states, write_film
 from palpate_twin.hand.motion import Motion, MotionFile, read_motion
 from palpate_twin.paper.trial import make_engine

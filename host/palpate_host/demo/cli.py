@@ -13,15 +13,15 @@ from rich.console import Console
 from rich.live import Live
 
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_host.demo import orchestrator
-from palpate_host.demo.analysis import analyse, summary_lines, write_summary
-from palpate_host.demo.film import make_film
-from palpate_host.demo.live_view import Scale, plain_line, render
-from palpate_host.demo.lockstep import run as run_in_lockstep
-from palpate_host.demo.monitor import Sight
-from palpate_host.demo.orchestrator import DemoInterruptedError, Show
-from palpate_host.demo.run_folder import RunFolder, make_run_folder
 from palpate_host.supervisor import Mode
+from palpate_twin.demo import orchestrator
+from palpate_twin.demo.analysis import analyse, summary_lines, write_summary
+from palpate_twin.demo.film import make_film
+from palpate_twin.demo.live_view import Scale, plain_line, render
+from palpate_twin.demo.lockstep import run as run_in_lockstep
+from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.orchestrator import DemoInterruptedError, Show
+from palpate_twin.demo.run_folder import RunFolder, make_run_folder
 
 FORCE_SCALE_N = 5.0  # of the bars in the live view
 CHECKOUT = Path(__file__).resolve().parents[3]
@@ -178,7 +178,7 @@ class _PlainView:
 
 
 def _report(folder: RunFolder, path: Path) -> None:
-    from palpate_host.demo.report import write_report  # noqa: PLC0415 - matplotlib takes a second
+    from palpate_twin.demo.report import write_report  # noqa: PLC0415 - matplotlib takes a second
 
     analysis = analyse(folder)
     write_summary(folder.summary, analysis.summary)

@@ -9,10 +9,10 @@ from rich.layout import Layout
 from rich.panel import Panel
 from rich.text import Text
 
-from palpate_host.demo.dome_map import dome_map
-from palpate_host.demo.monitor import Sight
 from palpate_host.status import FingerStatus, HostStatus, JointStatus
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.dome_map import dome_map
+from palpate_twin.demo.monitor import Sight
 
 HEADER_LINES = 4
 WIDE = 30  # characters inside a finger's panel from which names are written in full

@@ -12,7 +12,11 @@ import msgspec
 from palpate_bus.logs.candump import read_log
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_host.demo.hand_motion import (
+from palpate_host.hand_config import HandConfig
+from palpate_host.host import load_hand
+from palpate_host.replay import check_contract
+from palpate_host.supervisor import Mode
+from palpate_twin.demo.hand_motion import (
     HandFigures,
     JointTorque,
     Moment,
@@ -20,11 +24,11 @@ from palpate_host.demo.hand_motion import (
     joint_torques,
     replay_modes,
 )
-from palpate_host.demo.live_view import mode_name
-from palpate_host.demo.programme import read_given
-from palpate_host.demo.run_folder import RunFolder
-from palpate_host.demo.traffic import Traffic, traffic
-from palpate_host.demo.truth import (
+from palpate_twin.demo.live_view import mode_name
+from palpate_twin.demo.programme import read_given
+from palpate_twin.demo.run_folder import RunFolder
+from palpate_twin.demo.traffic import Traffic, traffic
+from palpate_twin.demo.truth import (
     FingerFigures,
     Pair,
     finger_figures,
@@ -32,11 +36,7 @@ from palpate_host.demo.truth import (
     of_twin,
     read_pairs,
 )
-from palpate_host.demo.turn import Turn, TurnFigures, turn_of
-from palpate_host.hand_config import HandConfig
-from palpate_host.host import load_hand
-from palpate_host.replay import check_contract
-from palpate_host.supervisor import Mode
+from palpate_twin.demo.turn import Turn, TurnFigures, turn_of
 from palpate_twin.hand.motion import Motion, read_motion
 
 

@@ -9,8 +9,8 @@ import sys
 import time
 from dataclasses import dataclass
 
-from palpate_host.demo.processes import Program
-from palpate_host.demo.run_folder import RunFolder
+from palpate_twin.demo.processes import Program
+from palpate_twin.demo.run_folder import RunFolder
 
 OFFSCREEN = ("egl", "osmesa")  # MUJOCO_GL; each is tried in a process of its own, for it binds at import
 TIMEOUT_S = 300.0

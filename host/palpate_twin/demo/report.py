@@ -8,14 +8,14 @@ from html import escape
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.demo import lockstep, plots
-from palpate_host.demo.analysis import Analysis, Summary
-from palpate_host.demo.distribution import Distribution
-from palpate_host.demo.film import Film, film_command
-from palpate_host.demo.live_view import mode_name
-from palpate_host.demo.orchestrator import commands
-from palpate_host.demo.run_folder import RunFolder
 from palpate_host.supervisor import Mode
+from palpate_twin.demo import lockstep, plots
+from palpate_twin.demo.analysis import Analysis, Summary
+from palpate_twin.demo.distribution import Distribution
+from palpate_twin.demo.film import Film, film_command
+from palpate_twin.demo.live_view import mode_name
+from palpate_twin.demo.orchestrator import commands
+from palpate_twin.demo.run_folder import RunFolder
 
 MOST_MODE_CHANGES = 40
 ABSENT = "-"

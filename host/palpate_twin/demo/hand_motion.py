@@ -20,8 +20,6 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
-from palpate_host.demo.distribution import Distribution, distribution
-from palpate_host.demo.programme import Given
 from palpate_host.drives.cia402 import CIA402_EDS, Controlword
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
@@ -32,6 +30,8 @@ from palpate_host.replay import first_beat_us, steps
 from palpate_host.rotation import Array
 from palpate_host.status import HostStatus, Matrix
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.distribution import Distribution, distribution
+from palpate_twin.demo.programme import Given
 
 STEP_TOLERANCE_NM = 1e-9
 HALF_TICK_US = 500  # of the fastest host: a replayed tick may lie a little before or after the real one

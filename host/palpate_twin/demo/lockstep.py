@@ -13,10 +13,6 @@ from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import stop_event
 from palpate_host.command import Rotate
-from palpate_host.demo.monitor import Sight
-from palpate_host.demo.orchestrator import DemoInterruptedError, Show, log_header
-from palpate_host.demo.programme import Programme
-from palpate_host.demo.run_folder import RunFolder
 from palpate_host.host import load_hand
 from palpate_host.status import HostStatus
 from palpate_host.supervisor import STARTING
@@ -24,6 +20,10 @@ from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.picture_file import PictureFile
+from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.orchestrator import DemoInterruptedError, Show, log_header
+from palpate_twin.demo.programme import Programme
+from palpate_twin.demo.run_folder import RunFolder
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.motion import PERIOD_US, MotionFile
 from palpate_twin.paper.trial import make_engine

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from palpate_host import rotation
-from palpate_host.demo.hand_motion import Moment
 from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.hand.motion import Motion
 
 TURNING = (Mode.MANIPULATE, Mode.BLIND)

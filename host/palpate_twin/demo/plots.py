@@ -13,13 +13,13 @@ matplotlib.use("Agg")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate_host.demo.analysis import Analysis
-from palpate_host.demo.hand_motion import Moment
-from palpate_host.demo.live_view import mode_name
-from palpate_host.demo.traffic import BIN_US
-from palpate_host.demo.truth import Pair
-from palpate_host.demo.turn import Turn
 from palpate_host.supervisor import Mode
+from palpate_twin.demo.analysis import Analysis
+from palpate_twin.demo.hand_motion import Moment
+from palpate_twin.demo.live_view import mode_name
+from palpate_twin.demo.traffic import BIN_US
+from palpate_twin.demo.truth import Pair
+from palpate_twin.demo.turn import Turn
 
 WIDTH_IN = 10.0
 DPI = 130

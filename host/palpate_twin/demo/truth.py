@@ -18,9 +18,9 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_host.demo.distribution import Distribution, distribution
 from palpate_host.fingertips import SEQUENCE_WRAP, Fingertip, TipContact
 from palpate_host.network import HEARTBEAT_ID, NmtState
+from palpate_twin.demo.distribution import Distribution, distribution
 
 
 @dataclass(frozen=True, slots=True)

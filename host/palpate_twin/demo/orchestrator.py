@@ -16,15 +16,15 @@ from palpate_bus.hub.control import AskStatistics
 from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
-from palpate_host.demo.live_view import Scale
-from palpate_host.demo.monitor import Monitor, Sight
-from palpate_host.demo.processes import Children, DemoError, Program, Urgency
-from palpate_host.demo.programme import Programme, ask_by_socket
-from palpate_host.demo.run_folder import RunFolder
 from palpate_host.hand_config import HandConfig
 from palpate_host.host import bus_time
 from palpate_host.replay import contract_header
 from palpate_host.supervisor import STARTING
+from palpate_twin.demo.live_view import Scale
+from palpate_twin.demo.monitor import Monitor, Sight
+from palpate_twin.demo.processes import Children, DemoError, Program, Urgency
+from palpate_twin.demo.programme import Programme, ask_by_socket
+from palpate_twin.demo.run_folder import RunFolder
 
 START_TIMEOUT_S = 60.0
 PREPARE_TIMEOUT_S = 900.0  # sensors are rendered and calibrated in 10 s; a slow machine shows its progress
