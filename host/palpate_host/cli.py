@@ -9,7 +9,7 @@ from palpate_edge.common.entry_point import run_cli
 from palpate_host.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
-    "demo": ("palpate_host.demo.cli:demo", "A whole hand on this machine, shown live, with a report."),
+    "demo": ("palpate_twin.cli.demo:demo", "A whole hand on this machine, shown live, with a report."),
     "run": ("palpate_host.run_cli:run", "Control the hand on its bus."),
     "check": ("palpate_host.check_cli:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.command_cli:command", "Tell a running hand: grasp, rotate, release, stop."),
@@ -23,9 +23,9 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
         "palpate_host.experiment.cli:experiment",
         "Both laws compared, as in the paper's Fig. 20.",
     ),
-    "drives": ("palpate_host.twin.cli:drives", "Simulated CiA 402 drives for each joint of a hand."),
+    "drives": ("palpate_twin.cli.drives:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.drives.az.cli:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
-    "simulate": ("palpate_host.twin.simulate_cli:simulate", "The twin: the dome, its camera, datasets."),
+    "simulate": ("palpate_twin.cli.simulate:simulate", "The twin: the dome, its camera, datasets."),
     "bus": ("palpate_bus.cli.main:bus", "The local CAN hub, logs, statistics and faults."),
 }
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from palpate_edge.common.errors import DatasetError
 from palpate_host.host import load_hand
-from palpate_host.twin.hand.film_cli import film
+from palpate_twin.cli.film import film
 from palpate_twin.demo.film import film_command, make_film
 from palpate_twin.demo.run_folder import MODEL, RunFolder
 from palpate_twin.hand.motion import PERIOD_US, MotionFile, film_cut, read_motion

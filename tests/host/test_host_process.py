@@ -14,7 +14,7 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 
 PROGRAMS = {
     "hub": "from palpate_bus.cli.main import bus; bus()",
-    "drives": "from palpate_host.twin.cli import drives; drives()",
+    "drives": "from palpate_twin.cli.drives import drives; drives()",
     "run": (
         "import sys\n"
         "from palpate_edge.common.errors import PalpateError\n"

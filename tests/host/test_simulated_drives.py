@@ -399,7 +399,7 @@ def test_two_runs_of_the_same_frames_are_the_same() -> None:
 
 
 HUB = "from palpate_bus.cli.main import bus; bus()"
-DRIVES = "from palpate_host.twin.cli import drives; drives()"
+DRIVES = "from palpate_twin.cli.drives import drives; drives()"
 
 
 @contextmanager

@@ -14,10 +14,10 @@ from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.common.errors import ConfigError, DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.geometry.sensor import View
-from palpate_host.twin.simulate_cli import simulate
 from palpate_twin.camera.choose_sensor import choose_sensor
 from palpate_twin.camera.look import TWIN_FILE, load_twin
 from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.cli.simulate import simulate
 
 
 def _run(*options: str) -> Result:

@@ -24,7 +24,7 @@ from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.estimation.estimator import Estimator
-from palpate_host.twin.simulate_cli import simulate
+from palpate_twin.cli.simulate import simulate
 
 PATIENCE_S = 150  # of a machine with other work
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from tests.twin.fresh_solutions import directions, solutions
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.twin.simulate_cli import simulate
+from palpate_twin.cli.simulate import simulate
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.convergence import converge
 from palpate_twin.dome.equilibrium import Dome

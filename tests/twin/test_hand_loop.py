@@ -11,11 +11,11 @@ from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.host import load_hand
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.cli import PACKAGED
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
+from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.loop import run_loop

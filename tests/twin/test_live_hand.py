@@ -16,7 +16,7 @@ from palpate_host import rotation
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode
-from palpate_host.twin.hand.cli import PACKAGED
+from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.closed_loop.live_hand import LiveHand

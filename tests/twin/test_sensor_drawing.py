@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.geometry.sensor import Markers, Ring, Sensor, read_sensor
-from palpate_host.twin.sensor_cli import sensor
 from palpate_twin.camera.sensor_drawing import closest_beads_mm, draw_sensor, half_view_deg, ring_plans
+from palpate_twin.cli.sensor import sensor
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR_TOML = ROOT / "demo" / "recording" / "press" / "sensor.toml"

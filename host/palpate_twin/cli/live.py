@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from palpate_host.twin.hand.cli import hand_file, hand_option
+from palpate_twin.cli.hand import hand_file, hand_option
 
 seed_option = click.option(
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the made-up sensors."

@@ -1,1 +1,0 @@
-"""``palpate-host demo``: a whole hand as processes on this machine, watched live, measured and reported."""

@@ -1,1 +1,0 @@
-"""What the camera inside the dome sees, rendered from the dome's displacement fields."""
