@@ -6,7 +6,7 @@ import click
 
 from palpate_edge import __version__
 from palpate_edge.common.entry_point import run_cli
-from palpate_host.lazy_group import LazyGroup
+from palpate_host.common.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "demo": ("palpate_twin.cli.demo:demo", "A whole hand on this machine, shown live, with a report."),

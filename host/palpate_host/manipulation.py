@@ -12,7 +12,9 @@ import math
 
 import numpy as np
 
-from palpate_host import rotation
+from palpate_host.common import rotation
+from palpate_host.common.joint_command import Follows
+from palpate_host.common.rotation import Array
 from palpate_host.contact_force import ContactForce
 from palpate_host.control import (
     Gains,
@@ -22,12 +24,10 @@ from palpate_host.control import (
     limit_torque_Nm,
     target_step,
 )
-from palpate_host.drives.joint_command import Follows
 from palpate_host.fingertips import TipContact, contact_normal
 from palpate_host.hand import HandPose
 from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.object_orientation import ObjectOrientation
-from palpate_host.rotation import Array
 from palpate_host.supervisor import MOVING, Mode
 from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame
 

@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host import rotation
-from palpate_host.command import Command, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.command_rules import check_allowed
-from palpate_host.drives.joint_command import DriveGoal
+from palpate_host.common import rotation
+from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.joint_command import DriveGoal
+from palpate_host.common.rotation import Array
+from palpate_host.common.status import HostStatus, matrix
 from palpate_host.hand import Hand
 from palpate_host.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.manipulation import Manipulation
 from palpate_host.nodes import Nodes, PairedContact
 from palpate_host.power_down import PowerDown
-from palpate_host.rotation import Array
-from palpate_host.status import HostStatus, matrix
 from palpate_host.supervisor import (
     STOPPED,
     Decision,

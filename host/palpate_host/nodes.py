@@ -12,6 +12,8 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
 from palpate_host import runaway
+from palpate_host.common.rotation import Array
+from palpate_host.common.status import Counters
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.finger_record import FingerRecord
 from palpate_host.fingertips import TipContact
@@ -27,8 +29,6 @@ from palpate_host.network import (
     TimeStampProducer,
     foreign_stop,
 )
-from palpate_host.rotation import Array
-from palpate_host.status import Counters
 from palpate_host.supervisor import MOVING, Mode
 
 EXPOSURE_AHEAD_LIMIT_US = 50_000

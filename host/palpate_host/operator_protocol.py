@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import msgspec
 
-from palpate_host.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.status import HostStatus
+from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.status import HostStatus
 
 LONGEST_REQUEST = 4096
 """Bytes; a longer line is no request of this protocol."""

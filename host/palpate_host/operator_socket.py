@@ -17,7 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError, PalpateError
-from palpate_host.command import Command, CommandError
+from palpate_host.common.command import Command, CommandError
+from palpate_host.common.status import HostStatus
 from palpate_host.operator_protocol import (
     LONGEST_REQUEST,
     Answer,
@@ -27,7 +28,6 @@ from palpate_host.operator_protocol import (
     decode_request,
     encode,
 )
-from palpate_host.status import HostStatus
 
 SERVICE_DIRECTORY = Path("/run/palpate-host")
 MOST_CLIENTS = 16

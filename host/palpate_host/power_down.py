@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_host.drives.joint_command import DriveGoal
+from palpate_host.common.joint_command import DriveGoal
 
 QUICK_STOP_LIMIT_US = 500_000
 POWER_OFF_US = 50_000  # for the last commands to reach the drives

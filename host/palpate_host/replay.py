@@ -21,13 +21,13 @@ from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
 from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_host.common.status import HostStatus
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.fingertips import unwrap_us
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.master import HostCore, Output
 from palpate_host.network import HEARTBEAT_ID, SYNC
-from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from palpate_host.common.rotation import Array
 from palpate_host.fingertips import TipContact
 from palpate_host.hand_config import JointConfig, LimitsConfig
-from palpate_host.rotation import Array
 
 
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:

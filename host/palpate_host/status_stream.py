@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.status import HostStatus
+from palpate_host.common.status import HostStatus
 
 
 class StatusStream:

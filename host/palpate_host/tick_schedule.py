@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 
-from palpate_host.status import LATE_BINS_US
+from palpate_host.common.status import LATE_BINS_US
 
 
 class TickSchedule:

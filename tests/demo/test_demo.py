@@ -20,7 +20,7 @@ from click.testing import CliRunner
 
 from palpate_bus.logs.candump import read_log
 from palpate_bus.logs.pcap import write_pcap
-from palpate_host.rotation import to_rpy_deg
+from palpate_host.common.rotation import to_rpy_deg
 from palpate_twin.cli import demo as demo_cli
 from palpate_twin.demo.film import make_film
 from palpate_twin.demo.run_folder import RunFolder

@@ -119,7 +119,8 @@ def test_no_reader_sees_half_a_word(tmp_path):
     """Another process writes two values that differ in every byte, as fast as it can."""
     make_clock(tmp_path / "clock")
     flicker = (
-        "import sys, time; from pathlib import Path; from palpate_edge.can_bus.simulated_clock import ClockKeeper\n"
+        "import sys, time; from pathlib import Path\n"
+        "from palpate_edge.can_bus.simulated_clock import ClockKeeper\n"
         "keeper = ClockKeeper(Path(sys.argv[1]))\n"
         "keeper._words[2] = 0x0101010101010101\n"
         "print('ready', flush=True)\n"

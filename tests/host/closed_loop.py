@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.common.contact import Contact
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_host.master import HostCore

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_host.command import Grasp, Recover, Rotate
+from palpate_host.common.command import Grasp, Recover, Rotate
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.hand_config import ForceLaw, RunConfig, StartMode
 from palpate_host.supervisor import STOPPED, Mode

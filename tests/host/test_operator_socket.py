@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.operator_client import NoHostError, OperatorClient
 from palpate_host.operator_protocol import (
     LONGEST_REQUEST,

@@ -15,13 +15,13 @@ from palpate_bus.logs.candump import LogRecord, read_log
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_host.command import Command
+from palpate_host.common.command import Command
+from palpate_host.common.status import HostStatus
 from palpate_host.host import load_hand
 from palpate_host.operator_socket import OperatorSocket
 from palpate_host.recording.segments import Bounds, SegmentedRecording
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.status import HostStatus
 
 PROJECT = Path(__file__).resolve().parents[2]
 LOG = PROJECT / "tests" / "replay" / "demo.log.gz"

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate_host import rotation
+from palpate_host.common import rotation
 
 components = st.floats(-1.0, 1.0)
 vectors = st.tuples(components, components, components).map(np.array)

@@ -13,7 +13,7 @@ import pytest
 
 from palpate_edge.common.errors import PalpateError
 from palpate_host import Hand
-from palpate_host.command import CommandError
+from palpate_host.common.command import CommandError
 from palpate_host.operator_client import NoHostError
 from palpate_host.session import HandStoppedError
 from palpate_host.supervisor import Mode

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.status import HostStatus
+from palpate_host.common.status import HostStatus
 from palpate_host.status_stream import StatusStream
 
 

@@ -12,7 +12,7 @@ import pytest
 import palpate_host
 from kernel_guest.links import PATIENCE_S, Link, ip
 from palpate_host import Hand
-from palpate_host.command import CommandError
+from palpate_host.common.command import CommandError
 from palpate_host.session import HandStoppedError
 from palpate_host.supervisor import STOPPED, Mode
 

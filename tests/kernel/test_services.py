@@ -46,7 +46,8 @@ def board(can_cards, camera, vga_calibration):
     program = Path("/opt/palpate/current/bin/palpate-edge")
     program.parent.mkdir(parents=True, exist_ok=True)
     program.write_text(
-        f'#!/bin/sh\nPYTHONPATH={os.environ["PYTHONPATH"]} exec {sys.executable} -m palpate_edge.cli.main "$@"\n'
+        f"#!/bin/sh\nPYTHONPATH={os.environ['PYTHONPATH']}"
+        f' exec {sys.executable} -m palpate_edge.cli.main "$@"\n'
     )
     program.chmod(0o755)
     calibration = Path("/etc/palpate/fingertip.cal")

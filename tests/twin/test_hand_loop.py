@@ -7,8 +7,8 @@ import pytest
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_host.host import load_hand
 from palpate_host.supervisor import Mode
 from palpate_twin.camera import layouts

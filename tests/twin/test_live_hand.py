@@ -12,7 +12,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host import rotation
+from palpate_host.common import rotation
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode

@@ -16,8 +16,8 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import MappingFault, PdoCodec, PdoDirection, layout_of, pdo_codec
+from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand, JointState
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, CONTROLWORD, MODE, TARGETS, OperationMode
-from palpate_host.drives.joint_command import DriveGoal, Follows, JointCommand, JointState
 
 CIA402_EDS = Path(__file__).with_name("cia402.eds")
 

@@ -19,11 +19,11 @@ from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
 from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import Output, Slave
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.cia402_motion import Motion, MotorState, Targets
 from palpate_host.drives.cia402_state_machine import STATE_BITS, DriveStateMachine
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
 ERROR_CODE, CONTROLWORD, STATUSWORD = 0x603F, 0x6040, 0x6041
 MODE, MODE_DISPLAY = 0x6060, 0x6061

@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 
 from palpate_edge.common.errors import BusError
-from palpate_host.drives.joint_command import Follows
+from palpate_host.common.joint_command import Follows
 
 CONTROLWORD = (0x6040, 0)
 MODE = (0x6060, 0)

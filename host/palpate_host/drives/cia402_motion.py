@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402 import (
     HOMING_ATTAINED,
     HOMING_ERROR,
@@ -18,7 +19,6 @@ from palpate_host.drives.cia402 import (
     START_HOMING,
 )
 from palpate_host.drives.cia402_modes import OperationMode
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
 TARGET_REACHED, FOLLOWS_COMMAND = 1 << 10, 1 << 12
 NEGATIVE_SWITCH, POSITIVE_SWITCH, HERE, HERE_OLD, OWN_WAY = 17, 18, 37, 35, -1

@@ -6,9 +6,9 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from palpate_host.common.joint_command import Follows
 from palpate_host.drives.cia402 import DriveScale
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, OperationMode
-from palpate_host.drives.joint_command import Follows
 from palpate_host.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
 
 FULL_SCALE_PER_MILLE = 1000

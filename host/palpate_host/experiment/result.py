@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_host import rotation
+from palpate_host.common import rotation
+from palpate_host.common.rotation import Array
 from palpate_host.experiment.protocol import Case
-from palpate_host.rotation import Array
 
 SETTLED_DEG = 2.0
 

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.marker import DICTIONARY
-from palpate_host.rotation import Array
 
 Image = npt.NDArray[np.uint8]
 Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host import rotation
+from palpate_host.common import rotation
+from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.intrinsics import Intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, MarkerPose, Refusal
-from palpate_host.rotation import Array
 
 Image = npt.NDArray[np.uint8]
 COLUMNS = (

@@ -29,10 +29,10 @@ from foxglove import messages as fg
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.rotation import Array
+from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.hand import Hand
 from palpate_host.recording.mcap_reader import STATUS_TOPIC
-from palpate_host.rotation import Array
-from palpate_host.status import FingerStatus, HostStatus
 
 HAND_FRAME = "hand"
 ARROW_M_PER_N = 0.010

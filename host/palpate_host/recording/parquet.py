@@ -16,8 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.status import HostStatus
 from palpate_host.recording.table import Cell, rows
-from palpate_host.status import HostStatus
 
 ROWS_A_GROUP = 10_000
 Row = dict[str, Cell | list[float]]

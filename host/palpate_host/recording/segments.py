@@ -15,11 +15,11 @@ from types import TracebackType
 
 from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.status import HostStatus
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header
-from palpate_host.status import HostStatus
 
 FLUSH_EVERY_US = 1_000_000
 

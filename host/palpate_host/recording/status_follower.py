@@ -11,9 +11,9 @@ from collections import deque
 from pathlib import Path
 from types import TracebackType
 
-from palpate_host.command import CommandError
+from palpate_host.common.command import CommandError
+from palpate_host.common.status import HostStatus
 from palpate_host.operator_client import OperatorClient
-from palpate_host.status import HostStatus
 
 ASK_AGAIN_S = 0.2
 MOST_WAITING = 10_000

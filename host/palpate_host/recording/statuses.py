@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.status import HostStatus
 from palpate_host.hand import Hand
 from palpate_host.hand_config import HandConfig
 from palpate_host.replay import read_bound_log, steps
-from palpate_host.status import HostStatus
 
 
 def read_statuses(source: Path, config: HandConfig, hand: Hand) -> Iterator[HostStatus]:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.status import FingerStatus, HostStatus
+from palpate_host.common.status import FingerStatus, HostStatus
 
 Cell = float | int | str | bool | None
 

@@ -8,8 +8,8 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from palpate_edge.common.signals import stop_event
+from palpate_host.common.status import HostStatus
 from palpate_host.recording.status_follower import StatusFollower
-from palpate_host.status import HostStatus
 from palpate_host.view.cameras import CameraSource, LiveCamera, recorded_pictures
 from palpate_host.view.hand_view import HandView
 

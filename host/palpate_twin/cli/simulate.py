@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from palpate_host.lazy_group import LazyGroup
+from palpate_host.common.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
     "dome": ("palpate_twin.cli.dome:dome", "The dome by finite elements and its library."),

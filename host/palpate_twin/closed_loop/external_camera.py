@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from palpate_host import rotation
+from palpate_host.common import rotation
+from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.marker import DICTIONARY, MarkerCamera
-from palpate_host.rotation import Array
 
 Image = npt.NDArray[np.uint8]
 

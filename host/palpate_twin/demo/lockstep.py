@@ -12,9 +12,9 @@ from contextlib import ExitStack
 from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import stop_event
-from palpate_host.command import Rotate
+from palpate_host.common.command import Rotate
+from palpate_host.common.status import HostStatus
 from palpate_host.host import load_hand
-from palpate_host.status import HostStatus
 from palpate_host.supervisor import STARTING
 from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.errors import DatasetError
-from palpate_host import rotation
-from palpate_host.command import Rotate
+from palpate_host.common import rotation
+from palpate_host.common.command import Rotate
+from palpate_host.common.status import HostStatus
 from palpate_host.operator_client import OperatorClient
-from palpate_host.status import HostStatus
 from palpate_host.supervisor import Mode
 
 TURNS_DEG = (

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate_host import rotation
-from palpate_host.rotation import Array
+from palpate_host.common import rotation
+from palpate_host.common.rotation import Array
 from palpate_host.supervisor import Mode
 from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.hand.motion import Motion

@@ -6,7 +6,7 @@ reaches: a blocked joint presses with that torque and no more, and lets go at on
 
 from __future__ import annotations
 
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 
 # Chosen: with the 4e-4 kg m^2 of Table 4's rotor behind its gear over-damped and stable in steps of 0.5 ms.
 STIFFNESS_Nm_rad = 20.0

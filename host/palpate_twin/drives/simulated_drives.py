@@ -5,9 +5,9 @@ It differs from a real drive in its motor alone, so that hardware takes its plac
 
 from __future__ import annotations
 
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 from palpate_twin.drives.drive_plant import LONGEST_ADVANCE_US, LONGEST_STEP_US, JointParameters, JointPlant
 from palpate_twin.drives.joint_servo import JointServo
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.rotation import Array
+from palpate_host.common.rotation import Array
 from palpate_twin.hand.plain_drawing import draw_plainly
 from palpate_twin.hand.twin_model import TwinModel
 

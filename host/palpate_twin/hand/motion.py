@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from palpate_edge.common.errors import ConfigError, DatasetError
-from palpate_host.rotation import Array
+from palpate_host.common.rotation import Array
 from palpate_twin.hand.engine import Engine
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_host.rotation import Array, cross
+from palpate_host.common.rotation import Array, cross
 from palpate_twin.hand.twin_model import TwinModel
 
 Image = npt.NDArray[np.uint8]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.rotation import Array, cross
+from palpate_host.common.rotation import Array, cross
 from palpate_host.twin_config import ObjectConfig
 
 

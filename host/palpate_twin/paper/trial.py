@@ -15,13 +15,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palpate_host import rotation
+from palpate_host.common import rotation
+from palpate_host.common.rotation import Array
 from palpate_host.fingertips import TipContact
 from palpate_host.hand import Hand, HandPose
 from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.host import load_hand
 from palpate_host.manipulation import Manipulation
-from palpate_host.rotation import Array
 from palpate_host.supervisor import Mode
 from palpate_host.virtual_frame import virtual_frame
 from palpate_twin.hand.engine import Engine, LostGraspError

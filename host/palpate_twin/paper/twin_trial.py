@@ -16,6 +16,7 @@ import numpy as np
 from palpate_bus.logs.candump import LogRecord, write_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.rotation import Array
 from palpate_host.experiment.protocol import Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 from palpate_host.hand import Hand
@@ -23,7 +24,6 @@ from palpate_host.hand_config import HandConfig
 from palpate_host.host import load_hand
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header, steps
-from palpate_host.rotation import Array
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples

@@ -12,6 +12,7 @@ import threading
 from dataclasses import dataclass, replace
 
 from palpate_edge.common.errors import BusError
+from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.az import alarms
 from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.motor import AzMotor
@@ -19,7 +20,6 @@ from palpate_host.drives.az.port import AzPort
 from palpate_host.drives.az.registers import Input, Status
 from palpate_host.drives.az.temperature import TemperatureLimit
 from palpate_host.drives.cia402_motion import MotorState, OwnHoming
-from palpate_host.drives.joint_command import DriveGoal, JointCommand
 
 ORDER_LIMIT_US = 200_000
 """An order older than this is not carried out any more: the joint brakes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_host.rotation import Array
+from palpate_host.common.rotation import Array
 from palpate_host.supervisor import Mode
 
 LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)

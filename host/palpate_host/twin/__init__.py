@@ -1,1 +1,0 @@
-"""The twin: simulated parts that speak the real parts' protocols at their real borders."""
