@@ -17,9 +17,9 @@ import palpate_host
 from bench.timing import Row, table
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.control import Gains, joint_torque_Nm, limit_torque_Nm
 from palpate_host.hand import HandPose
-from palpate_host.hand_config import HandConfig
 from palpate_host.hand_geometry import GeometryConfig
 from palpate_host.host import load_hand
 from palpate_host.manipulation import gains_of

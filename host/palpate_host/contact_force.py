@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import ControlConfig, ForceLaw
 from palpate_host.fingertips import TipContact
-from palpate_host.hand_config import ControlConfig, ForceLaw
 
 TRIM_RATIO = 0.5
 """How much of its grasp force a finger may be trimmed by."""

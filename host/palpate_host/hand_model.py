@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.hand_geometry import JointRange, hand_spec
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from palpate_host.common import rotation
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.contact_force import ContactForce
 from palpate_host.control import (
     Gains,
@@ -26,7 +27,6 @@ from palpate_host.control import (
 )
 from palpate_host.fingertips import TipContact, contact_normal
 from palpate_host.hand import HandPose
-from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.object_orientation import ObjectOrientation
 from palpate_host.supervisor import MOVING, Mode
 from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame

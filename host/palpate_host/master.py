@@ -19,8 +19,8 @@ from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import HostStatus, matrix
+from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.hand import Hand
-from palpate_host.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.manipulation import Manipulation
 from palpate_host.nodes import Nodes, PairedContact
 from palpate_host.power_down import PowerDown

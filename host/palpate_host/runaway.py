@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import JointConfig, LimitsConfig
 from palpate_host.fingertips import TipContact
-from palpate_host.hand_config import JointConfig, LimitsConfig
 
 
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:

@@ -11,7 +11,7 @@ import pytest
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
-from palpate_host.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]

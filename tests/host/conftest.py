@@ -9,8 +9,8 @@ from types import ModuleType
 
 import pytest
 
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.hand import Hand
-from palpate_host.hand_config import HandConfig
 
 
 def _load_bench() -> ModuleType:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host import hand_config
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
+from palpate_host.config import hand_config
+from palpate_host.config.hand_config import HomingConfig
 from palpate_host.drives.cia402 import (
     CIA402_EDS,
     Cia402Drive,
@@ -24,7 +25,6 @@ from palpate_host.drives.cia402 import (
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
-from palpate_host.hand_config import HomingConfig
 from palpate_host.network import Network
 
 TABLE_4_SCALE = DriveScale(rated_torque_mNm=1900, increments_per_turn=360_000)

@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host import hand_config
 from palpate_host.cli import cli
+from palpate_host.config import hand_config
+from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.hand_trial import with_law
 from palpate_host.experiment.protocol import cases, load
-from palpate_host.hand_config import ControlMode
 from palpate_host.host import load_hand
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.supervisor import Mode

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host import hand_config
+from palpate_host.config import hand_config
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.bus_news import BusNews
 from palpate_host.common.command import CommandError, Grasp, Recover, Stop
+from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.drives.cia402 import DriveState
-from palpate_host.hand_config import RunConfig, StartMode
 from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
 from palpate_host.network import SYNC

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate_host import hand_config
+from palpate_host.config import hand_config
 from palpate_host.control import grasp_force_N, orientation_force_N
 from palpate_host.hand import Hand
 from palpate_host.hand_model import model_of, source_of

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli import cli
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.hand import Hand
-from palpate_host.hand_config import HandConfig
 from palpate_host.hand_model import model_of
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore

@@ -14,7 +14,7 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.common.signals import stop_event
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host import hand_config
+from palpate_host.config import hand_config
 
 PERIOD_US = 33_333
 LATENCY_US = 5_000

@@ -72,7 +72,7 @@ def monitor(
 
 def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, ...]) -> dict[int, Device]:
     from palpate_bus.decode.device import Device, devices_of_hand, devices_of_header  # noqa: PLC0415
-    from palpate_host.hand_config import load  # noqa: PLC0415
+    from palpate_host.config.hand_config import load  # noqa: PLC0415
 
     devices = devices_of_header(header)
     if config_path is not None:

@@ -15,8 +15,8 @@ from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.drives.cia402 import CIA402_EDS
-from palpate_host.hand_config import HandConfig
 
 Key = tuple[int, int]
 PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32

@@ -10,12 +10,12 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import JointStatus
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.drives.cia402 import Cia402Drive, DriveState
 from palpate_host.drives.drive_settings import needs_of
 from palpate_host.drives.homing import HomingRun
 from palpate_host.drives.identify import DriveIdentification
 from palpate_host.drives.joint_orders import JointOrders
-from palpate_host.hand_config import HandConfig
 
 _POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate_host.common.joint_command import Follows
+from palpate_host.config.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
 from palpate_host.drives.cia402 import DriveScale
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, OperationMode
-from palpate_host.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
 
 FULL_SCALE_PER_MILLE = 1000
 RPDO_1, RPDO_1_MAPPING, RPDO_ID, INVALID = 0x1400, 0x1600, 0x200, 1 << 31

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.common.rotation import Array
-from palpate_host.hand_config import ControlConfig, JointConfig
+from palpate_host.config.hand_config import ControlConfig, JointConfig
 
 LEAD_RAD = 0.05
 RANGE_TIME_S = 0.1

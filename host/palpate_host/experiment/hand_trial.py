@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from palpate_edge.common.errors import ConfigError, PalpateError
+from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.protocol import CameraConfig, Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 from palpate_host.groundtruth.frames import camera_frames
 from palpate_host.groundtruth.intrinsics import read_intrinsics
 from palpate_host.groundtruth.track import Marker, Sight, Tracker, turns, write_csv
-from palpate_host.hand_config import ControlMode
 from palpate_host.host import load_hand, now_us
 from palpate_host.operator_client import NoHostError
 from palpate_host.recording.mcap import McapRecording

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.hand_config import ControlMode
-from palpate_host.toml_file import read_toml
+from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.toml_file import read_toml
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Word = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+$")]  # a folder's name

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.protocol import ExperimentConfig
 from palpate_host.experiment.result import TrialResult
-from palpate_host.hand_config import ControlMode
 
 ANGLES = ("roll", "pitch", "yaw")
 COLOURS = ("tab:blue", "tab:orange", "tab:green")

@@ -8,7 +8,7 @@ import click
 
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.signals import stop_event
-from palpate_host import hand_config
+from palpate_host.config import hand_config
 from palpate_host.drives.serve_devices import serve_devices, states_line
 from palpate_twin.drives.hand_drives import drives_of
 

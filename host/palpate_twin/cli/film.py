@@ -57,8 +57,8 @@ def film(
     """
     import numpy as np  # noqa: PLC0415 (as below: what --help need not wait for)
 
-    from palpate_host import hand_config  # noqa: PLC0415
     from palpate_host.common.rotation import to_rpy_deg  # noqa: PLC0415
+    from palpate_host.config import hand_config  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
     from palpate_twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
     from palpate_twin.hand.twin_model import twin_model  # noqa: PLC0415

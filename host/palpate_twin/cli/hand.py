@@ -210,7 +210,7 @@ def loop(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
-    from palpate_host import hand_config  # noqa: PLC0415
+    from palpate_host.config import hand_config  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.closed_loop.loop import loop_table, run_loop  # noqa: PLC0415

@@ -30,7 +30,7 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     \b
     palpate-host simulate fingertips -o sensors
     """
-    from palpate_host import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_host.config import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 

@@ -21,8 +21,8 @@ from palpate_bus.hub.control import AskStatistics, Statistics
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.status import HostStatus
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.fingertips import Fingertip
-from palpate_host.hand_config import HandConfig
 from palpate_host.network import HEARTBEAT_ID, NmtState
 
 LATENCY_WINDOW_US = 1_000_000

@@ -16,7 +16,7 @@ from palpate_bus.hub.control import AskStatistics
 from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
-from palpate_host.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.host import bus_time
 from palpate_host.replay import contract_header
 from palpate_host.supervisor import STARTING

@@ -12,8 +12,8 @@ from pathlib import Path
 import palpate_host
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import FingertipConfig, read_config
-from palpate_host import hand_config
-from palpate_host.hand_config import HandConfig
+from palpate_host.config import hand_config
+from palpate_host.config.hand_config import HandConfig
 from palpate_twin.demo.programme import TURNS_DEG
 
 MODEL = Path(palpate_host.__file__).with_name("models") / "table4-wide.toml"

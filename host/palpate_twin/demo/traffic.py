@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import LogRecord
-from palpate_host.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig
 
 BIN_US = 100_000
 

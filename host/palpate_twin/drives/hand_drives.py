@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from palpate_host.common.joint_command import DriveGoal, JointCommand
+from palpate_host.config.hand_config import HandConfig, JointConfig
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.hand_config import HandConfig, JointConfig
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.joint_servo import JointServo
 from palpate_twin.hand.engine import Engine

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.rotation import Array, cross
-from palpate_host.twin_config import ObjectConfig
+from palpate_host.config.twin_config import ObjectConfig
 
 
 @dataclass(frozen=True, slots=True)

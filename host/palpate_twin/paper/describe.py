@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate_host import hand_config
+from palpate_host.config import hand_config
 from palpate_host.hand_model import compiled, spec_of
 from palpate_host.host import load_hand
 from palpate_host.virtual_frame import check_numbering

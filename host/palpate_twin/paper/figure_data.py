@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_host import hand_config
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
-from palpate_host.hand_config import ControlMode
+from palpate_host.config import hand_config
+from palpate_host.config.hand_config import ControlMode
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
+from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.fingertips import TipContact
 from palpate_host.hand import Hand, HandPose
-from palpate_host.hand_config import ControlMode, HandConfig
 from palpate_host.host import load_hand
 from palpate_host.manipulation import Manipulation
 from palpate_host.supervisor import Mode

@@ -10,10 +10,10 @@ import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
+from palpate_host.config.toml_file import read_toml
 from palpate_host.drives.az.axis import AxisSettings, TorqueBy
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import BAUD_RATE, Parity
-from palpate_host.toml_file import read_toml
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Positive = Annotated[float, msgspec.Meta(gt=0)]
