@@ -18,12 +18,12 @@ from bench.timing import Row, table
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control import Gains, joint_torque_Nm, limit_torque_Nm
-from palpate_host.hand import HandPose
-from palpate_host.hand_geometry import GeometryConfig
+from palpate_host.control.control_law import Gains, joint_torque_Nm, limit_torque_Nm
+from palpate_host.control.hand_geometry import GeometryConfig
+from palpate_host.control.kinematics import HandPose
+from palpate_host.control.manipulation import gains_of
+from palpate_host.control.virtual_frame import contact_frame, desired_virtual_frame, virtual_frame
 from palpate_host.host import load_hand
-from palpate_host.manipulation import gains_of
-from palpate_host.virtual_frame import contact_frame, desired_virtual_frame, virtual_frame
 
 TABLE_3 = Path(palpate_host.__file__).parent / "models" / "table3.toml"
 POSES = 500

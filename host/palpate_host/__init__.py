@@ -6,7 +6,7 @@
         hand.grasp()
         hand.rotate(rpy_deg=(30, 0, 0))
 
-`Hand` here is a running hand (session.py); its kinematics are `palpate_host.hand.Hand`.
+`Hand` here is a running hand (session.py); its kinematics are `palpate_host.control.kinematics.Hand`.
 """
 
 from __future__ import annotations

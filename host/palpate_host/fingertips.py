@@ -18,7 +18,7 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.common.rotation import Array
-from palpate_host.hand import HandPose
+from palpate_host.control.kinematics import HandPose
 
 VALUE = 0x7130  # CiA 404 process values: x, y, z, normal force, shear x, shear y, torsion
 FLAGS = (0x2010, 0)

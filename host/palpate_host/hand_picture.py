@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand_model import model_of
+from palpate_host.control.hand_model import model_of
 
 AXIS_M = 0.02
 AXIS_COLOURS = ("tab:red", "tab:green", "tab:blue")

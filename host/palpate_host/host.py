@@ -24,8 +24,8 @@ from palpate_edge.common.signals import on_stop_signal
 from palpate_host.bus_news import BusNews
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
-from palpate_host.hand import Hand
-from palpate_host.hand_model import model_of, source_of
+from palpate_host.control.hand_model import model_of, source_of
+from palpate_host.control.kinematics import Hand
 from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
 from palpate_host.operator_socket import OperatorSocket, default_control_socket

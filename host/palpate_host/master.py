@@ -20,8 +20,9 @@ from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import HostStatus, matrix
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
-from palpate_host.hand import Hand
-from palpate_host.manipulation import Manipulation
+from palpate_host.control.kinematics import Hand
+from palpate_host.control.manipulation import Manipulation
+from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
 from palpate_host.nodes import Nodes, PairedContact
 from palpate_host.power_down import PowerDown
 from palpate_host.supervisor import (
@@ -34,7 +35,6 @@ from palpate_host.supervisor import (
     decide,
 )
 from palpate_host.tick_schedule import TickSchedule
-from palpate_host.virtual_frame import FrameError, check_numbering, virtual_frame
 
 OPERATOR_STOP = "stopped by the operator"
 

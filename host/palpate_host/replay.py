@@ -23,9 +23,9 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.fingertips import unwrap_us
-from palpate_host.hand import Hand
 from palpate_host.master import HostCore, Output
 from palpate_host.network import HEARTBEAT_ID, SYNC
 from palpate_host.supervisor import Mode

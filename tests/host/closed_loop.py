@@ -14,9 +14,9 @@ import numpy as np
 from palpate_edge.common.contact import Contact
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.config.hand_config import HandConfig, JointConfig
+from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.hand import Hand, HandPose
 from palpate_host.master import HostCore
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.joint_servo import JointServo

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand
+from palpate_host.control.kinematics import Hand
 
 
 def _load_bench() -> ModuleType:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate_host.control import (
+from palpate_host.control.control_law import (
     Gains,
     carrying_force_N,
     grasp_force_N,
@@ -18,7 +18,7 @@ from palpate_host.control import (
     rotation_error,
     target_step,
 )
-from palpate_host.virtual_frame import FrameError, virtual_frame
+from palpate_host.control.virtual_frame import FrameError, virtual_frame
 
 WITHOUT_FRICTION_LIMIT = 1e9
 GAINS = Gains(

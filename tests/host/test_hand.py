@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.hand import Hand
-from palpate_host.hand_model import compiled, read_spec
-from palpate_host.virtual_frame import check_numbering
+from palpate_host.control.hand_model import compiled, read_spec
+from palpate_host.control.kinematics import Hand
+from palpate_host.control.virtual_frame import check_numbering
 
 BASE_RADIUS_M = 0.162
 LINKS_M = (0.052, 0.050, 0.085)

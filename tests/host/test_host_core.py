@@ -13,11 +13,11 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import ControlMode
+from palpate_host.control.virtual_frame import FrameError, virtual_frame
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.master import HostCore
 from palpate_host.replay import replay
 from palpate_host.supervisor import Mode
-from palpate_host.virtual_frame import FrameError, virtual_frame
 
 START_UP = (Mode.INIT, Mode.CHECK, Mode.READY, Mode.GRASP)
 

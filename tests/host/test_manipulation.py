@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_host.control.manipulation import TRIM_LIMIT_RAD, Manipulation
+from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.fingertips import TipContact
-from palpate_host.manipulation import TRIM_LIMIT_RAD, Manipulation
 from palpate_host.supervisor import Mode
-from palpate_host.virtual_frame import virtual_frame
 
 START_RAD = np.tile([0.0, 0.348, 1.221], 3)
 STILL = np.zeros(9)

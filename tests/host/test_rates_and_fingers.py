@@ -6,12 +6,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate_host.config import hand_config
-from palpate_host.control import grasp_force_N, orientation_force_N
-from palpate_host.hand import Hand
-from palpate_host.hand_model import model_of, source_of
-from palpate_host.manipulation import gains_of
+from palpate_host.control.control_law import grasp_force_N, orientation_force_N
+from palpate_host.control.hand_model import model_of, source_of
+from palpate_host.control.kinematics import Hand
+from palpate_host.control.manipulation import gains_of
+from palpate_host.control.virtual_frame import (
+    check_numbering,
+    contact_frame,
+    fit_contact_frame,
+    virtual_frame,
+)
 from palpate_host.supervisor import Mode
-from palpate_host.virtual_frame import check_numbering, contact_frame, fit_contact_frame, virtual_frame
 
 
 @pytest.mark.parametrize("tick_Hz", [100, 250, 500, 1000])

@@ -14,8 +14,8 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.cli import cli
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand
-from palpate_host.hand_model import model_of
+from palpate_host.control.hand_model import model_of
+from palpate_host.control.kinematics import Hand
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
 from palpate_host.supervisor import Mode

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate_host.virtual_frame import (
+from palpate_host.control.virtual_frame import (
     FrameError,
     check_numbering,
     contact_frame,

@@ -19,7 +19,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand, HandPose
+from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
 from palpate_host.network import SYNC

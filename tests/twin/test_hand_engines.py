@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config import hand_config
 from palpate_host.config.twin_config import ObjectConfig
-from palpate_host.control import joint_torque_Nm
+from palpate_host.control.control_law import joint_torque_Nm
+from palpate_host.control.hand_model import compiled, read_spec
+from palpate_host.control.manipulation import gains_of
 from palpate_host.drives.cia402 import CIA402_EDS
-from palpate_host.hand_model import compiled, read_spec
 from palpate_host.host import load_hand
-from palpate_host.manipulation import gains_of
 from palpate_twin.hand.prism import prism_of
 from palpate_twin.hand.twin_model import twin_model
 from palpate_twin.paper.trial import make_engine

@@ -13,7 +13,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.toml_file import read_toml
 from palpate_host.config.twin_config import TwinConfig
-from palpate_host.hand_geometry import GeometryConfig
+from palpate_host.control.hand_geometry import GeometryConfig
 
 FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
 

@@ -17,7 +17,7 @@ from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand
+from palpate_host.control.kinematics import Hand
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header
 

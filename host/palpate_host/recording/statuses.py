@@ -10,7 +10,7 @@ import msgspec
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand
+from palpate_host.control.kinematics import Hand
 from palpate_host.replay import read_bound_log, steps
 
 

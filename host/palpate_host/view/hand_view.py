@@ -25,8 +25,8 @@ import rerun as rr
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand import Hand, HandPose
-from palpate_host.hand_model import model_of
+from palpate_host.control.hand_model import model_of
+from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.view.geometry import body_name, shapes, transform
 
 TIMELINE = "time"

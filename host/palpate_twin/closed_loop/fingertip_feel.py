@@ -14,7 +14,7 @@ from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.estimation.displacement_field import tangent_basis
 from palpate_edge.estimation.estimator import Estimator
 from palpate_host.common.rotation import Array
-from palpate_host.hand import Hand
+from palpate_host.control.kinematics import Hand
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.renderer import CameraView

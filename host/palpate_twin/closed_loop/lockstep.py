@@ -21,8 +21,8 @@ from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402_device import Cia402Device
-from palpate_host.hand import Hand
 from palpate_host.master import HostCore
 from palpate_host.network import SYNC
 from palpate_host.supervisor import Mode

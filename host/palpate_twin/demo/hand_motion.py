@@ -23,10 +23,10 @@ from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import HostStatus, Matrix
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402 import CIA402_EDS, Controlword
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
-from palpate_host.hand import Hand
 from palpate_host.master import HostCore
 from palpate_host.replay import first_beat_us, steps
 from palpate_host.supervisor import Mode

@@ -16,7 +16,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.twin_config import TwinConfig
-from palpate_host.hand_model import compiled, source_of, spec_of
+from palpate_host.control.hand_model import compiled, source_of, spec_of
 from palpate_twin.hand.prism import Prism, prism_of
 
 OBJECT = "twin_object"

@@ -18,12 +18,12 @@ import numpy as np
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.manipulation import Manipulation
+from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.fingertips import TipContact
-from palpate_host.hand import Hand, HandPose
 from palpate_host.host import load_hand
-from palpate_host.manipulation import Manipulation
 from palpate_host.supervisor import Mode
-from palpate_host.virtual_frame import virtual_frame
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand

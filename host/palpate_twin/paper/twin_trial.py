@@ -18,9 +18,9 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.control.kinematics import Hand
 from palpate_host.experiment.protocol import Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
-from palpate_host.hand import Hand
 from palpate_host.host import load_hand
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.replay import contract_header, steps

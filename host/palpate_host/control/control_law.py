@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
-from palpate_host.hand import HandPose
+from palpate_host.control.kinematics import HandPose
 
 SINE_LIMIT_RAD = math.radians(60.0)
 COSINE_LIMIT = math.cos(SINE_LIMIT_RAD)

@@ -8,7 +8,7 @@ import mujoco
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.hand_geometry import JointRange, hand_spec
+from palpate_host.control.hand_geometry import JointRange, hand_spec
 
 
 def spec_of(config: HandConfig) -> mujoco.MjSpec:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate_host.common.rotation import Array
-from palpate_host.virtual_frame import (
+from palpate_host.control.virtual_frame import (
     FrameError,
     contact_frame,
     fit_contact_frame,

@@ -16,8 +16,8 @@ from palpate_host.common import rotation
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import ControlMode, HandConfig
-from palpate_host.contact_force import ContactForce
-from palpate_host.control import (
+from palpate_host.control.contact_force import ContactForce
+from palpate_host.control.control_law import (
     Gains,
     force_torque_Nm,
     grasp_force_N,
@@ -25,11 +25,11 @@ from palpate_host.control import (
     limit_torque_Nm,
     target_step,
 )
+from palpate_host.control.kinematics import HandPose
+from palpate_host.control.object_orientation import ObjectOrientation
+from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
 from palpate_host.fingertips import TipContact, contact_normal
-from palpate_host.hand import HandPose
-from palpate_host.object_orientation import ObjectOrientation
 from palpate_host.supervisor import MOVING, Mode
-from palpate_host.virtual_frame import desired_virtual_frame, virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
 """How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""
