@@ -13,7 +13,7 @@ from palpate_host.common.status import LATE_BINS_US, HostStatus
 from palpate_host.operator_client import OperatorClient
 from palpate_host.operator_protocol import Status
 from palpate_host.operator_socket import default_control_socket
-from palpate_host.supervisor import STOPPED
+from palpate_host.safety.supervisor import STOPPED
 
 ANGLE = click.FloatRange(-180, 180)
 

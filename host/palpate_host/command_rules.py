@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.supervisor import MOVING, STOPPED, Decision, Mode, Wish
+from palpate_host.safety.supervisor import MOVING, STOPPED, Decision, Mode, Wish
 
 
 def check_allowed(

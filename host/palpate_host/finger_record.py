@@ -6,7 +6,7 @@ from collections import deque
 
 from palpate_host.common.status import FingerStatus
 from palpate_host.fingertips import Fingertip, TipContact
-from palpate_host.supervisor import FingerHealth
+from palpate_host.safety.supervisor import FingerHealth
 
 RATE_WINDOW_US = 1_000_000
 RATE_SAMPLES = 256

@@ -30,8 +30,8 @@ from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
 from palpate_host.operator_socket import OperatorSocket, default_control_socket
 from palpate_host.real_time import become_real_time
+from palpate_host.safety.supervisor import STOPPED
 from palpate_host.status_stream import StatusStream
-from palpate_host.supervisor import STOPPED
 
 BUS_NAME = "host"
 # Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
-from palpate_host import runaway
 from palpate_host.common.rotation import Array
 from palpate_host.common.status import Counters
 from palpate_host.config.hand_config import HandConfig
@@ -29,7 +28,8 @@ from palpate_host.network import (
     TimeStampProducer,
     foreign_stop,
 )
-from palpate_host.supervisor import MOVING, Mode
+from palpate_host.safety import runaway
+from palpate_host.safety.supervisor import MOVING, Mode
 
 EXPOSURE_AHEAD_LIMIT_US = 50_000
 

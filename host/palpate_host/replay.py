@@ -28,7 +28,7 @@ from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.fingertips import unwrap_us
 from palpate_host.master import HostCore, Output
 from palpate_host.network import HEARTBEAT_ID, SYNC
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
 EDS_HASH_DIGITS = 16

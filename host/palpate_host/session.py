@@ -16,7 +16,7 @@ from palpate_host.common.status import HostStatus
 from palpate_host.operator_client import NoHostError, OperatorClient
 from palpate_host.operator_protocol import Status
 from palpate_host.operator_socket import default_control_socket
-from palpate_host.supervisor import MOVING, STOPPED, Mode
+from palpate_host.safety.supervisor import MOVING, STOPPED, Mode
 
 POLL_S = 0.02
 START_TIMEOUT_S = 30.0

@@ -21,7 +21,7 @@ import pytest
 from palpate_host.common.command import Grasp, Recover, Rotate
 from palpate_host.config.hand_config import ForceLaw, RunConfig, StartMode
 from palpate_host.drives.cia402 import DriveState
-from palpate_host.supervisor import STOPPED, Mode
+from palpate_host.safety.supervisor import STOPPED, Mode
 
 JOINT_SLACK_RAD = 0.01  # MuJoCo's joint limits are springs
 

@@ -4,7 +4,7 @@ import pytest
 
 from palpate_host.command_rules import check_allowed
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.supervisor import Decision, Mode, Wish
+from palpate_host.safety.supervisor import Decision, Mode, Wish
 
 TURN = Rotate((0.0, 0.0, 10.0))
 MOVING = {Mode.GRASP, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.RELEASE}

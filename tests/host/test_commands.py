@@ -12,7 +12,7 @@ from palpate_host.common import rotation
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.drives.cia402 import DriveState
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 TICK_US = 10_000
 

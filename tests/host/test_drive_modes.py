@@ -21,7 +21,7 @@ from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
 from palpate_host.drives.joint_orders import LEAD_RAD, JointOrders
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 from palpate_twin.drives.simulated_drives import PlantMotor, SimulatedDrive
 

@@ -16,7 +16,7 @@ from palpate_host.experiment.hand_trial import with_law
 from palpate_host.experiment.protocol import cases, load
 from palpate_host.host import load_hand
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 MODELS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "models"
 PACKAGED = MODELS / "experiment.toml"

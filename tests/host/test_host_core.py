@@ -17,7 +17,7 @@ from palpate_host.control.virtual_frame import FrameError, virtual_frame
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.master import HostCore
 from palpate_host.replay import replay
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 START_UP = (Mode.INIT, Mode.CHECK, Mode.READY, Mode.GRASP)
 

@@ -16,7 +16,7 @@ from palpate_host.control.virtual_frame import (
     fit_contact_frame,
     virtual_frame,
 )
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 
 @pytest.mark.parametrize("tick_Hz", [100, 250, 500, 1000])

@@ -21,7 +21,7 @@ from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.common.errors import BusError
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract, replay
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 HERE = Path(__file__).parent
 MEANT = "answers otherwise than before; if meant: python tests/replay/refresh.py"

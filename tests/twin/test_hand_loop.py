@@ -10,7 +10,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.host import load_hand
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView

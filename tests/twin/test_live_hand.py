@@ -15,7 +15,7 @@ from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common import rotation
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure

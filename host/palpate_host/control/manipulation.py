@@ -29,7 +29,7 @@ from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
 from palpate_host.fingertips import TipContact, contact_normal
-from palpate_host.supervisor import MOVING, Mode
+from palpate_host.safety.supervisor import MOVING, Mode
 
 TRIM_LIMIT_RAD = math.radians(15.0)
 """How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""

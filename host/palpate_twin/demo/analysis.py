@@ -15,7 +15,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.host import load_hand
 from palpate_host.replay import check_contract
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.demo.hand_motion import (
     HandFigures,
     JointTorque,

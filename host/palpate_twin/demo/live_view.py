@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from palpate_host.common.status import FingerStatus, HostStatus, JointStatus
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.demo.dome_map import dome_map
 from palpate_twin.demo.monitor import Sight
 

@@ -17,7 +17,7 @@ from palpate_host.common import rotation
 from palpate_host.common.command import Rotate
 from palpate_host.common.status import HostStatus
 from palpate_host.operator_client import OperatorClient
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 
 TURNS_DEG = (
     (30.0, 0.0, 0.0),

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate_host.common import rotation
 from palpate_host.common.rotation import Array
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.hand.motion import Motion
 

@@ -23,7 +23,7 @@ from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.fingertips import TipContact
 from palpate_host.host import load_hand
-from palpate_host.supervisor import Mode
+from palpate_host.safety.supervisor import Mode
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand
