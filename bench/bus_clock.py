@@ -38,7 +38,7 @@ from palpate_edge.daemon.daemon import run
 from palpate_edge.daemon.health import HealthReport
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration_file import save_calibration
-from palpate_host.network import SYNC, TimeStampProducer
+from palpate_host.network.nmt_master import SYNC, TimeStampProducer
 
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"
 TICK_S = 0.01

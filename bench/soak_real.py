@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.soak_virtual import resident_bytes
 from palpate_bus.logs.candump import read_log
-from palpate_host.network import SYNC
+from palpate_host.network.nmt_master import SYNC
 from palpate_twin.hand.motion import read_motion
 
 LOOK_S = 10.0

@@ -23,7 +23,7 @@ from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.control.kinematics import Hand
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
-from palpate_host.nodes import Nodes, PairedContact
+from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.safety.drive_shutdown import PowerDown
 from palpate_host.safety.supervisor import (
     STOPPED,

@@ -25,7 +25,7 @@ from palpate_host.drives.cia402 import (
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
-from palpate_host.network import Network
+from palpate_host.network.nmt_master import Network
 
 TABLE_4_SCALE = DriveScale(rated_torque_mNm=1900, increments_per_turn=360_000)
 

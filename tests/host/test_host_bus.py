@@ -21,7 +21,7 @@ from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.drives.cia402 import DriveState
 from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
-from palpate_host.network import SYNC
+from palpate_host.network.nmt_master import SYNC
 from palpate_host.safety.supervisor import Mode
 
 TICK_US = 10_000

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate_host.control.manipulation import TRIM_LIMIT_RAD, Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.fingertips import TipContact
+from palpate_host.network.fingertips import TipContact
 from palpate_host.safety.supervisor import Mode
 
 START_RAD = np.tile([0.0, 0.348, 1.221], 3)

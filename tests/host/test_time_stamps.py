@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
-from palpate_host.network import SYNC, TIME_STAMP_ID, TimeStampProducer
+from palpate_host.network.nmt_master import SYNC, TIME_STAMP_ID, TimeStampProducer
 
 
 def value(frame):

@@ -22,7 +22,7 @@ from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.host import load_hand
 from palpate_host.master import HostCore, Output
-from palpate_host.network import SYNC
+from palpate_host.network.nmt_master import SYNC
 from palpate_twin.drives.hand_drives import drives_of
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 

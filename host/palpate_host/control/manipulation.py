@@ -28,7 +28,7 @@ from palpate_host.control.control_law import (
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
-from palpate_host.fingertips import TipContact, contact_normal
+from palpate_host.network.fingertips import TipContact, contact_normal
 from palpate_host.safety.supervisor import MOVING, Mode
 
 TRIM_LIMIT_RAD = math.radians(15.0)

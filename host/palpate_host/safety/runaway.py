@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import JointConfig, LimitsConfig
-from palpate_host.fingertips import TipContact
+from palpate_host.network.fingertips import TipContact
 
 
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:

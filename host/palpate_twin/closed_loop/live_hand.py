@@ -22,8 +22,8 @@ from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.drives.serve_devices import refuse_conflict
-from palpate_host.fingertips import Fingertip
-from palpate_host.network import SYNC
+from palpate_host.network.fingertips import Fingertip
+from palpate_host.network.nmt_master import SYNC
 from palpate_twin.closed_loop.fingertip_feel import touches_in_F
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.hand.driven_hand import DrivenHand

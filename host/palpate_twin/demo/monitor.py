@@ -22,8 +22,8 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.fingertips import Fingertip
-from palpate_host.network import HEARTBEAT_ID, NmtState
+from palpate_host.network.fingertips import Fingertip
+from palpate_host.network.nmt_master import HEARTBEAT_ID, NmtState
 
 LATENCY_WINDOW_US = 1_000_000
 STATISTICS_PERIOD_US = 500_000

@@ -16,10 +16,10 @@ from palpate_host.common.status import Counters
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.drives.drive_group import DriveGroup
-from palpate_host.finger_record import FingerRecord
-from palpate_host.fingertips import TipContact
-from palpate_host.joint_history import JointHistory
-from palpate_host.network import (
+from palpate_host.network.finger_state import FingerRecord
+from palpate_host.network.fingertips import TipContact
+from palpate_host.network.joint_history import JointHistory
+from palpate_host.network.nmt_master import (
     EMCY_ID,
     HEARTBEAT_ID,
     NMT_ID,
