@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate_host.session import Hand
+    from palpate_host.operator.session import Hand
 
 __all__ = ["Hand"]
 
@@ -23,6 +23,6 @@ def __getattr__(name: str) -> type:
     """`Hand` when it is first asked for: the commands shall not wait for what it imports."""
     if name != "Hand":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from palpate_host.session import Hand  # noqa: PLC0415
+    from palpate_host.operator.session import Hand  # noqa: PLC0415
 
     return Hand

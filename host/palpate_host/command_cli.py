@@ -10,9 +10,9 @@ import msgspec
 
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.status import LATE_BINS_US, HostStatus
-from palpate_host.operator_client import OperatorClient
-from palpate_host.operator_protocol import Status
-from palpate_host.operator_socket import default_control_socket
+from palpate_host.operator.client import OperatorClient
+from palpate_host.operator.protocol import Status
+from palpate_host.operator.server import default_control_socket
 from palpate_host.safety.supervisor import STOPPED
 
 ANGLE = click.FloatRange(-180, 180)

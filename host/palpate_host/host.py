@@ -28,7 +28,7 @@ from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import Hand
 from palpate_host.host_bus import HostBus
 from palpate_host.master import HostCore
-from palpate_host.operator_socket import OperatorSocket, default_control_socket
+from palpate_host.operator.server import OperatorSocket, default_control_socket
 from palpate_host.real_time import become_real_time
 from palpate_host.safety.supervisor import STOPPED
 from palpate_host.status_stream import StatusStream

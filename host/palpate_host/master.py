@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.command_rules import check_allowed
 from palpate_host.common import rotation
 from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal
@@ -24,6 +23,7 @@ from palpate_host.control.kinematics import Hand
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
 from palpate_host.network.nodes import Nodes, PairedContact
+from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.drive_shutdown import PowerDown
 from palpate_host.safety.supervisor import (
     STOPPED,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from palpate_host.command_rules import check_allowed
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.supervisor import Decision, Mode, Wish
 
 TURN = Rotate((0.0, 0.0, 10.0))

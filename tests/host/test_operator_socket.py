@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.operator_client import NoHostError, OperatorClient
-from palpate_host.operator_protocol import (
+from palpate_host.operator.client import NoHostError, OperatorClient
+from palpate_host.operator.protocol import (
     LONGEST_REQUEST,
     Answer,
     Lines,
@@ -26,7 +26,7 @@ from palpate_host.operator_protocol import (
     decode_request,
     encode,
 )
-from palpate_host.operator_socket import MOST_CLIENTS, OperatorSocket, default_control_socket, may_command
+from palpate_host.operator.server import MOST_CLIENTS, OperatorSocket, default_control_socket, may_command
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +241,7 @@ def test_a_real_peers_groups_are_seen():
 
 
 def test_a_stranger_is_told_and_closed(server, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate_host.operator_socket.may_command", lambda _connection: False)
+    monkeypatch.setattr("palpate_host.operator.server.may_command", lambda _connection: False)
     with connect(tmp_path) as plain:
         assert b"only root, the host's user and its group" in talk(server, plain, b"", Obeyed())
     assert not server._clients
@@ -274,7 +274,7 @@ def test_where_it_is_by_default(monkeypatch, tmp_path):
     monkeypatch.delenv("PALPATE_CONTROL", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
     assert str(default_control_socket()) == "/run/user/7/palpate-host.sock"
-    monkeypatch.setattr("palpate_host.operator_socket.SERVICE_DIRECTORY", tmp_path)
+    monkeypatch.setattr("palpate_host.operator.server.SERVICE_DIRECTORY", tmp_path)
     assert default_control_socket() == tmp_path / "palpate-host.sock"
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/run/palpate-host")
     assert str(default_control_socket()) == "/run/palpate-host/palpate-host.sock"

@@ -18,7 +18,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import Command
 from palpate_host.common.status import HostStatus
 from palpate_host.host import load_hand
-from palpate_host.operator_socket import OperatorSocket
+from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.segments import Bounds, SegmentedRecording
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.recording.statuses import read_statuses

@@ -24,7 +24,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.recorder import FrameRing, RingLimits
 from palpate_host.common.status import HostStatus
 from palpate_host.host import load_hand
-from palpate_host.operator_socket import OperatorSocket
+from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.view.geometry import shapes
 

@@ -13,7 +13,7 @@ from types import TracebackType
 
 from palpate_host.common.command import CommandError
 from palpate_host.common.status import HostStatus
-from palpate_host.operator_client import OperatorClient
+from palpate_host.operator.client import OperatorClient
 
 ASK_AGAIN_S = 0.2
 MOST_WAITING = 10_000

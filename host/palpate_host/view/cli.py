@@ -8,7 +8,7 @@ import click
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.host import load_hand
-from palpate_host.operator_socket import default_control_socket
+from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.run_cli import CONFIG
 

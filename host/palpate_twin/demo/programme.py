@@ -16,7 +16,7 @@ from palpate_edge.common.errors import DatasetError
 from palpate_host.common import rotation
 from palpate_host.common.command import Rotate
 from palpate_host.common.status import HostStatus
-from palpate_host.operator_client import OperatorClient
+from palpate_host.operator.client import OperatorClient
 from palpate_host.safety.supervisor import Mode
 
 TURNS_DEG = (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from palpate_host.common.command import CommandError
 from palpate_host.common.status import HostStatus
-from palpate_host.operator_protocol import Answer, Lines, Request, Stream, decode_answer, encode
+from palpate_host.operator.protocol import Answer, Lines, Request, Stream, decode_answer, encode
 
 LONGEST_ANSWER = 1 << 20
 DEFAULT_TIMEOUT_S = 5.0

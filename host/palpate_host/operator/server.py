@@ -19,7 +19,7 @@ from pathlib import Path
 from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_host.common.command import Command, CommandError
 from palpate_host.common.status import HostStatus
-from palpate_host.operator_protocol import (
+from palpate_host.operator.protocol import (
     LONGEST_REQUEST,
     Answer,
     Lines,
