@@ -14,9 +14,9 @@ import palpate_host
 from bench.timing import Row, table, time_each
 from palpate_bus.logs.candump import read_log
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_host.host import load_hand
-from palpate_host.master import HostCore
-from palpate_host.replay import replay
+from palpate_host.service.host import load_hand
+from palpate_host.service.host_core import HostCore
+from palpate_host.service.replay import replay
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "tests" / "replay" / "demo.log.gz"

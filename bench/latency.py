@@ -21,10 +21,10 @@ import numpy as np
 from bench.timing import Row, table
 from palpate_bus.logs.candump import LogRecord
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.host import load_hand
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import SYNC
-from palpate_host.replay import EXPOSURE, TPDO_3_ID, read_bound_log
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import EXPOSURE, TPDO_3_ID, read_bound_log
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDING = ROOT / "demo" / "recording"

@@ -17,8 +17,8 @@ import numpy as np
 
 from palpate_host.common.command import Rotate
 from palpate_host.common.status import HostStatus
-from palpate_host.host import load_hand
-from palpate_host.master import HostCore, Output
+from palpate_host.service.host import load_hand
+from palpate_host.service.host_core import HostCore, Output
 from palpate_twin.cli.hand import CONTACT_NOISE_MM
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop

@@ -23,7 +23,7 @@ from palpate_host.control.hand_geometry import GeometryConfig
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.manipulation import gains_of
 from palpate_host.control.virtual_frame import contact_frame, desired_virtual_frame, virtual_frame
-from palpate_host.host import load_hand
+from palpate_host.service.host import load_hand
 
 TABLE_3 = Path(palpate_host.__file__).parent / "models" / "table3.toml"
 POSES = 500

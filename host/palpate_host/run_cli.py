@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from palpate_host import host
 from palpate_host.config.hand_config import StartMode
-from palpate_host.replay import contract_header
+from palpate_host.service import host
+from palpate_host.service.replay import contract_header
 
 CONFIG = click.option(
     "--config",

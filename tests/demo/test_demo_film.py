@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.common.errors import DatasetError
-from palpate_host.host import load_hand
+from palpate_host.service.host import load_hand
 from palpate_twin.cli.film import film
 from palpate_twin.demo.film import film_command, make_film
 from palpate_twin.demo.run_folder import MODEL, RunFolder

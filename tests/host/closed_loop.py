@@ -17,7 +17,7 @@ from palpate_host.config.hand_config import HandConfig, JointConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.master import HostCore
+from palpate_host.service.host_core import HostCore
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.joint_servo import JointServo
 from palpate_twin.paper.trial import make_engine

@@ -14,9 +14,9 @@ from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.hand_trial import with_law
 from palpate_host.experiment.protocol import cases, load
-from palpate_host.host import load_hand
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
 
 MODELS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "models"
 PACKAGED = MODELS / "experiment.toml"

@@ -20,10 +20,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from palpate_host.host import load_hand
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.replay import read_bound_log, steps
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import read_bound_log, steps
 
 PROJECT = Path(__file__).resolve().parents[2]
 LOG = PROJECT / "tests" / "replay" / "demo.log.gz"

@@ -15,9 +15,9 @@ from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.control.virtual_frame import FrameError, virtual_frame
 from palpate_host.drives.cia402 import DriveState
-from palpate_host.master import HostCore
-from palpate_host.replay import replay
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host_core import HostCore
+from palpate_host.service.replay import replay
 
 START_UP = (Mode.INIT, Mode.CHECK, Mode.READY, Mode.GRASP)
 

@@ -17,7 +17,7 @@ import pytest
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.daemon import daemon
-from palpate_host import host
+from palpate_host.service import host
 
 HUB = "from palpate_bus.cli.main import bus; bus()"
 LEAST_OBJECTS = 10_000  # the modules that host and daemon import make more

@@ -17,11 +17,11 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import Command
 from palpate_host.common.status import HostStatus
-from palpate_host.host import load_hand
 from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.segments import Bounds, SegmentedRecording
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.recording.statuses import read_statuses
+from palpate_host.service.host import load_hand
 
 PROJECT = Path(__file__).resolve().parents[2]
 LOG = PROJECT / "tests" / "replay" / "demo.log.gz"

@@ -8,7 +8,7 @@ import pytest
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
-from palpate_host.status_stream import StatusStream
+from palpate_host.service.status_stream import StatusStream
 
 
 @pytest.fixture(scope="module")

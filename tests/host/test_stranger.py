@@ -16,9 +16,9 @@ from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 from palpate_host.control.kinematics import Hand
-from palpate_host.host import load_hand
-from palpate_host.master import HostCore
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
+from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, missing_turn_deg
 from palpate_twin.paper.trial import make_engine

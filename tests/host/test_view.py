@@ -23,9 +23,9 @@ from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.recorder import FrameRing, RingLimits
 from palpate_host.common.status import HostStatus
-from palpate_host.host import load_hand
 from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.statuses import read_statuses
+from palpate_host.service.host import load_hand
 from palpate_host.view.geometry import shapes
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -20,9 +20,9 @@ from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
-from palpate_host.host import load_hand
-from palpate_host.master import HostCore, Output
 from palpate_host.network.nmt_master import SYNC
+from palpate_host.service.host import load_hand
+from palpate_host.service.host_core import HostCore, Output
 from palpate_twin.drives.hand_drives import drives_of
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 

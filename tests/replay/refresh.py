@@ -24,8 +24,8 @@ from pathlib import Path
 import click
 
 from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
-from palpate_host.host import load_hand
-from palpate_host.replay import contract_header, replay_to_log, write_output
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import contract_header, replay_to_log, write_output
 
 HERE = Path(__file__).parent
 VIRTUAL_SECONDS = 4.0

@@ -16,9 +16,9 @@ import palpate_host
 from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, parse_log, write_log
 from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.host import load_hand
-from palpate_host.replay import on_bus_clock, read_bound_log, replay
 from palpate_host.replay_cli import replay as replay_command
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import on_bus_clock, read_bound_log, replay
 
 HERE = Path(__file__).parent
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"

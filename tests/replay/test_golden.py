@@ -15,9 +15,9 @@ import pytest
 import palpate_host
 from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_edge.common.errors import ConfigError
-from palpate_host.host import load_hand
-from palpate_host.replay import check_contract, contract_header, replay, replay_to_log
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import check_contract, contract_header, replay, replay_to_log
 
 HERE = Path(__file__).parent
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"

@@ -19,9 +19,9 @@ import pytest
 from palpate_bus.logs.candump import format_record, parse_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.common.errors import BusError
-from palpate_host.host import load_hand
-from palpate_host.replay import check_contract, replay
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import check_contract, replay
 
 HERE = Path(__file__).parent
 MEANT = "answers otherwise than before; if meant: python tests/replay/refresh.py"

@@ -15,7 +15,7 @@ from palpate_host.control.control_law import joint_torque_Nm
 from palpate_host.control.hand_model import compiled, read_spec
 from palpate_host.control.manipulation import gains_of
 from palpate_host.drives.cia402 import CIA402_EDS
-from palpate_host.host import load_hand
+from palpate_host.service.host import load_hand
 from palpate_twin.hand.prism import prism_of
 from palpate_twin.hand.twin_model import twin_model
 from palpate_twin.paper.trial import make_engine

@@ -9,8 +9,8 @@ from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.host import load_hand
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView

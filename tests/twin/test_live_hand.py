@@ -13,9 +13,9 @@ from palpate_edge.common.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common import rotation
-from palpate_host.host import load_hand
-from palpate_host.master import HostCore
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
+from palpate_host.service.host_core import HostCore
 from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure

@@ -20,10 +20,10 @@ from palpate_host.experiment.result import TrialResult
 from palpate_host.groundtruth.frames import camera_frames
 from palpate_host.groundtruth.intrinsics import read_intrinsics
 from palpate_host.groundtruth.track import Marker, Sight, Tracker, turns, write_csv
-from palpate_host.host import load_hand, now_us
 from palpate_host.operator.client import NoHostError
 from palpate_host.operator.session import Hand
 from palpate_host.recording.mcap import McapRecording
+from palpate_host.service.host import load_hand, now_us
 
 _CONTROL_MODE = re.compile(r'(^\[control\]\n(?:(?!\[).*\n)*?mode\s*=\s*)"\w+"', re.MULTILINE)
 _INTEGRAL = re.compile(r"^integral_per_s\s*=.*\n", re.MULTILINE)

@@ -19,7 +19,7 @@ from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.recording.mcap import McapRecording
-from palpate_host.replay import contract_header
+from palpate_host.service.replay import contract_header
 
 FLUSH_EVERY_US = 1_000_000
 

@@ -11,7 +11,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
-from palpate_host.replay import read_bound_log, steps
+from palpate_host.service.replay import read_bound_log, steps
 
 
 def read_statuses(source: Path, config: HandConfig, hand: Hand) -> Iterator[HostStatus]:

@@ -84,7 +84,7 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     from palpate_edge.common.errors import ConfigError  # noqa: PLC0415
     from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
-    from palpate_host.host import load_hand  # noqa: PLC0415
+    from palpate_host.service.host import load_hand  # noqa: PLC0415
     from palpate_twin.camera.look import TWIN_FILE  # noqa: PLC0415
     from palpate_twin.closed_loop.live_cameras import CameraFiles, LiveCameras  # noqa: PLC0415
     from palpate_twin.closed_loop.live_hand import LiveHand  # noqa: PLC0415

@@ -23,9 +23,9 @@ from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402_device import Cia402Device
-from palpate_host.master import HostCore
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.fingertip_feel import Feel, touches_in_F
 from palpate_twin.hand.driven_hand import DrivenHand
 from palpate_twin.hand.engine import Engine, LostGraspError

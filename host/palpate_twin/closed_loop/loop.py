@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from palpate_host.common.rotation import Array
-from palpate_host.host import load_hand
+from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.fingertip_feel import Feel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
 from palpate_twin.hand.twin_model import TwinModel

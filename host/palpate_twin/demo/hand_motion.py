@@ -27,9 +27,9 @@ from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402 import CIA402_EDS, Controlword
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
-from palpate_host.master import HostCore
-from palpate_host.replay import first_beat_us, steps
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host_core import HostCore
+from palpate_host.service.replay import first_beat_us, steps
 from palpate_twin.demo.distribution import Distribution, distribution
 from palpate_twin.demo.programme import Given
 

@@ -17,9 +17,9 @@ from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.host import bus_time
-from palpate_host.replay import contract_header
 from palpate_host.safety.supervisor import STARTING
+from palpate_host.service.host import bus_time
+from palpate_host.service.replay import contract_header
 from palpate_twin.demo.live_view import Scale
 from palpate_twin.demo.monitor import Monitor, Sight
 from palpate_twin.demo.processes import Children, DemoError, Program, Urgency

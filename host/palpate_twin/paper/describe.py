@@ -7,7 +7,7 @@ from pathlib import Path
 from palpate_host.config import hand_config
 from palpate_host.control.hand_model import compiled, spec_of
 from palpate_host.control.virtual_frame import check_numbering
-from palpate_host.host import load_hand
+from palpate_host.service.host import load_hand
 from palpate_twin.hand.film import draw_states, write_row
 from palpate_twin.hand.rolling import RollingHand
 from palpate_twin.hand.twin_model import twin_model

@@ -21,9 +21,9 @@ from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.host import load_hand
 from palpate_host.network.fingertips import TipContact
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host import load_hand
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand

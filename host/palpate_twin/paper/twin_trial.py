@@ -21,9 +21,9 @@ from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.experiment.protocol import Case, ExperimentConfig
 from palpate_host.experiment.result import TrialResult
-from palpate_host.host import load_hand
 from palpate_host.recording.mcap import McapRecording
-from palpate_host.replay import contract_header, steps
+from palpate_host.service.host import load_hand
+from palpate_host.service.replay import contract_header, steps
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples

@@ -25,10 +25,10 @@ from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402 import CIA402_EDS
-from palpate_host.master import HostCore, Output
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
 from palpate_host.safety.supervisor import Mode
+from palpate_host.service.host_core import HostCore, Output
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
 EDS_HASH_DIGITS = 16

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.sd_notify import Notifier
-from palpate_host.master import HostCore
+from palpate_host.service.host_core import HostCore
 
 
 class BusNews:

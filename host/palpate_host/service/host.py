@@ -21,17 +21,17 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
-from palpate_host.bus_news import BusNews
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import Hand
-from palpate_host.host_bus import HostBus
-from palpate_host.master import HostCore
 from palpate_host.operator.server import OperatorSocket, default_control_socket
-from palpate_host.real_time import become_real_time
 from palpate_host.safety.supervisor import STOPPED
-from palpate_host.status_stream import StatusStream
+from palpate_host.service.bus_reports import BusNews
+from palpate_host.service.host_bus import HostBus
+from palpate_host.service.host_core import HostCore
+from palpate_host.service.real_time import become_real_time
+from palpate_host.service.status_stream import StatusStream
 
 BUS_NAME = "host"
 # Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.

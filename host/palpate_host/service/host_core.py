@@ -34,7 +34,7 @@ from palpate_host.safety.supervisor import (
     Wish,
     decide,
 )
-from palpate_host.tick_schedule import TickSchedule
+from palpate_host.service.tick_schedule import TickSchedule
 
 OPERATOR_STOP = "stopped by the operator"
 
