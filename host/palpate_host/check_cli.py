@@ -49,7 +49,7 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
             reports = list(check_nodes(config, read, silent))
         _print(reports, found, set(config.node_names))
     if picture is not None:
-        from palpate_host.hand_picture import draw_hand  # noqa: PLC0415 - matplotlib takes half a second
+        from palpate_host.view.hand_picture import draw_hand  # noqa: PLC0415 - matplotlib takes half a second
 
         q_rad, is_measured = joint_angles(config, reports)
         title = "as it stands" if is_measured else "joints in the middle of their ranges"

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_host.hand_picture import draw_hand
 from palpate_host.service.hand_check import check_nodes, joint_angles, table
+from palpate_host.view.hand_picture import draw_hand
 
 
 @pytest.fixture
