@@ -59,7 +59,15 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
 def report_of_a_demo() -> str:
     """The table of a run of `DURATION_S`: three fingertips' daemons, hub, drives and host, in real time."""
     with tempfile.TemporaryDirectory() as name:
-        command = [sys.executable, "-m", "palpate_host.cli", "demo", "--no-view", "--recording", RECORDING]
+        command = [
+            sys.executable,
+            "-m",
+            "palpate_host.cli.main",
+            "demo",
+            "--no-view",
+            "--recording",
+            RECORDING,
+        ]
         options = ["--duration", str(DURATION_S), "--output", name]
         subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)
         return report(Path(name) / "run" / "bus.log")

@@ -25,7 +25,7 @@ def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarr
     demo fails, which has said why."""
     with tempfile.TemporaryDirectory() as name:
         words = ["demo", "--no-view", "--duration", str(duration_s), "--output", name]
-        command = [sys.executable, "-m", "palpate_host.cli", *words]
+        command = [sys.executable, "-m", "palpate_host.cli.main", *words]
         memory: dict[str, list[tuple[float, int]]] = defaultdict(list)
         begin_s = time.monotonic()
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as demo:

@@ -40,7 +40,7 @@ print("estimated", flush=True)
 sys.stdin.read()
 """
 RUN = "from palpate_edge.cli.main import main; main()"
-HUB = "from palpate_host.cli import main; main()"
+HUB = "from palpate_host.cli.main import main; main()"
 DAEMON = """
 name = "bench"
 [capture]

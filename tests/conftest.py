@@ -259,7 +259,7 @@ def made_fingertips(fingertips_of_the_demo: Path, tmp_path: Path) -> None:
 @pytest.fixture(scope="session")
 def fingertips_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made") / "sensors"
-    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "fingertips", "-o", str(folder)]
+    command = [sys.executable, "-m", "palpate_host.cli.main", "simulate", "fingertips", "-o", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
     return folder
 

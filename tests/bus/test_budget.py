@@ -102,7 +102,7 @@ def test_the_budget_is_within_5_percent_of_what_the_hub_measures(tmp_path):
 @pytest.mark.usefixtures("made_fingertips")
 def test_a_running_hand_is_within_5_percent_of_its_budget(tmp_path):
     """Three daemons, nine drives and the host, run for this."""
-    command = [sys.executable, "-m", "palpate_host.cli", "demo", "--no-view", "--output", str(tmp_path)]
+    command = [sys.executable, "-m", "palpate_host.cli.main", "demo", "--no-view", "--output", str(tmp_path)]
     subprocess.run([*command, "--duration", "6"], check=True, capture_output=True, timeout=300)
     records = steady(read_log(tmp_path / "run" / "bus.log").records)
     assert records[-1].stamp_us - records[0].stamp_us > 3_000_000

@@ -37,7 +37,7 @@ def examples():
 def live_bus(folder):
     """A hub and fingertip 0x10; the environment that finds the hub."""
     path, stopped = folder / "hub.sock", threading.Event()
-    hub = [sys.executable, "-m", "palpate_host.cli", "bus", "hub", "--socket", str(path)]
+    hub = [sys.executable, "-m", "palpate_host.cli.main", "bus", "hub", "--socket", str(path)]
     with ExitStack() as stack:
         process = stack.enter_context(subprocess.Popen(hub, stderr=subprocess.PIPE, text=True))
         stack.callback(process.terminate)
@@ -61,7 +61,7 @@ def printed(command, environment):
     program, *arguments = shlex.split(command)
     assert program == "palpate-host"
     done = subprocess.run(
-        [sys.executable, "-m", "palpate_host.cli", *arguments],
+        [sys.executable, "-m", "palpate_host.cli.main", *arguments],
         cwd=ROOT,
         env=environment,
         capture_output=True,

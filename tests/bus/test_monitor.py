@@ -273,7 +273,7 @@ def test_live_traffic_of_the_hub(hub, open_edge):
         [
             sys.executable,
             "-m",
-            "palpate_host.cli",
+            "palpate_host.cli.main",
             "bus",
             "monitor",
             "--channel",

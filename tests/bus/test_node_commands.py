@@ -287,7 +287,7 @@ def test_values_as_a_person_writes_them(key, text, data):
 def test_a_lost_hub_is_told_as_such(hub):
     hub.stop()
     done = subprocess.run(
-        [sys.executable, "-m", "palpate_host.cli", "bus", "scan", "--channel", str(hub.path)],
+        [sys.executable, "-m", "palpate_host.cli.main", "bus", "scan", "--channel", str(hub.path)],
         check=False,
         capture_output=True,
         text=True,

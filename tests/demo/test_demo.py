@@ -34,7 +34,16 @@ RECORDING = Path(__file__).parents[2] / "demo" / "recording"
 
 
 def command(output: Path, *options: str) -> list[str]:
-    return [sys.executable, "-m", "palpate_host.cli", "demo", "--no-view", "--output", str(output), *options]
+    return [
+        sys.executable,
+        "-m",
+        "palpate_host.cli.main",
+        "demo",
+        "--no-view",
+        "--output",
+        str(output),
+        *options,
+    ]
 
 
 def finished(arguments: list[str]) -> subprocess.CompletedProcess[str]:

@@ -25,7 +25,7 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 
 pytestmark = pytest.mark.deploy_hand
 
-EDGE, HOST = "palpate_edge.cli.main", "palpate_host.cli"
+EDGE, HOST = "palpate_edge.cli.main", "palpate_host.cli.main"
 SERVICE = "palpate-host.service"
 SERVICES = {"finger-1": "palpate-fingertip.service", "hand": SERVICE}
 GATEWAY = "palpate-az.service"

@@ -8,7 +8,7 @@ import sys
 
 THREADS = """
 import click
-from palpate_host.cli import run_cli
+from palpate_host.cli.main import run_cli
 
 @click.command()
 def command():
@@ -33,4 +33,4 @@ def test_matrices_are_multiplied_in_one_thread_but_where_the_environment_says_el
 
 
 def test_a_command_loads_no_numpy_before_its_own_code_does() -> None:
-    assert _run("import sys, palpate_host.cli; print('numpy' in sys.modules)", {}) == "False"
+    assert _run("import sys, palpate_host.cli.main; print('numpy' in sys.modules)", {}) == "False"

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.cli import cli
+from palpate_host.cli.main import cli
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.hand_trial import with_law

@@ -38,7 +38,17 @@ class JsonDecoders:
 
 
 def export(output: Path, source: Path = LOG) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "palpate_host.cli", "export", source, "--config", HAND, "-o", output]
+    command = [
+        sys.executable,
+        "-m",
+        "palpate_host.cli.main",
+        "export",
+        source,
+        "--config",
+        HAND,
+        "-o",
+        output,
+    ]
     return subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.cli import cli
+from palpate_host.cli.main import cli
 from palpate_host.groundtruth.intrinsics import Board, Intrinsics, calibrate, write_intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, Refusal
 from palpate_host.groundtruth.track import Marker, Tracker

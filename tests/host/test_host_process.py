@@ -18,7 +18,7 @@ PROGRAMS = {
     "run": (
         "import sys\n"
         "from palpate_edge.common.errors import PalpateError\n"
-        "from palpate_host.run_cli import run\n"
+        "from palpate_host.cli.run import run\n"
         "try:\n"
         "    run(standalone_mode=False)\n"
         "except PalpateError as exc:\n"

@@ -37,7 +37,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
 
 
 def start(*arguments: object) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "palpate_host.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "palpate_host.cli.main", *map(str, arguments)]
     return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 

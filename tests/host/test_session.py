@@ -19,7 +19,7 @@ from palpate_host.operator.session import HandStoppedError
 from palpate_host.safety.supervisor import Mode
 
 TIPS = Path(__file__).with_name("touching_fingertips.py")
-CLI = [sys.executable, "-m", "palpate_host.cli"]
+CLI = [sys.executable, "-m", "palpate_host.cli.main"]
 PATIENCE_S = 60.0
 
 

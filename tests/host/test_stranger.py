@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.cli import cli
+from palpate_host.cli.main import cli
 from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of

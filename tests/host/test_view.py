@@ -36,7 +36,7 @@ Table = dict[str, dict[str, list[tuple[int | None, Any]]]]  # entity -> componen
 
 
 def view(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "palpate_host.cli", "view", "--config", HAND, *arguments]
+    command = [sys.executable, "-m", "palpate_host.cli.main", "view", "--config", HAND, *arguments]
     return subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
 
 
@@ -177,7 +177,16 @@ def test_live_from_the_hosts_socket_with_pictures(tmp_path: Path, statuses: list
     socket_path, ring_path, saved = tmp_path / "host.sock", tmp_path / "ring", tmp_path / "live.rrd"
     ring = RingWriter(ring_path, RingFormat(32, 24, 1, 4, ""))
     server = OperatorSocket(socket_path)
-    command = [sys.executable, "-m", "palpate_host.cli", "view", "--config", HAND, "--socket", socket_path]
+    command = [
+        sys.executable,
+        "-m",
+        "palpate_host.cli.main",
+        "view",
+        "--config",
+        HAND,
+        "--socket",
+        socket_path,
+    ]
     command += ["--save", saved, "--camera", f"finger-1={ring_path}"]
     process = subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True)
 

@@ -20,7 +20,7 @@ from palpate_host.safety.supervisor import STOPPED, Mode
 UML = pytest.param("uml", marks=pytest.mark.uml)
 pytestmark = [pytest.mark.usefixtures("kernel"), pytest.mark.parametrize("kernel", [UML], indirect=True)]
 
-CLI = [sys.executable, "-m", "palpate_host.cli"]
+CLI = [sys.executable, "-m", "palpate_host.cli.main"]
 TIPS = Path(__file__).parents[1] / "host" / "touching_fingertips.py"
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 # A tick and its times for a kernel that is a process beside other work.

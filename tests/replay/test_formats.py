@@ -16,7 +16,7 @@ import palpate_host
 from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, parse_log, write_log
 from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.replay_cli import replay as replay_command
+from palpate_host.cli.replay import replay as replay_command
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import on_bus_clock, read_bound_log, replay
 

@@ -21,7 +21,7 @@ from palpate_host.service.replay import check_contract, contract_header, replay,
 
 HERE = Path(__file__).parent
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
-REPLAY = "from palpate_host.replay_cli import replay; replay()"
+REPLAY = "from palpate_host.cli.replay import replay; replay()"
 
 
 @pytest.fixture(scope="session")

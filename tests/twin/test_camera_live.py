@@ -38,7 +38,7 @@ def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _camera(sensor: Path, ring: Path, *options: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "camera", "--sensor", str(sensor)]
+    command = [sys.executable, "-m", "palpate_host.cli.main", "simulate", "camera", "--sensor", str(sensor)]
     process = subprocess.Popen(
         [*command, "--shm", str(ring), *options], stderr=subprocess.PIPE, text=True, stdout=subprocess.DEVNULL
     )
@@ -101,7 +101,7 @@ def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, 
     _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "exposures skipped" in said
-    command = [sys.executable, "-m", "palpate_host.cli", "simulate", "camera", "--shm", "/nowhere/ring"]
+    command = [sys.executable, "-m", "palpate_host.cli.main", "simulate", "camera", "--shm", "/nowhere/ring"]
     failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert failed.returncode == 5
     assert failed.stderr.startswith("camera of 85 beads")
@@ -120,7 +120,7 @@ def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) ->
         f'[bus]\ninterface = "palpate"\nchannel = "{socket}"\n'
     )
     hub = subprocess.Popen(
-        [sys.executable, "-m", "palpate_host.cli", "bus", "hub", "--socket", str(socket)],
+        [sys.executable, "-m", "palpate_host.cli.main", "bus", "hub", "--socket", str(socket)],
         stderr=subprocess.PIPE,
         text=True,
     )

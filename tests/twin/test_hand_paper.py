@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from palpate_host.cli import cli
+from palpate_host.cli.main import cli
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above

@@ -173,7 +173,7 @@ class _HostProcess:
         self._words = (Path(self._folder.name) / "host.stderr").open("w+b")
         arguments = ["run", "--config", str(config), "--start", "command", "--socket", str(self._path)]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "palpate_host.cli", *arguments],
+            [sys.executable, "-m", "palpate_host.cli.main", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._words,

@@ -37,7 +37,7 @@ class Program(Enum):
     """Which command a process runs, by the module behind it."""
 
     EDGE = "palpate_edge.cli.main"
-    HOST = "palpate_host.cli"
+    HOST = "palpate_host.cli.main"
 
     @property
     def command(self) -> str:

@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.cli.run import CONFIG
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.run_cli import CONFIG
 from palpate_host.service.host import load_hand
 
 FORMATS = (".mcap", ".csv", ".parquet")

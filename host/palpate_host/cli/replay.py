@@ -13,8 +13,8 @@ from palpate_bus.decode.decoder import Decoder
 from palpate_bus.decode.device import devices_of_hand
 from palpate_bus.decode.monitor_lines import line
 from palpate_bus.logs.candump import LogRecord
+from palpate_host.cli.run import CONFIG
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.run_cli import CONFIG
 from palpate_host.service import host
 from palpate_host.service.replay import Replay, Step, read_bound_log, replay_steps, steps, write_output
 

@@ -11,9 +11,9 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
+from palpate_host.cli.run import CONFIG
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.status_follower import StatusFollower
-from palpate_host.run_cli import CONFIG
 from palpate_host.service.host import bus_time, load_hand
 
 WAIT_S = 0.02

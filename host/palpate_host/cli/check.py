@@ -13,7 +13,7 @@ from palpate_bus.master.scan import scan as scan_bus
 from palpate_bus.master.sdo_access import read_number
 from palpate_bus.master.session import master, sdo_client
 from palpate_edge.common.errors import BusError
-from palpate_host.run_cli import CONFIG
+from palpate_host.cli.run import CONFIG
 from palpate_host.service.hand_check import NodeReport, check_nodes, joint_angles, table
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore

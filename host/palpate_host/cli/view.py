@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.cli.run import CONFIG
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.run_cli import CONFIG
 from palpate_host.service.host import load_hand
 
 FILE = click.Path(path_type=Path, dir_okay=False)
