@@ -1,7 +1,8 @@
 """The host's bus at the rim: where the host may outlive it, it is opened again with back-off.
 
 Two ways to lose it, as for a fingertip (palpate_edge.can_bus.reconnecting_bus): after *bus-off* the
-descriptor stays good and the driver says when it restarts; *down*, the interface or the hub is gone, it is closed and opened anew.
+descriptor stays good and the driver says when it restarts; *down*, the interface or the hub is gone, it
+is closed and opened anew.
 Unlike there nothing waits here to be sent: a command of before the loss is not said after it.
 """
 
