@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.accuracy_report import Section, number, paragraph, table
 from bench.accuracy_stress import HARMS, Harm
 from palpate_edge.calibration.measurement import measure as look
+from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.vision.blob_detection import plane
@@ -23,8 +23,6 @@ from palpate_twin.camera.random_sensor import with_tolerances
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.dome.library import load_library
-
-Array = NDArray[np.float64]
 
 SEEDS = (200, 201, 202, 203)
 PLAN = Plan(train=0, test=30)

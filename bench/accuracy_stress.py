@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from bench.accuracy_report import Section, number, paragraph, refused, table, wrong_flags
 from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker
 
-Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 Random = np.random.Generator
 Harm = Callable[[Image, Array, Random], Image]  # the image and its beads (n, 3): place and diameter, px
 

@@ -12,16 +12,16 @@ from scipy.spatial import Delaunay
 
 from bench.frames import Material, materials
 from bench.timing import Item, Row, table, time_both
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.correction_model import CorrectionModel
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import Image, find_blobs, plane
+from palpate_edge.vision.blob_detection import find_blobs, plane
 from palpate_edge.vision.tracker import Tracker
 
-Array = NDArray[np.float64]
 Seconds = NDArray[np.float64]
 
 FRAME_US = 33_333

@@ -15,11 +15,11 @@ import pinocchio as pin
 
 import palpate_host
 from bench.timing import Row, table
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
+from palpate_host.config.geometry_config import GeometryConfig
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.control_law import Gains, joint_torque_Nm, limit_torque_Nm
-from palpate_host.control.hand_geometry import GeometryConfig
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.manipulation import gains_of
 from palpate_host.control.virtual_frame import contact_frame, desired_virtual_frame, virtual_frame

@@ -18,11 +18,11 @@ from hypothesis import strategies as st
 
 from palpate_bus.cli.main import bus
 from palpate_bus.eds.check import check_file, check_text
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.text import Findings, Severity, parse_sections
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
-from palpate_host.drives.cia402 import CIA402_EDS
 
 DRIVE = CIA402_EDS.read_text()
 

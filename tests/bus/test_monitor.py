@@ -22,11 +22,11 @@ from palpate_bus.cli.main import bus
 from palpate_bus.decode.decoder import Decoder, Service
 from palpate_bus.decode.device import Device, devices_of_header
 from palpate_bus.decode.emcy_text import emcy_text
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_host.drives.cia402 import CIA402_EDS
 
 REPLAY = Path(__file__).parents[1] / "replay"
 

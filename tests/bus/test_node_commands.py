@@ -17,6 +17,7 @@ from durand.network import CANBusNetwork
 
 from palpate_bus.cli.main import bus
 from palpate_bus.decode.device import Device, usual_device
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.master.lss import parse_address
 from palpate_bus.master.sdo_access import encode, find_object
 from palpate_bus.master.session import master
@@ -25,7 +26,6 @@ from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
-from palpate_host.drives.cia402 import CIA402_EDS
 
 
 class Nodes(threading.Thread):

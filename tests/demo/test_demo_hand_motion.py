@@ -10,7 +10,7 @@ import pytest
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.errors import ConfigError
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_twin.demo.hand_motion import hand_figures, joint_torques, replay_modes
 
 BENCH = Path(__file__).parents[1] / "host" / "virtual_bench.py"

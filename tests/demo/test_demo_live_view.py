@@ -8,8 +8,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import Counters, FingerStatus, HostStatus, JointStatus
-from palpate_host.safety.supervisor import Mode
 from palpate_twin.demo.dome_map import CONTACT_DOT, dome_map
 from palpate_twin.demo.live_view import Scale, plain_line, render
 from palpate_twin.demo.monitor import Sight

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate_host.common.mode import Mode
 from palpate_host.common.rotation import from_rpy_deg
 from palpate_host.common.status import matrix
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.demo.programme import TURNS_DEG, Programme, read_given

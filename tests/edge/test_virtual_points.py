@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay
 
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.estimation.virtual_points import VirtualPointMesh, delaunay, ellipse_points, fit_ellipse
+from palpate_edge.estimation.virtual_points import VirtualPointMesh, ellipse_points, fit_ellipse
+from palpate_edge.geometry.triangulation import delaunay
 
 LAYOUTS = {
     "1+6+12+18+24+24": ((1, 0), (6, 0), (12, 15), (18, 0), (24, 7.5), (24, 0)),

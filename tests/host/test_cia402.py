@@ -8,20 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.eds.cia402 import CIA402_EDS, Controlword, DriveState, state_of
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HomingConfig
-from palpate_host.drives.cia402 import (
-    CIA402_EDS,
-    Cia402Drive,
-    Controlword,
-    DriveScale,
-    DriveState,
-    controlword_for,
-    state_of,
-)
+from palpate_host.drives.cia402 import Cia402Drive, DriveScale, controlword_for
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification

@@ -18,10 +18,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_host.common.command import Grasp, Recover, Rotate
+from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.config.hand_config import ForceLaw, RunConfig, StartMode
-from palpate_host.drives.cia402 import DriveState
-from palpate_host.safety.supervisor import STOPPED, Mode
 
 JOINT_SLACK_RAD = 0.01  # MuJoCo's joint limits are springs
 

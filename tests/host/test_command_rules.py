@@ -3,8 +3,9 @@
 import pytest
 
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.mode import Mode
 from palpate_host.operator.command_rules import check_allowed
-from palpate_host.safety.supervisor import Decision, Mode, Wish
+from palpate_host.safety.supervisor import Decision, Wish
 
 TURN = Rotate((0.0, 0.0, 10.0))
 MOVING = {Mode.GRASP, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.RELEASE}

@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import RunConfig, StartMode
-from palpate_host.drives.cia402 import DriveState
-from palpate_host.safety.supervisor import Mode
 
 TICK_US = 10_000
 

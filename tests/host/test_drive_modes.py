@@ -9,19 +9,20 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import Grasp, Recover, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
+from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ForceLaw, HomingConfig, RunConfig, StartMode
-from palpate_host.drives.cia402 import Cia402Drive, DriveState, Homing
+from palpate_host.drives.cia402 import Cia402Drive, Homing
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.drive_settings import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
 from palpate_host.drives.joint_orders import LEAD_RAD, JointOrders
-from palpate_host.safety.supervisor import Mode
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 from palpate_twin.drives.simulated_drives import PlantMotor, SimulatedDrive
 

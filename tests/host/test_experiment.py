@@ -10,12 +10,12 @@ from click.testing import CliRunner
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.main import cli
+from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.hand_trial import with_law
 from palpate_host.experiment.protocol import cases, load
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 
 MODELS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "models"

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host.network.fingertips import Fingertip, contact_normal, unwrap_us
+from palpate_host.control.object_orientation import contact_normal
+from palpate_host.network.fingertips import Fingertip, unwrap_us
 
 NODE = 0x10
 START_US = 1_700_000_000_000_000

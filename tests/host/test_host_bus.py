@@ -10,16 +10,16 @@ import can
 import msgspec
 import pytest
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, BusConfig
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import LinkState
 from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.common.command import CommandError, Grasp, Recover, Stop
+from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import RunConfig, StartMode
-from palpate_host.drives.cia402 import DriveState
 from palpate_host.network.nmt_master import SYNC
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.bus_reports import BusNews
 from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore

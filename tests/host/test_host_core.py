@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.control.virtual_frame import FrameError, virtual_frame
-from palpate_host.drives.cia402 import DriveState
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import replay
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_host.common.mode import Mode
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.control.manipulation import TRIM_LIMIT_RAD, Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.network.fingertips import TipContact
-from palpate_host.safety.supervisor import Mode
 
 START_RAD = np.tile([0.0, 0.348, 1.221], 3)
 STILL = np.zeros(9)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.control.control_law import grasp_force_N, orientation_force_N
 from palpate_host.control.hand_model import model_of, source_of
@@ -16,7 +17,6 @@ from palpate_host.control.virtual_frame import (
     fit_contact_frame,
     virtual_frame,
 )
-from palpate_host.safety.supervisor import Mode
 
 
 @pytest.mark.parametrize("tick_Hz", [100, 250, 500, 1000])

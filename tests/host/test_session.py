@@ -14,9 +14,9 @@ import pytest
 from palpate_edge.common.errors import PalpateError
 from palpate_host import Hand
 from palpate_host.common.command import CommandError
+from palpate_host.common.mode import Mode
 from palpate_host.operator.client import NoHostError
 from palpate_host.operator.session import HandStoppedError
-from palpate_host.safety.supervisor import Mode
 
 TIPS = Path(__file__).with_name("touching_fingertips.py")
 CLI = [sys.executable, "-m", "palpate_host.cli.main"]

@@ -20,12 +20,12 @@ from canopen.profiles.p402 import BaseNode402
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate_bus.eds.cia402 import CIA402_EDS, DriveState
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.slave import Output
 from palpate_host.config import hand_config
-from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.serve_devices import serve_devices
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 from palpate_twin.drives.hand_drives import drives_of

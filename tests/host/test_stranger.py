@@ -10,13 +10,13 @@ import pinocchio as pin
 import pytest
 from click.testing import CliRunner
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.main import cli
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 from palpate_host.control.kinematics import Hand
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel

@@ -4,7 +4,8 @@ import dataclasses
 
 import pytest
 
-from palpate_host.safety.supervisor import STOPPED, Decision, FingerHealth, Inputs, Mode, Tiers, Wish, decide
+from palpate_host.common.mode import STOPPED, Mode
+from palpate_host.safety.supervisor import Decision, FingerHealth, Inputs, Tiers, Wish, decide
 
 TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500, release_us=400)
 FRESH = FingerHealth("finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, is_silent=False)

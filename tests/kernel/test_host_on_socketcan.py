@@ -13,8 +13,8 @@ import palpate_host
 from kernel_guest.links import PATIENCE_S, Link, ip
 from palpate_host import Hand
 from palpate_host.common.command import CommandError
+from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.operator.session import HandStoppedError
-from palpate_host.safety.supervisor import STOPPED, Mode
 
 # In user-mode Linux alone: a whole hand is too much for a machine that is emulated.
 UML = pytest.param("uml", marks=pytest.mark.uml)

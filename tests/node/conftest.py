@@ -23,7 +23,7 @@ from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.slave import Output, Slave
 
 PROJECT = Path(__file__).resolve().parents[2]
-DRIVE_EDS = PROJECT / "host" / "palpate_host" / "drives" / "cia402.eds"
+DRIVE_EDS = PROJECT / "host" / "palpate_bus" / "eds" / "cia402.eds"
 NODE_ID = 0x10
 
 Process = Callable[[int, tuple[CanFrame, ...]], Output]

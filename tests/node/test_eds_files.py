@@ -14,7 +14,7 @@ import pytest
 PROJECT = Path(__file__).resolve().parents[2]
 EDS_FILES = {
     "fingertip": PROJECT / "firmware" / "fingertip.eds",
-    "drive": PROJECT / "host" / "palpate_host" / "drives" / "cia402.eds",
+    "drive": PROJECT / "host" / "palpate_bus" / "eds" / "cia402.eds",
 }
 OBJECT = re.compile(r"[0-9A-F]{4}$")
 DATA_TYPE_BITS = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}

@@ -12,7 +12,7 @@ from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.slave import Slave
 
-DRIVE_EDS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "drives" / "cia402.eds"
+DRIVE_EDS = Path(__file__).resolve().parents[2] / "host" / "palpate_bus" / "eds" / "cia402.eds"
 DICTIONARIES = [load_eds(path, 0x10) for path in (FINGERTIP_EDS, DRIVE_EDS)]
 INDICES = sorted({index for od in DICTIONARIES for index in od.indices})
 

@@ -21,7 +21,7 @@ from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Output, Slave
 
-DRIVE_EDS = Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "drives" / "cia402.eds"
+DRIVE_EDS = Path(__file__).resolve().parents[2] / "host" / "palpate_bus" / "eds" / "cia402.eds"
 DICTIONARIES = {"fingertip": load_eds(FINGERTIP_EDS, 0x10), "drive": load_eds(DRIVE_EDS, 0x10)}
 SIGNATURES = (b"save", b"load", b"zero")
 FRAMES = 1_000_000

@@ -14,9 +14,7 @@ from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.object_dictionary import Access, DataType, ObjectDictionary
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 
-DRIVE = load_eds(
-    Path(__file__).resolve().parents[2] / "host" / "palpate_host" / "drives" / "cia402.eds", 0x10
-)
+DRIVE = load_eds(Path(__file__).resolve().parents[2] / "host" / "palpate_bus" / "eds" / "cia402.eds", 0x10)
 SHORT_EDS = """[DeviceInfo]
 ProductName=short
 [1000]

@@ -15,7 +15,7 @@ import pytest
 import palpate_host
 from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_edge.common.errors import ConfigError
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import check_contract, contract_header, replay, replay_to_log
 

@@ -19,7 +19,7 @@ import pytest
 from palpate_bus.logs.candump import format_record, parse_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.common.errors import BusError
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import check_contract, replay
 

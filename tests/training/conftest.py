@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.samples import Samples
-
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
 
 FIELD_WIDTH = 24
 STIFFNESS_N_MM = 0.8

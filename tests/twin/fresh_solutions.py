@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome import field_grid, library
 from palpate_twin.dome.library import load_library
 from palpate_twin.dome.make_library import Domes
 from palpate_twin.dome.mesh import Resolution
 from palpate_twin.dome.press import press_path
 from palpate_twin.dome.probe import Probe
-
-Array = NDArray[np.float64]
 
 KEPT = Path(__file__).with_suffix(".npz")
 CASES = ((12.0, 0.45, (0.1, 0.15)), (33.0, 0.85, (-0.2, 0.2)), (57.0, 0.6, (0.25, 0.0)))

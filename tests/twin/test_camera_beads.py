@@ -5,13 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose
 from palpate_twin.camera.bead_ellipse import BeadProjector
 from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
-
-Array = NDArray[np.float64]
 
 CAMERAS = {
     "pinhole": Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0)),

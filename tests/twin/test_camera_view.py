@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Ring, Sensor, bead_layout_mm
 from palpate_twin.camera.deformation import (
@@ -26,8 +27,6 @@ from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import FieldLibrary, load_library
 from palpate_twin.dome.probe import Probe
-
-Image = NDArray[np.uint8]
 
 SENSOR = Sensor(
     Dome(30.0, 5.0),

@@ -8,13 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config import hand_config
 from palpate_host.config.twin_config import ObjectConfig
 from palpate_host.control.control_law import joint_torque_Nm
 from palpate_host.control.hand_model import compiled, read_spec
 from palpate_host.control.manipulation import gains_of
-from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.service.host import load_hand
 from palpate_twin.hand.prism import prism_of
 from palpate_twin.hand.twin_model import twin_model

@@ -8,8 +8,8 @@ from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.joint_command import DriveGoal, JointCommand
+from palpate_host.common.mode import Mode
 from palpate_host.drives.cia402_motion import MotorState
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
@@ -18,9 +18,9 @@ from palpate_twin.camera.write_dataset import Plan, single_presses, write_datase
 from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
-from palpate_twin.closed_loop.loop import run_loop
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.driven_hand import HandMotor
+from palpate_twin.paper.loop import run_loop
 from palpate_twin.paper.trial import make_engine
 
 TABLE_4 = PACKAGED["table4-wide"]

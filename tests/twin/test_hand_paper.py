@@ -6,9 +6,9 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_host.cli.main import cli
 from palpate_host.config.hand_config import ControlMode
-from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.paper.figure_data import Case, Law, Result, engines_apart_deg, engines_table
 from palpate_twin.paper.trial import Outcome, Trial, run_trial

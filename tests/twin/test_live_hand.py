@@ -13,7 +13,7 @@ from palpate_edge.common.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common import rotation
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.cli.hand import PACKAGED

@@ -17,7 +17,6 @@ from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.tracker import Reference
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]  # done, total
 
 MIN_PRESS_FORCE_N = 0.1  # lighter presses say nothing about the paper's polynomials

@@ -21,8 +21,6 @@ from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.estimation.calibration_file import Calibration, check_sensor
 from palpate_edge.estimation.estimator import Estimator, Method
 
-Array = NDArray[np.float64]
-
 REGIONS_DEG = ((15, 30), (30, 45), (45, 60), (60, 75), (75, 90))  # above the base plane, Fig. 8b
 POLE_DEG = 90  # region 5 holds its upper end
 PAPER_ERRORS_MM = (1.906, 1.683, 1.369, 1.267, 1.152)  # Table 1

@@ -9,18 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import Image, plane, unlit_grey
+from palpate_edge.vision.blob_detection import plane, unlit_grey
 from palpate_edge.vision.registration import FirstSight, first_sight
 from palpate_edge.vision.shading import SkinLight, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
 from palpate_edge.vision.tracker import Beads, Reference, Tracker, spacing
-
-Array = NDArray[np.float64]
 
 THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
 THRESHOLD_FLOOR_PX = 0.02

@@ -30,11 +30,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import CaptureError
-
-Image = NDArray[np.uint8]
 
 MAGIC = b"PALPRING"
 VERSION = 1

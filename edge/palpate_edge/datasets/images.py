@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.vision.blob_detection import Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp"})
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -16,13 +16,13 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import CaptureError, DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images, read_image
 from palpate_edge.datasets.press_dataset import is_dataset, read_dataset
 from palpate_edge.datasets.recorder import recorded_fps
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.blob_detection import Image
 
 DEFAULT_FPS = 30.0
 

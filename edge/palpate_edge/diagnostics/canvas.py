@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.vision.blob_detection import Image
 
-Array = NDArray[np.float64]
 Colour = tuple[int, int, int]  # blue, green, red
 
 GREEN, YELLOW, RED = (80, 220, 60), (0, 220, 255), (60, 60, 240)

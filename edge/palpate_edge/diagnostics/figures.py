@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.diagnostics.canvas import GREEN, RED, YELLOW, Panel, rainbow
 from palpate_edge.diagnostics.video_tracking import Followed
 from palpate_edge.estimation.calibration_file import Calibration
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import View, bead_layout_mm
-from palpate_edge.vision.blob_detection import Image
-
-Array = NDArray[np.float64]
 
 SHEET_WIDTH = 1280  # of a single picture, pixels
 RESIDUAL_SCALE = 20

@@ -6,17 +6,14 @@ Numbers in the titles are the paper's equations and figures; lengths are in px i
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.diagnostics.canvas import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
 from palpate_edge.diagnostics.pipeline_steps import Steps, contact_text
 from palpate_edge.estimation.displacement_field import about_z, canonical_directions
 from palpate_edge.estimation.paper_method import on_dome
 from palpate_edge.estimation.virtual_points import ellipse_points
-from palpate_edge.vision.blob_detection import Image
-
-Array = NDArray[np.float64]
 
 PANEL_WIDTH = 800
 COLUMNS = 3

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
@@ -17,10 +15,8 @@ from palpate_edge.estimation.paper_method import RawContact, corrected_theta, ra
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import Image, plane
+from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Beads, Tracker
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

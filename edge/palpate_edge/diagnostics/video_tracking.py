@@ -12,15 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image, Mask
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import Recording
-from palpate_edge.vision.blob_detection import Appearance, Image, plane
+from palpate_edge.vision.blob_detection import Appearance, plane
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import Reference, Tracker, spacing
 from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades
 FEWEST_MARKERS = 6

@@ -19,9 +19,6 @@ from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import CanonicalField
 
-Array = NDArray[np.float64]
-
-
 OUTPUTS = ["direction", "force", "radius95", "misfit"]
 NUMBERS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file

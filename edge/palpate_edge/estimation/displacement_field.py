@@ -15,12 +15,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.tracker import Beads
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 Some = TypeVar("Some", Array, NDArray[np.float32])
 
 # Rings (polar angle in deg, count) of canonical directions; each ring is its own mirror image about x-z.

@@ -22,12 +22,10 @@ import math
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.skin_motion import found_means, means, rms
 from palpate_edge.vision.tracker import Beads, Reference, distances
-
-Array = NDArray[np.float64]
 
 MAX_RATE_PX_S = 0.05  # 3 pixels in a minute
 MAX_TOTAL_PX = 6.0  # about a quarter of the beads' spacing

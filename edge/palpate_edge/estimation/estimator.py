@@ -7,8 +7,8 @@ from enum import Enum
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact, Vector3, refused_contact
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
@@ -21,10 +21,8 @@ from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, Motion, SkinMotio
 from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import Image, plane
+from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Beads, Reference, Tracker
-
-Array = NDArray[np.float64]
 
 MIN_BEADS_SHARE = 0.6  # of the beads must be found for a frame to be believed
 MIN_DEVIATION = 2.0  # grey levels over the image; less is a blank frame

@@ -19,10 +19,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-
-Array = NDArray[np.float64]
 
 MIN_AREA_STEP = 1e-3  # relative area change
 MAX_THETA_RAD = np.radians(88.0)

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Floats
 from palpate_edge.vision.tracker import Beads, Reference, distances
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 NEIGHBOURHOOD_SPACINGS = 2.0
 MAX_ROUGHNESS = 0.12  # see Motion; rougher is no motion of one skin

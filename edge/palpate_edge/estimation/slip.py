@@ -19,11 +19,9 @@ from collections import deque
 from operator import mul
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact, Vector3
-
-Array = NDArray[np.float64]
 
 WINDOW_US = 1_000_000
 ENDS = 3  # frames averaged at either end of the window

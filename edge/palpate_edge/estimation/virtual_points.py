@@ -18,13 +18,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from palpate_edge.geometry.triangulation import delaunay
 
 MIN_ELLIPSE_BEADS = 6
 MIN_RING_SHARE = 0.5  # of a ring's beads must be seen for its ellipse to be trusted
@@ -130,20 +127,6 @@ def ellipse_points(
     along, across = width / 2 * np.cos(theta), height / 2 * np.sin(theta)  # Eq. (1b)
     cos, sin = np.cos(alpha), np.sin(alpha)
     return np.stack([x + cos * along - sin * across, y + sin * along + cos * across], axis=1)
-
-
-def delaunay(points_px: Array) -> Indices:
-    """Delaunay triangles (m, 3) of (n, 2) points, as indices."""
-    low, high = points_px.min(axis=0) - 2, points_px.max(axis=0) + 2
-    size = np.ceil(high - low).astype(int)
-    plane = cv2.Subdiv2D((0, 0, int(size[0]), int(size[1])))
-    local = (points_px - low).astype(np.float32)
-    plane.insert(local)
-    corners = np.asarray(plane.getTriangleList(), dtype=np.float64).reshape(-1, 2)
-    distance = np.sqrt(((corners[:, None, :] - local[None, :, :]) ** 2).sum(axis=2))
-    index = distance.argmin(axis=1).reshape(-1, 3)
-    real = (distance.min(axis=1).reshape(-1, 3) < 1e-2).all(axis=1)  # not the helper's outer corners
-    return np.asarray(index[real], dtype=np.intp)
 
 
 def _first_angle(ring_px: Array) -> float:

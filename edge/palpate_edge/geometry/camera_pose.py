@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-
-Array = NDArray[np.float64]
 
 # One-sigma spread of what assembly does to a camera; a bead's own place scatters by about a pixel.
 # They keep focal length and distance, which look alike from one view, near their nominal values.

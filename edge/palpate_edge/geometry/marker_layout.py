@@ -19,13 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.estimation.virtual_points import delaunay
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from palpate_edge.geometry.triangulation import delaunay
 
 MIN_BEADS = 7
 ROUNDS = 8

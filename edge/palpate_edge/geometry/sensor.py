@@ -17,9 +17,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import DatasetError
-
-Array = NDArray[np.float64]
 
 
 class Dome(msgspec.Struct, frozen=True):

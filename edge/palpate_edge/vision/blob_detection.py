@@ -11,11 +11,8 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float32] | NDArray[np.uint8]
+from palpate_edge.common.arrays import Array, Image, Plane
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
 CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R

@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Plane
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 
 SKIN_RADIUS, SKIN_PIXELS = 0.8, 16  # the circle that tells the skin's grey, in bead diameters
 CORE_RADIUS, CORE_PIXELS = 0.25, 16  # the circle that tells the bead's

@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from palpate_edge.common.arrays import Array, Indices, Mask
+
 Windows = Callable[[Array, Indices], tuple[Array, Mask]]  # beads' places looked for from there, and found
 
 NEAREST = 6  # neighbours of a bead that tell whether it moves as the skin does

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
-from palpate_edge.vision.blob_detection import CHANNELS, Appearance, Blobs, Image, find_blobs, plane
+from palpate_edge.vision.blob_detection import CHANNELS, Appearance, Blobs, find_blobs, plane
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import NO_PARTNER, assign, spacing
 from palpate_edge.vision.unknown_layout import clearness, with_alike
-
-Array = NDArray[np.float64]
 
 MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
 FIT_ROUNDS = 4

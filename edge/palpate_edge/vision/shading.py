@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Plane
-
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array, Plane
 
 INNER, OUTER = 0.65, 1.05  # radii of the ring of skin about a bead, in bead diameters
 NEIGHBOUR = 0.58  # radius of a bead with its blurred edge

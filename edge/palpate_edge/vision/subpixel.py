@@ -17,16 +17,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Plane
+from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Windows
 from palpate_edge.vision.shading import SkinLight, skin_reach
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels of two by two
 DISK_RADIUS = 0.8  # of the pixels that weigh in the centroid, in bead diameters

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Plane, find_blobs
+from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
+from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.region_growing import Growth
 from palpate_edge.vision.shading import SkinLight
 from palpate_edge.vision.subpixel import Refiner
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames

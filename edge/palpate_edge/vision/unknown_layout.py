@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Appearance, Blobs, Image, Plane, find_blobs, plane
+from palpate_edge.common.arrays import Array, Image, Indices, Plane
+from palpate_edge.vision.blob_detection import Appearance, Blobs, find_blobs, plane
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import distances
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 HEIGHT_OVER_DIAMETER = (60, 50, 42, 35, 30, 25, 20)  # of the image, tried when the diameter is not given
 FEWEST = 6

@@ -71,12 +71,12 @@ def monitor(
 
 
 def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, ...]) -> dict[int, Device]:
-    from palpate_bus.decode.device import Device, devices_of_hand, devices_of_header  # noqa: PLC0415
-    from palpate_host.config.hand_config import load  # noqa: PLC0415
+    from palpate_bus.decode.device import Device, devices_of_header  # noqa: PLC0415
+    from palpate_bus.decode.hand_nodes import read_hand_nodes  # noqa: PLC0415
 
     devices = devices_of_header(header)
     if config_path is not None:
-        devices |= devices_of_hand(load(config_path))
+        devices |= read_hand_nodes(config_path)
     for entry in eds:
         match = re.fullmatch(r"(0x[0-9a-fA-F]+|\d+)=(.+)", entry)
         node_id = int(match[1], 0) if match else 0

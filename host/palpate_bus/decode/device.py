@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.pdo import PDO_KINDS, pdo_numbers
 from palpate_bus.eds.text import Findings, parse_sections, read_text
@@ -15,8 +16,6 @@ from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
-from palpate_host.config.hand_config import HandConfig
-from palpate_host.drives.cia402 import CIA402_EDS
 
 Key = tuple[int, int]
 PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32
@@ -218,7 +217,7 @@ def devices_of_header(entries: Mapping[str, str]) -> dict[int, Device]:
     return devices
 
 
-def devices_of_hand(config: HandConfig) -> dict[int, Device]:
-    """The nodes of a hand."""
-    devices = {f.fingertip_node: Device(f.fingertip_node, f.name, FINGERTIP_EDS) for f in config.fingers}
-    return devices | {j.drive_node: Device(j.drive_node, j.name, CIA402_EDS) for j in config.joints}
+def devices_by_kind(fingertips: Mapping[int, str], drives: Mapping[int, str]) -> dict[int, Device]:
+    """Return the devices of a hand; both arguments map node id to name."""
+    devices = {node_id: Device(node_id, name, FINGERTIP_EDS) for node_id, name in fingertips.items()}
+    return devices | {node_id: Device(node_id, name, CIA402_EDS) for node_id, name in drives.items()}

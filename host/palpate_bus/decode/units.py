@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from palpate_bus.eds.cia402 import state_of
 from palpate_edge.node.fingertip_objects import ContactFlag, Method
-from palpate_host.drives.cia402 import state_of
 
 FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
 TEMPERATURE_UNKNOWN = 0x7FFF

@@ -10,6 +10,7 @@ import click
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.sd_notify import Notifier
 from palpate_edge.common.signals import stop_event
+from palpate_host.common.plugins import SIMULATORS, load_plugin
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.gateway import run_gateway
 
@@ -49,8 +50,7 @@ def gateway(config_path: Path) -> None:
 @_CONFIG
 def simulate(config_path: Path) -> None:
     """Serves every port of az.toml with simulated drives, behind a link at its path."""
-    from palpate_twin.drives.az.az_server import simulated_port  # noqa: PLC0415 - the twin is no part of a host
-
+    simulated_port = load_plugin(SIMULATORS, "az_port")
     config = az_config.load(config_path)
     with stop_event() as stop, ExitStack() as stack:
         for port in config.ports:

@@ -9,11 +9,11 @@ import click
 import msgspec
 
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.mode import STOPPED
 from palpate_host.common.status import LATE_BINS_US, HostStatus
 from palpate_host.operator.client import OperatorClient
 from palpate_host.operator.protocol import Status
 from palpate_host.operator.server import default_control_socket
-from palpate_host.safety.supervisor import STOPPED
 
 ANGLE = click.FloatRange(-180, 180)
 

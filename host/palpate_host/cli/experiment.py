@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.plugins import SIMULATORS, load_plugin
 from palpate_host.experiment.protocol import cases, load
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -44,7 +45,6 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
     from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
 
     from palpate_host.experiment.report import write_report  # noqa: PLC0415
-    from palpate_twin.paper.twin_trial import run_twin_trial  # noqa: PLC0415
 
     config = load(protocol)
     asked = cases(config)
@@ -60,6 +60,7 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
         raise ConfigError(f"{output}: cannot be made ({exc.strerror}): give another -o") from exc
     results = []
     if config.on == "twin":
+        run_twin_trial = load_plugin(SIMULATORS, "trial")
         with Progress() as progress:
             task = progress.add_task("trials", total=len(asked))
             for case in asked:

@@ -9,7 +9,7 @@ from palpate_edge.common.entry_point import run_cli
 from palpate_host.common.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and what --help says of it
-    "demo": ("palpate_twin.cli.demo:demo", "A whole hand on this machine, shown live, with a report."),
+    "demo": ("plugin:demo", "A whole hand on this machine, shown live, with a report."),
     "run": ("palpate_host.cli.run:run", "Control the hand on its bus."),
     "check": ("palpate_host.cli.check:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.cli.command:command", "Tell a running hand: grasp, rotate, release, stop."),
@@ -23,9 +23,9 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
         "palpate_host.cli.experiment:experiment",
         "Both laws compared, as in the paper's Fig. 20.",
     ),
-    "drives": ("palpate_twin.cli.drives:drives", "Simulated CiA 402 drives for each joint of a hand."),
+    "drives": ("plugin:drives", "Simulated CiA 402 drives for each joint of a hand."),
     "az": ("palpate_host.cli.az:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
-    "simulate": ("palpate_twin.cli.simulate:simulate", "The twin: the dome, its camera, datasets."),
+    "simulate": ("plugin:simulate", "The twin: the dome, its camera, datasets."),
     "bus": ("palpate_bus.cli.main:bus", "The local CAN hub, logs, statistics and faults."),
 }
 

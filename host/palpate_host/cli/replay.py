@@ -10,12 +10,12 @@ from typing import Any
 import click
 
 from palpate_bus.decode.decoder import Decoder
-from palpate_bus.decode.device import devices_of_hand
 from palpate_bus.decode.monitor_lines import line
 from palpate_bus.logs.candump import LogRecord
 from palpate_host.cli.run import CONFIG
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service import host
+from palpate_host.service.hand_devices import devices_of_hand
 from palpate_host.service.replay import Replay, Step, read_bound_log, replay_steps, steps, write_output
 
 FILE = click.Path(path_type=Path, dir_okay=False)

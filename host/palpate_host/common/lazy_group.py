@@ -8,9 +8,14 @@ from typing import Any
 
 import click
 
+from palpate_host.common.plugins import COMMANDS, load_plugin
+
+PLUGIN = "plugin"
+"""In place of a module: the command is registered as an entry point."""
+
 
 class LazyGroup(click.Group):
-    """A group made from a table: name -> (``module:attribute``, what --help says of it)."""
+    """A group made from a table: name -> (``module:attribute`` or ``plugin:name``, summary for --help)."""
 
     def __init__(self, *args: Any, table: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -23,7 +28,10 @@ class LazyGroup(click.Group):
         if cmd_name not in self._table:
             return None
         module, attribute = self._table[cmd_name][0].split(":")
-        command = getattr(import_module(module), attribute)
+        if module == PLUGIN:
+            command = load_plugin(COMMANDS, attribute)
+        else:
+            command = getattr(import_module(module), attribute)
         assert isinstance(command, click.Command)
         return command
 

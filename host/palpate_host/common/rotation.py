@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from palpate_edge.common.arrays import Array
 
 _SMALL_ANGLE_RAD = 1e-8
 _NEAR_HALF_TURN = 1e-6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_host.common.rotation import Array
-from palpate_host.safety.supervisor import Mode
+from palpate_edge.common.arrays import Array
+from palpate_host.common.mode import Mode
 
 LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 """Upper ends of the bins of `HostStatus.lateness`; the last bin has none."""

@@ -11,9 +11,9 @@ import msgspec
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
+from palpate_host.config.geometry_config import GeometryConfig
 from palpate_host.config.toml_file import read_toml
 from palpate_host.config.twin_config import TwinConfig
-from palpate_host.control.hand_geometry import GeometryConfig
 
 FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
 

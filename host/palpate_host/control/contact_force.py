@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlConfig, ForceLaw
-from palpate_host.network.fingertips import TipContact
 
 TRIM_RATIO = 0.5
 """How much of its grasp force a finger may be trimmed by."""

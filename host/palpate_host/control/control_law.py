@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 from palpate_host.control.kinematics import HandPose
 
 SINE_LIMIT_RAD = math.radians(60.0)

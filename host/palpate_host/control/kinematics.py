@@ -14,9 +14,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-
-Array = npt.NDArray[np.float64]
 
 
 class HandPose(NamedTuple):

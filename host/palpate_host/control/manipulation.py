@@ -12,9 +12,11 @@ import math
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.joint_command import Follows
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import MOVING, Mode
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.control.contact_force import ContactForce
 from palpate_host.control.control_law import (
@@ -26,10 +28,8 @@ from palpate_host.control.control_law import (
     target_step,
 )
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.object_orientation import ObjectOrientation
+from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
-from palpate_host.network.fingertips import TipContact, contact_normal
-from palpate_host.safety.supervisor import MOVING, Mode
 
 TRIM_LIMIT_RAD = math.radians(15.0)
 """How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""

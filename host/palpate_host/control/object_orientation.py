@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
+from palpate_host.control.kinematics import HandPose
 from palpate_host.control.virtual_frame import (
     FrameError,
     contact_frame,
@@ -81,3 +82,16 @@ class ObjectOrientation:
         dt_s = max(0, exposed_at_us - last_us) * 1e-6
         self.M = low_pass(self.M, measured, dt_s, self._time_constant_s)
         self._updated_us = max(last_us, exposed_at_us)
+
+
+def contact_normal(pose: HandPose, finger: int, position_mm: tuple[float, float, float]) -> Array | None:
+    """d_i = (x_ci - x_i)/|x_ci - x_i| (3,) in the hand's frame, Eq. (16), at the pose of the exposure.
+
+    The contact point in F is measured from the dome's centre, so d_i is that direction turned round. None
+    when the point is the centre itself, which no contact is.
+    """
+    point = np.array(position_mm)
+    distance = float(np.linalg.norm(point))
+    if distance == 0.0:
+        return None
+    return np.asarray(pose.tip_rotation[finger] @ (point / -distance))

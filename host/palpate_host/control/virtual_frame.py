@@ -20,9 +20,9 @@ import math
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 
 # The triangle's area over that of the equilateral one with the same longest side.
 MIN_TRIANGLE_FLATNESS = 0.02

@@ -10,22 +10,24 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
+from palpate_bus.eds.cia402 import (
+    CIA402_EDS,
+    MODE_DISPLAY,
+    POSITION,
+    STATUSWORD,
+    TORQUE,
+    VELOCITY,
+    Controlword,
+    DriveState,
+    state_of,
+)
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import MappingFault, PdoCodec, PdoDirection, layout_of, pdo_codec
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand, JointState
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, CONTROLWORD, MODE, TARGETS, OperationMode
-
-CIA402_EDS = Path(__file__).with_name("cia402.eds")
-
-STATUSWORD = (0x6041, 0)
-MODE_DISPLAY = (0x6061, 0)
-POSITION = (0x6064, 0)
-VELOCITY = (0x606C, 0)
-TORQUE = (0x6077, 0)
 
 FULL_SCALE_PER_MILLE = 1000
 
@@ -44,43 +46,6 @@ class Homing(enum.Enum):
     ERROR = "error"
 
 
-class DriveState(enum.Enum):
-    """The states of the 402 state machine, as the statusword tells them."""
-
-    NOT_READY = "not ready to switch on"
-    SWITCH_ON_DISABLED = "switch on disabled"
-    READY_TO_SWITCH_ON = "ready to switch on"
-    SWITCHED_ON = "switched on"
-    OPERATION_ENABLED = "operation enabled"
-    QUICK_STOP_ACTIVE = "quick stop active"
-    FAULT_REACTION = "fault reaction active"
-    FAULT = "fault"
-
-
-# CiA 402-2, statusword: (mask, value, state).
-_STATUSWORD = (
-    (0x4F, 0x00, DriveState.NOT_READY),
-    (0x4F, 0x40, DriveState.SWITCH_ON_DISABLED),
-    (0x6F, 0x21, DriveState.READY_TO_SWITCH_ON),
-    (0x6F, 0x23, DriveState.SWITCHED_ON),
-    (0x6F, 0x27, DriveState.OPERATION_ENABLED),
-    (0x6F, 0x07, DriveState.QUICK_STOP_ACTIVE),
-    (0x4F, 0x0F, DriveState.FAULT_REACTION),
-    (0x4F, 0x08, DriveState.FAULT),
-)
-
-
-class Controlword(enum.IntEnum):
-    """The commands of the controlword; a fault resets at the rising edge of bit 7."""
-
-    DISABLE_VOLTAGE = 0x00
-    QUICK_STOP = 0x02
-    SHUTDOWN = 0x06
-    SWITCH_ON = 0x07
-    ENABLE_OPERATION = 0x0F
-    FAULT_RESET = 0x80
-
-
 _NEXT_TO_ENABLED = {
     DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
     DriveState.READY_TO_SWITCH_ON: Controlword.SWITCH_ON,
@@ -89,11 +54,6 @@ _NEXT_TO_ENABLED = {
     DriveState.FAULT: Controlword.FAULT_RESET,
 }
 _CAN_QUICK_STOP = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
-
-
-def state_of(statusword: int) -> DriveState | None:
-    """The state in a statusword; None for a pattern that the standard does not define."""
-    return next((state for mask, value, state in _STATUSWORD if statusword & mask == value), None)
 
 
 def controlword_for(state: DriveState | None, goal: DriveGoal, last: Controlword) -> Controlword:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
+from palpate_bus.eds.cia402 import CIA402_EDS, DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
@@ -20,7 +21,6 @@ from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, Rpdo
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import Output, Slave
 from palpate_host.common.joint_command import DriveGoal, JointCommand
-from palpate_host.drives.cia402 import CIA402_EDS, DriveState
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.cia402_motion import Motion, MotorState, Targets
 from palpate_host.drives.cia402_state_machine import STATE_BITS, DriveStateMachine

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_host.drives.cia402 import DriveState
+from palpate_bus.eds.cia402 import DriveState
 
 FAULT_RESET_BIT = 0x80
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Array
 from palpate_host.common.joint_command import DriveGoal, JointCommand
-from palpate_host.common.rotation import Array
 from palpate_host.common.status import JointStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.drives.cia402 import Cia402Drive, DriveState
+from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.drive_settings import needs_of
 from palpate_host.drives.homing import HomingRun
 from palpate_host.drives.identify import DriveIdentification

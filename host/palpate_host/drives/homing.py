@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_host.config.hand_config import HomingConfig
-from palpate_host.drives.cia402 import Cia402Drive, DriveState, Homing
+from palpate_host.drives.cia402 import Cia402Drive, Homing
 
 
 class HomingRun:

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
-from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import ControlConfig, JointConfig
 
 LEAD_RAD = 0.05

@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Sequence
 
+from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.bus import Bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.node.events import AcceptIdsChanged, Event, NodeIdConflict
-from palpate_host.drives.cia402 import DriveState
 from palpate_host.drives.cia402_device import Cia402Device
 
 LONGEST_WAIT_US = 50_000

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 from palpate_host.experiment.protocol import Case
 
 SETTLED_DEG = 2.0

@@ -11,16 +11,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from palpate_edge.capture.v4l2.controls import FixedExposure
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.datasets.recorder import INDEX
 from palpate_edge.datasets.recording import open_recording
-
-Image = npt.NDArray[np.uint8]
 
 
 def is_camera(source: Path) -> bool:

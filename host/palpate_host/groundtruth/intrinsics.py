@@ -14,13 +14,11 @@ from typing import Annotated
 import cv2
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.marker import DICTIONARY
 
-Image = npt.NDArray[np.uint8]
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 MIN_PICTURES = 8

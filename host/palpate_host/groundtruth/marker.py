@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 
 DICTIONARY = cv2.aruco.DICT_4X4_50
 MIN_SIDE_PX = 24.0

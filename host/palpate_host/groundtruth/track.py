@@ -10,15 +10,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.intrinsics import Intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, MarkerPose, Refusal
 
-Image = npt.NDArray[np.uint8]
 COLUMNS = (
     "time_us",
     "valid",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 from palpate_host.common.status import FingerStatus
-from palpate_host.network.fingertips import Fingertip, TipContact
+from palpate_host.common.tip_contact import TipContact
+from palpate_host.network.fingertips import Fingertip
 from palpate_host.safety.supervisor import FingerHealth
 
 RATE_WINDOW_US = 1_000_000

@@ -11,14 +11,11 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
-from palpate_host.common.rotation import Array
-from palpate_host.control.kinematics import HandPose
+from palpate_host.common.tip_contact import TipContact
 
 VALUE = 0x7130  # CiA 404 process values: x, y, z, normal force, shear x, shear y, torsion
 FLAGS = (0x2010, 0)
@@ -40,28 +37,6 @@ RESYNCHRONISE_AFTER = 5
 # So many refused triples within the window are no disturbance: two devices send with one node id.
 CROWD = 10
 CROWD_WINDOW_US = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class TipContact:
-    """One frame's contact as the bus told it; vectors in the dome's frame F.
-
-    exposed_at_us: on the host's clock (epoch us), unwrapped from the bus clock's 32 bits.
-    in_contact counts only with valid. torsion_Nmm: None when the fingertip's method gives none.
-    """
-
-    received_at_us: int
-    exposed_at_us: int
-    sequence: int
-    latency_us: int
-    position_mm: tuple[float, float, float]
-    normal_force_N: float
-    shear_N: tuple[float, float]
-    torsion_Nmm: float | None
-    valid: bool
-    in_contact: bool
-    slip: bool
-    quality: int
 
 
 @dataclass(slots=True)
@@ -218,16 +193,3 @@ def unwrap_us(bus_clock_us: int, near_us: int) -> int:
     """The epoch time nearest to `near_us` that the 32-bit bus clock (epoch us modulo 2^32) can mean."""
     half = BUS_CLOCK_WRAP_US // 2
     return near_us + (bus_clock_us - near_us + half) % BUS_CLOCK_WRAP_US - half
-
-
-def contact_normal(pose: HandPose, finger: int, position_mm: tuple[float, float, float]) -> Array | None:
-    """d_i = (x_ci - x_i)/|x_ci - x_i| (3,) in the hand's frame, Eq. (16), at the pose of the exposure.
-
-    The contact point in F is measured from the dome's centre, so d_i is that direction turned round. None
-    when the point is the centre itself, which no contact is.
-    """
-    point = np.array(position_mm)
-    distance = float(np.linalg.norm(point))
-    if distance == 0.0:
-        return None
-    return np.asarray(pose.tip_rotation[finger] @ (point / -distance))

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 
 
 class JointHistory:

@@ -9,15 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.network.finger_state import FingerRecord
-from palpate_host.network.fingertips import TipContact
 from palpate_host.network.joint_history import JointHistory
 from palpate_host.network.nmt_master import (
     EMCY_ID,
@@ -29,7 +30,6 @@ from palpate_host.network.nmt_master import (
     foreign_stop,
 )
 from palpate_host.safety import runaway
-from palpate_host.safety.supervisor import MOVING, Mode
 
 EXPOSURE_AHEAD_LIMIT_US = 50_000
 

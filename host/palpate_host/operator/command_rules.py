@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.safety.supervisor import MOVING, STOPPED, Decision, Mode, Wish
+from palpate_host.common.mode import MOVING, STOPPED, Mode
+from palpate_host.safety.supervisor import Decision, Wish
 
 
 def check_allowed(

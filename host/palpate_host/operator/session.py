@@ -12,11 +12,11 @@ from pathlib import Path
 
 from palpate_edge.common.errors import PalpateError
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.mode import MOVING, STOPPED, Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.client import NoHostError, OperatorClient
 from palpate_host.operator.protocol import Status
 from palpate_host.operator.server import default_control_socket
-from palpate_host.safety.supervisor import MOVING, STOPPED, Mode
 
 POLL_S = 0.02
 START_TIMEOUT_S = 30.0

@@ -28,8 +28,8 @@ from foxglove import channels
 from foxglove import messages as fg
 from scipy.spatial.transform import Rotation
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.control.kinematics import Hand
 from palpate_host.recording.mcap_reader import STATUS_TOPIC

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import JointConfig, LimitsConfig
-from palpate_host.network.fingertips import TipContact
 
 
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:

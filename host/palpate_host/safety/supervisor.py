@@ -14,26 +14,7 @@ import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-
-class Mode(enum.Enum):
-    """What the host does with the joints."""
-
-    INIT = "init"  # nodes missing: drives off
-    CHECK = "check"  # nodes are there: drives say what they are, all are started
-    HOME = "home"  # drives look for their zero, those that have to
-    READY = "ready"  # drives enabling, torque 0, waiting for the first frames and for a command
-    GRASP = "grasp"  # closing and holding: u_sg
-    HOLD = "hold"  # u_sg alone, since turning is not possible now
-    MANIPULATE = "manipulate"  # Eqs. (9)-(16), contacts correct the desired frame
-    BLIND = "blind"  # Eqs. (9)-(14), desired frame frozen or by joint angles alone
-    RELEASE = "release"  # opening, for a time
-    FAULT = "fault"  # something broke: torque 0, drives quick-stopped, then off
-    STOP = "stop"  # the operator's wish: the same
-
-
-STOPPED = (Mode.FAULT, Mode.STOP)
-STARTING = (Mode.INIT, Mode.CHECK, Mode.HOME, Mode.READY)
-MOVING = (Mode.GRASP, Mode.HOLD, Mode.MANIPULATE, Mode.BLIND, Mode.RELEASE)
+from palpate_host.common.mode import STARTING, STOPPED, Mode
 
 
 class Wish(enum.Enum):

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_bus.decode.device import Device, Key, devices_of_hand
+from palpate_bus.decode.device import Device, Key
 from palpate_bus.master.node_check import differences
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import BusError
 from palpate_host.common.joint_command import Follows
-from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
+from palpate_host.service.hand_devices import devices_of_hand
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
 DRIVE_PROFILE, FINGERTIP_PROFILE = 402, 404

@@ -21,12 +21,12 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
+from palpate_host.common.mode import STOPPED
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import Hand
 from palpate_host.operator.server import OperatorSocket, default_control_socket
-from palpate_host.safety.supervisor import STOPPED
 from palpate_host.service.bus_reports import BusNews
 from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore

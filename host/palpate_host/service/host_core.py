@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.control.kinematics import Hand
@@ -25,15 +26,7 @@ from palpate_host.control.virtual_frame import FrameError, check_numbering, virt
 from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.drive_shutdown import PowerDown
-from palpate_host.safety.supervisor import (
-    STOPPED,
-    Decision,
-    Inputs,
-    Mode,
-    Tiers,
-    Wish,
-    decide,
-)
+from palpate_host.safety.supervisor import Decision, Inputs, Tiers, Wish, decide
 from palpate_host.service.tick_schedule import TickSchedule
 
 OPERATOR_STOP = "stopped by the operator"

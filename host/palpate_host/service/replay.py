@@ -17,17 +17,17 @@ from pathlib import Path
 from statistics import median
 from struct import Struct
 
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
 from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
-from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host_core import HostCore, Output
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 
 GREY = (150, 155, 165, 255)
 Colour = npt.NDArray[np.uint8]

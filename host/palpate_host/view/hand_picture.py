@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 

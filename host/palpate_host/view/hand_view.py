@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of

@@ -5,11 +5,9 @@ from __future__ import annotations
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-
-Array = NDArray[np.float64]
 
 CORNERS = 6  # of the polygon that goes through the lens
 # Of an ellipse over the polygon in it: its second moments, and how far a lens's bend takes its centroid from

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
+
 Plane = NDArray[np.uint8]
 
 WHOLE = 200  # a pixel wholly on a bead; above it, up to 255, the highlight on the bead

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Dome
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.library import FieldLibrary, periodic, ring_weights
 from palpate_twin.dome.probe import Probe
-
-Array = NDArray[np.float64]
 
 AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # of the skin's polar grid: as many as the outermost ring's
 WALL_TOLERANCE = 0.02  # of wall over radius: fields of another ratio are others

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Ring
-
-Array = NDArray[np.float64]
 
 # 85 beads each, as the press dataset's specification names them: (theta_deg, count) ring by ring.
 RINGS: dict[str, tuple[tuple[float, int], ...]] = {

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Floats
 from palpate_edge.geometry.sensor import Sensor, View
 from palpate_twin.camera.deformation import AZIMUTHS, skin_directions
 from palpate_twin.camera.look import Look
 from palpate_twin.camera.still import Part
 from palpate_twin.dome import field_grid as grid
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 STEP = 8
 LEAST_GAIN, MOST_GAIN = 0.4, 1.8

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from palpate_edge.common.arrays import Image
 
 SPARE = 256  # rows and columns more than a frame has: 257^2 parts
 CHROMA = 0.5  # share of the noise that is each channel's own; cameras smooth their colours

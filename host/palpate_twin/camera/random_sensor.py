@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Sensor, bead_layout_mm
 from palpate_twin.camera import layouts
 from palpate_twin.camera.look import Colour, Look, TwinSensor
-
-Array = NDArray[np.float64]
 
 WALL_SHARE = 1 / 6  # of the outer radius: the library of fields has no other
 BEAD_SPHERE_SHARE = 26.5 / 30.0

@@ -6,8 +6,8 @@ from collections.abc import Collection
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.geometry.sensor import View
 from palpate_twin.camera.bead_ellipse import BeadProjector
 from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
@@ -17,9 +17,6 @@ from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.noise import NoiseField
 from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
 from palpate_twin.dome.library import FieldLibrary
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 FULL_LIGHT = 128  # of a light picture: 255 is twice as bright
 

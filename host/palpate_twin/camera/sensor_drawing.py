@@ -11,11 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
-from numpy.typing import NDArray
 
 from palpate_edge.geometry.sensor import Camera, Sensor, bead_layout_mm
 
-Array = NDArray[np.float64]
 SILICONE, BEAD, SIGHT = "#cfd8dc", "#bf360c", "#f9a825"
 
 

@@ -9,12 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Sensor, View
 from palpate_twin.camera.look import Look
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 TEXT_BLUR_PX = 2.5  # silicone between the print and the camera
 MOTTLE_PX = 9.0

@@ -21,8 +21,6 @@ from palpate_twin.camera.random_presses import moving_press, random_press
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
-Array = NDArray[np.float64]
-
 UNTOUCHED = 0.1  # frames without touch, of the presses
 
 

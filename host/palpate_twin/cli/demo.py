@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.live import Live
 
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_twin.demo import orchestrator
 from palpate_twin.demo.analysis import analyse, summary_lines, write_summary
 from palpate_twin.demo.film import make_film

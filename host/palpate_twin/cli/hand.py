@@ -213,10 +213,10 @@ def loop(
     from palpate_host.config import hand_config  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
-    from palpate_twin.closed_loop.loop import loop_table, run_loop  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, write_row  # noqa: PLC0415
     from palpate_twin.paper.figure_data import AXES  # noqa: PLC0415
+    from palpate_twin.paper.loop import loop_table, run_loop  # noqa: PLC0415
 
     path = hand_file(hand_name)
     config = hand_config.load(path)

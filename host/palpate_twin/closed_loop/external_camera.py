@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 from palpate_host.groundtruth.marker import DICTIONARY, MarkerCamera
-
-Image = npt.NDArray[np.uint8]
 
 PATTERN_PX = 6 * 64
 QUIET_ZONE_PX = 64

@@ -14,17 +14,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.network.nmt_master import SYNC
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.fingertip_feel import Feel, touches_in_F
 from palpate_twin.hand.driven_hand import DrivenHand

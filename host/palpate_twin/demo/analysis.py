@@ -12,8 +12,8 @@ import msgspec
 from palpate_bus.logs.candump import read_log
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
+from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import check_contract
 from palpate_twin.demo.hand_motion import (

@@ -16,18 +16,18 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate_bus.eds.cia402 import CIA402_EDS, Controlword
 from palpate_bus.logs.candump import LogRecord
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus, Matrix
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
-from palpate_host.drives.cia402 import CIA402_EDS, Controlword
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import first_beat_us, steps
 from palpate_twin.demo.distribution import Distribution, distribution

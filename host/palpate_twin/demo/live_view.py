@@ -9,8 +9,8 @@ from rich.layout import Layout
 from rich.panel import Panel
 from rich.text import Text
 
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import FingerStatus, HostStatus, JointStatus
-from palpate_host.safety.supervisor import Mode
 from palpate_twin.demo.dome_map import dome_map
 from palpate_twin.demo.monitor import Sight
 

@@ -13,8 +13,8 @@ from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import stop_event
 from palpate_host.common.command import Rotate
+from palpate_host.common.mode import STARTING
 from palpate_host.common.status import HostStatus
-from palpate_host.safety.supervisor import STARTING
 from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors

@@ -16,8 +16,8 @@ from palpate_bus.hub.control import AskStatistics
 from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
+from palpate_host.common.mode import STARTING
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.safety.supervisor import STARTING
 from palpate_host.service.host import bus_time
 from palpate_host.service.replay import contract_header
 from palpate_twin.demo.live_view import Scale

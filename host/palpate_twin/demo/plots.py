@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_twin.demo.analysis import Analysis
 from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.demo.live_view import mode_name

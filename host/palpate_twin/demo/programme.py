@@ -15,9 +15,9 @@ import numpy as np
 from palpate_edge.common.errors import DatasetError
 from palpate_host.common import rotation
 from palpate_host.common.command import Rotate
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.client import OperatorClient
-from palpate_host.safety.supervisor import Mode
 
 TURNS_DEG = (
     (30.0, 0.0, 0.0),

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_twin.demo import lockstep, plots
 from palpate_twin.demo.analysis import Analysis, Summary
 from palpate_twin.demo.distribution import Distribution

@@ -18,7 +18,8 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_host.network.fingertips import SEQUENCE_WRAP, Fingertip, TipContact
+from palpate_host.common.tip_contact import TipContact
+from palpate_host.network.fingertips import SEQUENCE_WRAP, Fingertip
 from palpate_host.network.nmt_master import HEARTBEAT_ID, NmtState
 from palpate_twin.demo.distribution import Distribution, distribution
 

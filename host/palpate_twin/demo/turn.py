@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
-from palpate_host.safety.supervisor import Mode
+from palpate_host.common.mode import Mode
 from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.hand.motion import Motion
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.samples import Samples, TrainingPress, make_samples
+from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.tracker import Beads
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
-
-Array = NDArray[np.float64]
 
 SENSORS = 24
 PRESSES_A_SENSOR = 50

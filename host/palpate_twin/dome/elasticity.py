@@ -11,13 +11,10 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from palpate_edge.common.arrays import Array, Indices
 from palpate_twin.dome import hexahedron
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 POISSON_RATIO = 0.49
 GAUSS_POINTS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome.elasticity import POISSON_RATIO, Solid
 from palpate_twin.dome.friction_contact import FRICTION, Contact, contact, no_anchor
 from palpate_twin.dome.mesh import DomeMesh
 from palpate_twin.dome.probe import ProbePose
 from palpate_twin.dome.surface import Surface, outer_surface
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8  # largest out-of-balance nodal force, in parts of the contact force (plus 1 mm^2 mu)
 MOST_ITERATIONS = 20

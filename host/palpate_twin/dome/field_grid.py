@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome.probe import Probe
-
-Array = NDArray[np.float64]
 
 BEAD_RADIUS_MM = 26.5
 RING_STEP_DEG = 9.0

@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome.probe import Probe, penetration
-
-Array = NDArray[np.float64]
 
 NORMAL_PENALTY = 100.0  # 1/mm: at the usual pressures, below mu, the probe sinks in by less than 10 um
 TANGENT_PENALTY = 20.0  # 1/mm: the same for the creep of a sticking point

@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome.mesh import HEXAHEDRON20
-
-Array = NDArray[np.float64]
 
 NODES = (
     HEXAHEDRON20.astype(np.float64) - 1.0

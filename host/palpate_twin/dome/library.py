@@ -23,11 +23,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.probe import Probe
-
-Array = NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("fields.npz")
 REFRESH = "refresh it with palpate-host simulate dome library"

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.equilibrium import Dome, State
@@ -34,8 +35,6 @@ from palpate_twin.dome.mesh import Resolution, dome_mesh
 from palpate_twin.dome.press import Press, press_path
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.sampling import Sampler
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

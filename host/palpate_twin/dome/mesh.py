@@ -8,12 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.common.errors import ConfigError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 CAP_HALF_ANGLE_RAD = np.radians(35.0)  # polar angle at the middle of the cap's edge
 

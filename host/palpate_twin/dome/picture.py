@@ -8,14 +8,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.mesh import DomeMesh
 from palpate_twin.dome.press import Press
 from palpate_twin.dome.sampling import Sampler
-
-Array = NDArray[np.float64]
 
 
 def draw_press(mesh: DomeMesh, pressed: Press, path: Path) -> None:

@@ -10,13 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome.equilibrium import Dome, Equilibrium, State
 from palpate_twin.dome.probe import Probe, ProbePose
 
-Array = NDArray[np.float64]
 Shear = tuple[float, float]
 
 # Of the probe at once (depth, slide, slide); a step that fails is halved. A point that comes into contact

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import hexahedron
 from palpate_twin.dome.mesh import DomeMesh
-
-Array = NDArray[np.float64]
 
 NEAREST_CELLS = 12
 INVERSE_STEPS = 12

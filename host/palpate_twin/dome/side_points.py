@@ -6,16 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.equilibrium import Dome
 from palpate_twin.dome.press import directions, largest_depth_mm, press_path
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.sampling import Sampler
-
-Array = NDArray[np.float64]
 
 TABLE_2 = {90: 1.572, 75: 1.598, 60: 1.596, 45: 1.609, 30: 1.612}  # contact angle in deg: ratio after/before
 APART_MM = 8.0  # before contact; the paper's are 7.7 to 9.3 mm

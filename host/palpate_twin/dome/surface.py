@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from palpate_edge.common.arrays import Array
 from palpate_twin.dome.mesh import DomeMesh
-
-Array = NDArray[np.float64]
 
 POINTS_AN_EDGE = 4  # Gauss points: contact starts and ends inside an element, so more than its order needs
 

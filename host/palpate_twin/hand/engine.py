@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import PalpateError
-from palpate_host.common.rotation import Array
 from palpate_twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4

@@ -8,14 +8,11 @@ from pathlib import Path
 import cv2
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_twin.hand.plain_drawing import draw_plainly
 from palpate_twin.hand.twin_model import TwinModel
-
-Image = npt.NDArray[np.uint8]
 
 PICTURE_PX = (480, 640)
 FILM_QUALITY = 70

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 from palpate_twin.hand.engine import BRAKE_KGM2, STEP_S, TipTouch
 from palpate_twin.hand.twin_model import TwinModel
 

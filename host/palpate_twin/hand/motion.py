@@ -11,8 +11,8 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError, DatasetError
-from palpate_host.common.rotation import Array
 from palpate_twin.hand.engine import Engine
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")

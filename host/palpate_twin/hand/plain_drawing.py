@@ -7,12 +7,10 @@ import math
 import cv2
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from palpate_host.common.rotation import Array, cross
+from palpate_edge.common.arrays import Array, Image
+from palpate_host.common.rotation import cross
 from palpate_twin.hand.twin_model import TwinModel
-
-Image = npt.NDArray[np.uint8]
 
 BACKGROUND_RGB = (245, 245, 245)
 OUTLINE_RGB = (60, 60, 60)

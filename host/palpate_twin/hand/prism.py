@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array, cross
+from palpate_host.common.rotation import cross
 from palpate_host.config.twin_config import ObjectConfig
 
 

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 from palpate_twin.hand.engine import BRAKE_KGM2, STEP_S, LostGraspError, TipTouch
 from palpate_twin.hand.prism import is_on_face, nearest_face
 from palpate_twin.hand.twin_model import TwinModel

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.twin_config import TwinConfig
 from palpate_host.control.hand_model import compiled, source_of, spec_of

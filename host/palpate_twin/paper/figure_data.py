@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ControlMode
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above

@@ -15,14 +15,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.rotation import Array
+from palpate_host.common.mode import Mode
+from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.control.kinematics import Hand, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.network.fingertips import TipContact
-from palpate_host.safety.supervisor import Mode
 from palpate_host.service.host import load_hand
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand

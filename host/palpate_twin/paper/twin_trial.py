@@ -15,8 +15,8 @@ import numpy as np
 
 from palpate_bus.logs.candump import LogRecord, write_log
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.rotation import Array
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import Hand
 from palpate_host.experiment.protocol import Case, ExperimentConfig

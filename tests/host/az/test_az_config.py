@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config import hand_config
 from palpate_host.drives.az import config as az_config
-from palpate_host.drives.cia402 import CIA402_EDS
 
 MODELS = CIA402_EDS.parents[1] / "models"
 TEXT = (MODELS / "table4-az.toml").read_text()

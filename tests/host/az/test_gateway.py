@@ -16,6 +16,7 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 
+from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.sd_notify import Notifier
@@ -23,7 +24,6 @@ from palpate_host.drives.az import alarms, axis, gateway
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig
 from palpate_host.drives.az.registers import DRIVER_TEMPERATURE
-from palpate_host.drives.cia402 import CIA402_EDS
 from palpate_twin.drives.az.az_server import AzServer, simulated_port
 from palpate_twin.drives.az.simulated_az import SimulatedAz
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.samples import Samples
-
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
 
 LENGTH = 1.0
 PLACE_WEIGHT, FORCE_WEIGHT, SIZE_WEIGHT = 2.0, 2.0, 0.3  # of the answer's parts before the kernel

@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
+
 Kernel = Callable[[Array, Array], Array]
 
 JITTER = 1e-8  # of the normal equations

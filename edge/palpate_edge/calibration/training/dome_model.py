@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
-from numpy.typing import NDArray
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import canonical_directions
-
-Array = NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "markers_radius_mm")

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.answer_field import AnswerField, fit_answer_field
 from palpate_edge.calibration.training.compress import compressed
@@ -26,8 +25,7 @@ from palpate_edge.calibration.training.spread import (
     left_out_residuals,
     strangeness,
 )
-
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
 
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
 KEPT_VARIANCE = 0.998  # of the shapes by their principal components

@@ -15,18 +15,16 @@ from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from palpate_edge.calibration.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
 from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
 from palpate_edge.calibration.training.kernel_ridge import SIZE_WEIGHT, Regression
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.correction_model import SENSOR_KEY, CorrectionModel
 from palpate_edge.estimation.displacement_field import CanonicalField
 from palpate_edge.estimation.estimator import MAX_MISFIT
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.25  # after each point, to multiply what is the same for all points; of their own size
 OPSET = 17

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.measurement import Measured
+from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, about_z, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
 from palpate_edge.vision.tracker import Beads
-
-Array = NDArray[np.float64]
 
 TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
 MAX_HIDDEN = 0.3

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.samples import Samples
-
-Array = NDArray[np.float64]
+from palpate_edge.common.arrays import Array
 
 COVERAGE = 0.95
 RIDGE = 0.3  # times the root of the number of samples

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.vision.blob_detection import Image
+from palpate_edge.common.arrays import Image
 
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 JPEG_PADDING = 1024  # bytes that a driver may leave after the end marker

@@ -12,10 +12,10 @@ from palpate_edge.capture.v4l2.device import Device
 from palpate_edge.capture.v4l2.formats import PixelCode, decode
 from palpate_edge.capture.v4l2.negotiate import RATE_TOLERANCE, Agreement, negotiate, reaches
 from palpate_edge.capture.v4l2.stream import RawFrame, Stream
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import CameraStalledError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.local_clock import LocalClock
-from palpate_edge.vision.blob_detection import Image
 
 MEASURE_RATE_OVER_US = 1_000_000
 SEQUENCE_WRAP = 1 << 32

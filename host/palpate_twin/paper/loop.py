@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palpate_host.common.rotation import Array
+from palpate_edge.common.arrays import Array
 from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.fingertip_feel import Feel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples

@@ -1,0 +1,39 @@
+"""Node ids and names from a hand.toml; every other key of the file belongs to palpate_host."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from palpate_bus.decode.device import Device, devices_by_kind
+from palpate_edge.common.errors import ConfigError
+
+
+class _Joint(msgspec.Struct, frozen=True):
+    name: str
+    drive_node: int
+
+
+class _Finger(msgspec.Struct, frozen=True):
+    name: str
+    fingertip_node: int
+    joints: tuple[_Joint, ...]
+
+
+class _Hand(msgspec.Struct, frozen=True):
+    fingers: tuple[_Finger, ...]
+
+
+def read_hand_nodes(path: Path) -> dict[int, Device]:
+    """Return the devices that a hand.toml names. Raises ConfigError when the file or a node id is missing."""
+    try:
+        fingers = msgspec.toml.decode(path.read_bytes(), type=_Hand).fingers
+    except OSError as exc:
+        raise ConfigError(f"{path}: cannot be read ({exc.strerror}): give a hand.toml with --config") from exc
+    except (msgspec.DecodeError, UnicodeDecodeError) as exc:
+        raise ConfigError(f"{path}: not a hand.toml ({exc}): each finger needs its nodes") from exc
+    return devices_by_kind(
+        {finger.fingertip_node: finger.name for finger in fingers},
+        {joint.drive_node: joint.name for finger in fingers for joint in finger.joints},
+    )
