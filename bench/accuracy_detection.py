@@ -12,7 +12,7 @@ from bench.accuracy_report import Section, number, paragraph, table
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker

@@ -15,7 +15,7 @@ from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.evaluation import Band, evaluate_dataset
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Method
 
 COUNTS = (0, 5, 10, 20, 50, 100)

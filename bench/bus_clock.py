@@ -29,6 +29,7 @@ from palpate_bus.hub.connection import ask
 from palpate_bus.hub.control import Inject
 from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import WRAP_US
@@ -37,7 +38,6 @@ from palpate_edge.daemon.config import CaptureConfig, EstimatorConfig, Fingertip
 from palpate_edge.daemon.daemon import run
 from palpate_edge.daemon.health import HealthReport
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_host.network.nmt_master import SYNC, TimeStampProducer
 
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"

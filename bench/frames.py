@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import load_calibration, save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.recording import all_frames, open_recording
-from palpate_edge.estimation.calibration_file import Calibration, load_calibration, save_calibration
+from palpate_edge.estimation.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDING = ROOT / "demo" / "recording"

@@ -13,9 +13,10 @@ import canopen
 
 from bench.timing import Row, table, time_each
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 CALLS = 5000
 BATCH = 64

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.frames import RECORDING, demo_material
-from palpate_edge.estimation.calibration_file import save_calibration
+from palpate_edge.calibration.calibration_file import save_calibration
 
 MOST_S, MOST_MB = 1.5, 150.0  # the limits set beforehand
 STARTS = 7
@@ -29,7 +29,7 @@ FIRST_ESTIMATE = """
 import sys
 from pathlib import Path
 import palpate_edge.daemon.daemon
-from palpate_edge.estimation.calibration_file import load_calibration
+from palpate_edge.estimation.calibration import load_calibration
 from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.estimator import Estimator
 

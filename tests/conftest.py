@@ -19,10 +19,11 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import Calibration, save_calibration
+from palpate_edge.estimation.calibration import Calibration
 
 pytest_plugins = (
     "kernel_guest.forwarding",

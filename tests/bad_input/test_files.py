@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from palpate_edge.estimation.calibration_file import save_calibration
+from palpate_edge.calibration.calibration_file import save_calibration
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.text import Findings, Severity, parse_sections
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 DRIVE = CIA402_EDS.read_text()
 

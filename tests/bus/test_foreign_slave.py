@@ -21,8 +21,8 @@ from palpate_bus.master.node_check import differences
 from palpate_bus.master.sdo_access import read_number
 from palpate_bus.master.session import sdo_client
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip_objects import encode_contact
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_host.common.mode import Mode
 
 BENCH = Path(__file__).parents[1] / "host" / "virtual_bench.py"

@@ -23,9 +23,9 @@ from palpate_bus.master.sdo_access import encode, find_object
 from palpate_bus.master.session import master
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 
 class Nodes(threading.Thread):

@@ -23,9 +23,9 @@ from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
 from deploy_rig.playbooks import Playbooks
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import save_calibration
 
 pytestmark = pytest.mark.deploy_namespace
 

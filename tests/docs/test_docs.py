@@ -9,7 +9,8 @@ import msgspec
 import pytest
 
 from palpate_edge.daemon.config import FingertipConfig
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.config.hand_config import HandConfig
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.calibration.calibration_file import check_sensor, load_calibration, save_calibration
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.estimation.calibration_file import check_sensor, load_calibration, save_calibration
 
 ONE_FILE_A_TEST = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import load_calibration, save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import load_calibration, save_calibration
 from palpate_edge.estimation.estimator import Estimator, Method, best_method
 
 PRESS = (0.5, 0.8, 1.8)  # theta_rad, phi_rad, depth_mm

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import COLUMNS, Press, read_dataset, read_truth
-from palpate_edge.geometry.sensor import read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
 
 FILES = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 HEADER = "frame,split,t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost"

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.cli.main import cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import read_image
@@ -19,7 +20,6 @@ from palpate_edge.diagnostics.canvas import GREEN, RED, Panel, sheet
 from palpate_edge.diagnostics.figures import draw_residuals
 from palpate_edge.diagnostics.pipeline_figures import draw_steps
 from palpate_edge.diagnostics.pipeline_steps import take_steps
-from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.geometry.sensor import View, bead_layout_mm
 from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness, widest_gap
 

@@ -16,9 +16,9 @@ import pytest
 from kernel_guest.kernels import IN_A_KERNEL
 from kernel_guest.links import PATIENCE_S
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.daemon.health import HealthReport
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import save_calibration
 
 
 @pytest.fixture(params=IN_A_KERNEL)

@@ -12,7 +12,7 @@ import pytest
 from kernel_guest.links import PATIENCE_S, Link, ip, receive
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 pytestmark = pytest.mark.usefixtures("kernel")
 

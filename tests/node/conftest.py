@@ -16,10 +16,11 @@ import pytest
 
 from kernel_guest.kernels import IN_A_KERNEL
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.object_dictionary import ObjectDictionary
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import Output, Slave
 
 PROJECT = Path(__file__).resolve().parents[2]

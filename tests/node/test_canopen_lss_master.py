@@ -11,11 +11,11 @@ import canopen.lss
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import Output
 
 NODES = 10

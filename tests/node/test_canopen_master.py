@@ -13,10 +13,11 @@ import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import ErrorRegister
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import Output
 
 WAIT_S = 10.0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import (
     ChannelStatus,
@@ -20,6 +20,7 @@ from palpate_edge.node.fingertip_objects import (
     encode_contact,
     encode_health,
 )
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 OD = load_eds(FINGERTIP_EDS, 0x10)
 ANY_FLOAT = st.floats() | st.none()

@@ -15,9 +15,10 @@ import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.events import NmtStateChanged, StoreRequested
 from palpate_edge.node.nmt import NmtState
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Output, Slave
 

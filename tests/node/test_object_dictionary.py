@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.object_dictionary import Access, DataType, ObjectDictionary
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 
 DRIVE = load_eds(Path(__file__).resolve().parents[2] / "host" / "palpate_bus" / "eds" / "cia402.eds", 0x10)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds, parsed_path
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS, parsed_path
 
 NODE = 0x10
 VENDOR = (0x1018, 1)

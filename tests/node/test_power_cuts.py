@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.parameter_file import Disk, ParameterFile
+from palpate_edge.daemon.parameter_file import Disk, ParameterFile
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
 CUTS = 1_000

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import Slave
 
 Ask = Callable[[Slave, str], str | None]

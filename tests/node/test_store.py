@@ -9,10 +9,10 @@ import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Method
 from palpate_edge.node.object_dictionary import ObjectDictionary
-from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.slave import Slave
 from palpate_edge.node.stored_parameters import StoredParameters
 

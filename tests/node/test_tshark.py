@@ -14,10 +14,11 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.object_dictionary import ObjectDictionary
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave
 

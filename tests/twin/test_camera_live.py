@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.capture import shared_memory
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import save_calibration
 from palpate_edge.estimation.estimator import Estimator
 from palpate_twin.cli.simulate import simulate
 

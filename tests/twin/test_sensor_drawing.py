@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 
-from palpate_edge.geometry.sensor import Markers, Ring, Sensor, read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
+from palpate_edge.geometry.sensor import Markers, Ring, Sensor
 from palpate_twin.camera.sensor_drawing import closest_beads_mm, draw_sensor, half_view_deg, ring_plans
 from palpate_twin.cli.sensor import sensor
 

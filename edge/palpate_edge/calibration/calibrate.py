@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from palpate_edge.calibration.measurement import Measured, measure
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
-from palpate_edge.estimation.calibration_file import Bead, Calibration, Source
+from palpate_edge.estimation.calibration import Bead, Calibration, Source
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh

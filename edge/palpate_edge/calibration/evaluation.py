@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration.calibration_file import check_sensor
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
@@ -18,7 +19,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, read_dataset
-from palpate_edge.estimation.calibration_file import Calibration, check_sensor
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Estimator, Method
 
 REGIONS_DEG = ((15, 30), (30, 45), (45, 60), (60, 75), (75, 90))  # above the base plane, Fig. 8b

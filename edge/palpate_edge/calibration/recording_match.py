@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.calibration.calibration_file import check_sensor
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import is_dataset, read_dataset
-from palpate_edge.estimation.calibration_file import Calibration, check_sensor
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.blob_detection import plane
 from palpate_edge.vision.tracker import Tracker

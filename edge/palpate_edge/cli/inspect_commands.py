@@ -31,9 +31,9 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
         raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
     image = read_image(frame)
     if calibration_path is not None:
+        from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
         from palpate_edge.diagnostics.pipeline_figures import draw_steps  # noqa: PLC0415
         from palpate_edge.diagnostics.pipeline_steps import contact_text, take_steps  # noqa: PLC0415
-        from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
 
         steps = take_steps(image, load_calibration(calibration_path), str(frame))
         write_picture(output, draw_steps(steps))

@@ -18,7 +18,7 @@ from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.progress import progress_bar
 
 if TYPE_CHECKING:
-    from palpate_edge.estimation.calibration_file import Calibration
+    from palpate_edge.estimation.calibration import Calibration
     from palpate_edge.estimation.estimator import Method
 
 INPUT = click.Path(path_type=Path)
@@ -71,9 +71,9 @@ def calibrate(
     train split of its presses, if it has any, the paper's correction function and stiffness and the
     correction model. Without presses the correction model is the dome model alone, and gives no force."""
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
+    from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
-    from palpate_edge.estimation.calibration_file import save_calibration  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
     with progress_bar("calibrating") as progress:
@@ -147,9 +147,9 @@ def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) 
     Positions are in mm and forces in N in the fingertip frame F. Empty fields are unknown; a refused frame
     has quality 0 and a reason. With 95 % probability a contact is within radius95_mm of its position.
     """
+    from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.diagnostics.batch import estimate_recording  # noqa: PLC0415
     from palpate_edge.diagnostics.contact_csv import write_contacts  # noqa: PLC0415
-    from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
     with progress_bar("estimating") as progress:
@@ -170,9 +170,9 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     Printed by the regions of the paper's Fig. 8b (1 = 15-30 deg above the base plane, 5 = 75-90), by thirds
     of the largest force, and over all.
     """
+    from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.calibration.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
     from palpate_edge.calibration.evaluation_report import as_table  # noqa: PLC0415
-    from palpate_edge.estimation.calibration_file import load_calibration  # noqa: PLC0415
 
     calibration = load_calibration(calibration_path)
     with progress_bar("evaluating") as progress:

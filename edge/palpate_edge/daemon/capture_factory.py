@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from palpate_edge.calibration.calibration_file import check_sensor
 from palpate_edge.calibration.recording_match import check_recording
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.capture.source import ReopeningSource, Source
@@ -15,8 +16,8 @@ from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.daemon.config import CaptureConfig, FingertipConfig
 from palpate_edge.datasets.recording import RealTimeSource, open_recording
-from palpate_edge.estimation.calibration_file import Calibration, check_sensor
-from palpate_edge.geometry.sensor import read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
+from palpate_edge.estimation.calibration import Calibration
 
 
 def open_source(

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import cv2
 
+from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.reconnecting_bus import BusLink
 from palpate_edge.can_bus.simulated_clock import clock_of
@@ -30,9 +31,9 @@ from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.health import HealthFile, health_path
 from palpate_edge.daemon.health_report import health_report
+from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.daemon.recording_control import RecordOnDemand
 from palpate_edge.daemon.sliding_window import DroppedFrames, LastMinute
-from palpate_edge.estimation.calibration_file import load_calibration
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import Light
@@ -46,7 +47,6 @@ from palpate_edge.node.events import (
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
 from palpate_edge.node.fingertip_objects import Method as MethodCode
-from palpate_edge.node.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5

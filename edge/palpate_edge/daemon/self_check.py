@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_edge.can_bus.simulated_clock import clock_of
@@ -28,7 +29,7 @@ from palpate_edge.daemon.health import (
 )
 from palpate_edge.daemon.health_report import clock_health, light_health
 from palpate_edge.daemon.sliding_window import DroppedFrames
-from palpate_edge.estimation.calibration_file import Calibration, load_calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import MIN_BEADS_SHARE, Estimator, best_method
 from palpate_edge.illumination.client import Illumination
 from palpate_edge.illumination.controller_thread import LightState

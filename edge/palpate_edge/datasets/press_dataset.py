@@ -10,7 +10,8 @@ from pathlib import Path
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import list_images
-from palpate_edge.geometry.sensor import Sensor, read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
+from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
 SPLITS = frozenset({"train", "test"})

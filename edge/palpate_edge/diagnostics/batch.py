@@ -10,7 +10,7 @@ from palpate_edge.calibration.recording_match import check_recording
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import all_frames, open_recording
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Estimator, Method
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.diagnostics.canvas import GREEN, RED, YELLOW, Panel, rainbow
 from palpate_edge.diagnostics.video_tracking import Followed
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import View, bead_layout_mm
 

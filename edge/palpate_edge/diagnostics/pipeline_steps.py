@@ -8,7 +8,7 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.estimation.paper_method import RawContact, corrected_theta, raw_contact

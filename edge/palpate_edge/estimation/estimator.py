@@ -12,7 +12,7 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact, Vector3, refused_contact
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.correction_model import CorrectionModel
 from palpate_edge.estimation.displacement_field import DisplacementReader, Hidden
 from palpate_edge.estimation.drift import Drift, Skin

@@ -6,29 +6,14 @@ file may lie beside it (``fingertip.parsed.json``); it counts only for the very 
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import msgspec
 
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, Entry, ObjectDictionary
-
-FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
-
-
-@dataclass(frozen=True, slots=True)
-class ParsedEds:
-    """What an EDS says, its ``$NODEID`` formulas worked out for node 1.
-
-    checksum: 16 hexadecimal digits that name the file's content. bit_rates_kbit_s: of [DeviceInfo].
-    """
-
-    checksum: str
-    entries: tuple[Entry, ...]
-    bit_rates_kbit_s: frozenset[int]
+from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID, ObjectDictionary
+from palpate_edge.node.parsed_eds import ParsedEds, checksum_of, parsed_path
 
 
 def load_eds(path: Path, node_id: int) -> ObjectDictionary:
@@ -49,16 +34,6 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
     except BusError as error:
         raise ConfigError(f"EDS {path}: {error}") from error
     return od
-
-
-def checksum_of(path: Path) -> str:
-    """What `ParsedEds.checksum` is of this file. Raises OSError."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-
-
-def parsed_path(eds: Path) -> Path:
-    """Where what was parsed of `eds` lies, if anywhere."""
-    return eds.with_suffix(".parsed.json")
 
 
 @cache

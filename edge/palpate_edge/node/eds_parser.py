@@ -14,8 +14,8 @@ import msgspec
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS, ParsedEds, checksum_of, parsed_path
 from palpate_edge.node.object_dictionary import Access, DataType, Entry, Value
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS, ParsedEds, checksum_of, parsed_path
 
 
 def parse(path: Path, checksum: str) -> ParsedEds:

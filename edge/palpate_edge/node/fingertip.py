@@ -8,7 +8,7 @@ from functools import partial
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip_objects import (
     AI_AUTOZERO,
     CALIBRATION_HASH,
@@ -32,6 +32,7 @@ from palpate_edge.node.fingertip_objects import (
     encode_health,
 )
 from palpate_edge.node.object_dictionary import Entry, Value
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Output, Slave
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters

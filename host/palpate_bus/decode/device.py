@@ -15,7 +15,7 @@ from palpate_bus.eds.text import Findings, parse_sections, read_text
 from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 Key = tuple[int, int]
 PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32

@@ -17,8 +17,9 @@ from statistics import fmean
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_edge.node.pdo_parameters import pdo_numbers
 

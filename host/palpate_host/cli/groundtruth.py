@@ -9,9 +9,10 @@ import click
 import cv2
 import numpy as np
 
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
-from palpate_host.groundtruth.frames import Image, camera_frames, is_camera, recorded_frames
+from palpate_host.groundtruth.frames import camera_frames, is_camera, recorded_frames
 from palpate_host.groundtruth.intrinsics import Board, calibrate, read_intrinsics, write_intrinsics
 from palpate_host.groundtruth.track import Marker, Sight, Tracker, draw, refusals, write_csv
 

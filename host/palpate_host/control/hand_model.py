@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 
 from palpate_edge.common.errors import ConfigError
@@ -17,7 +15,7 @@ def spec_of(config: HandConfig) -> mujoco.MjSpec:
     ConfigError as `read_spec` and `hand_spec` say.
     """
     if config.geometry is None:
-        return read_spec(Path(config.model.mjcf or ""), config.model.tip_sites)
+        return read_spec(config.model.mjcf or "", config.model.tip_sites)
     ranges = [
         [JointRange(joint.name, joint.min_rad, joint.max_rad) for joint in finger.joints]
         for finger in config.fingers
@@ -25,15 +23,16 @@ def spec_of(config: HandConfig) -> mujoco.MjSpec:
     return hand_spec(config.geometry, ranges, config.model.tip_sites, config.control.tip_radius_m)
 
 
-def read_spec(path: Path, tip_sites: tuple[str, ...]) -> mujoco.MjSpec:
+def read_spec(path: str, tip_sites: tuple[str, ...]) -> mujoco.MjSpec:
     """An MJCF, or a URDF, which knows no sites: a tip is then the link of that name, its origin the dome's
     centre, its +z the apex. ConfigError when the file cannot be read.
     """
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(path)
     except ValueError as exc:
         raise _unreadable(path, exc) from exc
     spec.compiler.fusestatic = False  # or a tip link behind a fixed joint would vanish
+    spec.compiler.discardvisual = False  # or the geoms and sites of a tip that is only drawn would vanish
     known = {site.name for site in spec.sites}
     for body in spec.bodies:
         if body.name in tip_sites and body.name not in known:
@@ -59,6 +58,6 @@ def source_of(config: HandConfig) -> str:
     return config.model.mjcf or "hand.toml's [geometry]"
 
 
-def _unreadable(source: Path | str, exc: ValueError) -> ConfigError:
+def _unreadable(source: str, exc: ValueError) -> ConfigError:
     reason = " ".join(str(exc).split())
     return ConfigError(f"{source}: not a readable MJCF or URDF ({reason}): correct it or set model.mjcf")

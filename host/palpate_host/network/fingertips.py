@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.common.tip_contact import TipContact
 

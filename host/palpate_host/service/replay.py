@@ -21,7 +21,7 @@ from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
 from palpate_bus.logs.log_files import read_any_log
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.eds import FINGERTIP_EDS
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig

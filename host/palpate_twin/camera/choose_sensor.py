@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.geometry.sensor import read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_twin.camera.look import TWIN_FILE, TwinSensor, load_twin
 from palpate_twin.camera.random_sensor import random_sensor, with_tolerances
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate_edge.geometry.sensor import read_sensor
+from palpate_edge.datasets.sensor_file import read_sensor
 
 
 @click.command()

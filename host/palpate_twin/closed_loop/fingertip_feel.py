@@ -11,7 +11,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.calibration_file import Calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import tangent_basis
 from palpate_edge.estimation.estimator import Estimator
 from palpate_host.control.kinematics import Hand

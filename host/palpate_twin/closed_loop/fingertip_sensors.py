@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import load_calibration, save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import CalibrationError, ConfigError
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.calibration_file import Calibration, load_calibration, save_calibration
+from palpate_edge.estimation.calibration import Calibration
 from palpate_twin.camera import layouts
 from palpate_twin.camera.look import TWIN_FILE, TwinSensor, load_twin
 from palpate_twin.camera.random_sensor import random_sensor

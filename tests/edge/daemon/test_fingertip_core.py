@@ -12,10 +12,11 @@ from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledError
 from palpate_edge.daemon.fingertip_core import FingertipCore
-from palpate_edge.node.eds import FINGERTIP_EDS, load_eds
+from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import ContactFlag, Health, Method
 from palpate_edge.node.nmt import NmtState
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 
 NODE = 0x10
