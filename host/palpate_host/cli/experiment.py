@@ -8,9 +8,8 @@ import click
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.plugins import SIMULATORS, load_plugin
+from palpate_host.config.packaged import MODELS
 from palpate_host.experiment.protocol import cases, load
-
-MODELS = Path(__file__).parents[1] / "models"
 
 
 @click.command()

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-import palpate_host
+from palpate_host.config.packaged import MODELS
 
-MODELS = Path(palpate_host.__file__).with_name("models")
 PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
 CONTACT_NOISE_MM = 0.15
 """Standard deviation along each axis: the mean length of such a vector is sqrt(8/pi) = 1.596 times it, 0.24

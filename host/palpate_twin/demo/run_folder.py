@@ -9,14 +9,14 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import palpate_host
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import FingertipConfig, read_config
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.config.packaged import MODELS
 from palpate_twin.demo.programme import TURNS_DEG
 
-MODEL = Path(palpate_host.__file__).with_name("models") / "table4-wide.toml"
+MODEL = MODELS / "table4-wide.toml"
 SHARED_MEMORY = Path("/dev/shm")
 TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # open by 4 mm: the hand closes on the object first

@@ -1,0 +1,76 @@
+"""The run folder's files, and what is refused before anything starts."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from palpate_edge.common.errors import ConfigError
+from palpate_twin.demo.run_folder import MODEL, make_run_folder
+
+RECORDING = Path(__file__).parents[3] / "demo" / "recording"
+
+
+def test_the_hand_is_the_packaged_one_on_this_runs_bus(tmp_path):
+    folder = make_run_folder(tmp_path / "run", RECORDING, 500_000)
+    packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
+    bus = {"interface": "palpate", "channel": str(folder.hub_socket), "bitrate": 500_000}
+    assert written == packaged | {"bus": bus}
+    assert "geometry" in written  # whole in itself: no file beside it
+
+
+def test_every_finger_plays_its_recording_on_its_node(tmp_path):
+    folder = make_run_folder(tmp_path / "run", RECORDING, 1_000_000)
+    for finger, config in zip(folder.hand().fingers, folder.fingertips(), strict=True):
+        assert (config.name, config.node.id) == (finger.name, finger.fingertip_node)
+        assert Path(config.capture.path) == RECORDING / finger.name
+        assert config.capture.loop
+        assert config.estimator.calibration == str(folder.calibration)
+        assert config.bus == folder.hand().bus
+
+
+def test_a_folder_with_quotes_and_spaces(tmp_path):
+    folder = make_run_folder(tmp_path / 'a "run" \\ é', RECORDING, 1_000_000)
+    assert folder.fingertips()[0].bus.channel == str(folder.hub_socket)
+
+
+def test_the_last_run_is_gone(tmp_path):
+    old = tmp_path / "run" / "bus.log"
+    old.parent.mkdir()
+    old.write_text("of the last run\n")
+    make_run_folder(tmp_path / "run", RECORDING, 1_000_000)
+    assert not old.exists()
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"press: no recording there .* --recording"):
+        make_run_folder(tmp_path / "run", tmp_path, 1_000_000)
+
+
+def test_a_path_too_long_for_a_socket_is_refused_before_anything_is_made(tmp_path):
+    path = tmp_path / ("x" * 108)
+    with pytest.raises(ConfigError, match=r"too long .* --output"):
+        make_run_folder(path, RECORDING, 1_000_000)
+    assert not path.exists()
+
+
+def test_with_the_twin_every_finger_sees_its_ring_in_memory(tmp_path):
+    folder = make_run_folder(tmp_path / "run", None, 1_000_000)
+    rings = [Path(config.capture.path) for config in folder.fingertips()]
+    assert [config.capture.source for config in folder.fingertips()] == ["shared_memory"] * 3
+    assert len({*rings, folder.ring("finger-1")}) == 3
+    other = make_run_folder(tmp_path / "other", None, 1_000_000)
+    assert not {other.ring(finger.name) for finger in other.hand().fingers} & {*rings}
+
+
+def test_with_the_twin_the_hand_differs_where_the_docs_say(tmp_path):
+    folder = make_run_folder(tmp_path / "run", None, 1_000_000)
+    packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
+    control = {"integral_per_s": 1.0, "position_stiffness_N_m": 300.0}
+    assert written["control"] == packaged["control"] | control
+    assert (written["staleness"], written["network"]) == (packaged["staleness"], packaged["network"])
+    assert written["target"]["rpy_deg"] == [30.0, 0.0, 0.0]
+    assert written["twin"]["start_pose_rad"] == [0.0, 0.06, 1.509]
+    assert written["twin"]["object"] == packaged["twin"]["object"]
