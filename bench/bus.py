@@ -16,7 +16,7 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.nmt import NMT_ID
 
 ROUND_TRIPS = 1000
@@ -36,7 +36,7 @@ def rows() -> list[Row]:
 
 
 def _node() -> Row:
-    node = FingertipNode(0x10, Method.CORRECTED, "0" * 16)
+    node = FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16)
     node.process(0, [])
     node.process(0, [CanFrame(NMT_ID, bytes([1, 0x10]))])
 

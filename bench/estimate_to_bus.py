@@ -31,7 +31,7 @@ from palpate_edge.daemon.capture_thread import PixelThread
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Health, Method
+from palpate_edge.node.fingertip_objects import Health, MethodCode
 
 FRAMES = 600
 PERIOD_S = 1 / 120
@@ -95,7 +95,9 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
 
 def _publish(link: BusLink, pixels: PixelThread) -> tuple[list[float], list[float]]:
     """As the daemon's loop; when each set was sent, and the processor time for it."""
-    core = FingertipCore(FingertipNode(0x10, Method.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us())
+    core = FingertipCore(
+        FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us()
+    )
     link.send(_now_us(), core.poll(_now_us()).frames_out)
     core.receive(_now_us(), [(_now_us(), START)])
     descriptor = link.descriptor()

@@ -15,7 +15,7 @@ from bench.timing import Row, table, time_each
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 CALLS = 5000
@@ -42,7 +42,7 @@ def rows() -> list[Row]:
 
 
 def _requests(frames: list[CanFrame]) -> Callable[[int], object]:
-    node = FingertipNode(0x10, Method.CORRECTED, "0" * 16)
+    node = FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16)
     node.process(0, (START,))
     return lambda number: node.process(1000 * number, frames)
 
@@ -86,7 +86,7 @@ def _hostile_frames() -> list[CanFrame]:
 def hostile_rate() -> str:
     """Frames a second of processor time, four frames a call."""
     frames = _hostile_frames()
-    node = FingertipNode(0x10, Method.CORRECTED, "0" * 16)
+    node = FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16)
     begin = time.process_time()
     for at in range(0, HOSTILE_FRAMES, 4):
         node.process(100 * at, frames[at : at + 4])

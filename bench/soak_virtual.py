@@ -18,7 +18,7 @@ import numpy as np
 from palpate_host.common.command import Rotate
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host import load_hand
-from palpate_host.service.host_core import HostCore, Output
+from palpate_host.service.host_core import HostCore, HostOutput
 from palpate_twin.cli.hand import CONTACT_NOISE_MM
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
@@ -52,7 +52,7 @@ class TimedHost:
         self._core = core
         self.tick_s: list[float] = []
 
-    def process(self, now_us: int, frames_in: list) -> Output:  # type: ignore[type-arg]
+    def process(self, now_us: int, frames_in: list) -> HostOutput:  # type: ignore[type-arg]
         begin_s = time.thread_time()
         output = self._core.process(now_us, frames_in)
         if output.frames_out:

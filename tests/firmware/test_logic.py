@@ -19,7 +19,7 @@ from palpate_edge.illumination.registers import (
     RANGES,
     VERSION,
     Fault,
-    Register,
+    LightRegister,
 )
 
 REGISTERS = 0x18
@@ -95,10 +95,10 @@ class Logic:
         self.c.core_triggers(self._p, count)
 
     def duty(self) -> int:
-        return int(self.core.reg[Register.DUTY])
+        return int(self.core.reg[LightRegister.DUTY])
 
     def faults(self) -> Fault:
-        return Fault(self.core.reg[Register.FAULTS])
+        return Fault(self.core.reg[LightRegister.FAULTS])
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_temperature_is_the_b_equation(
 @given(st.integers(0, 255))
 def test_duty_is_the_square_of_the_level(new: Callable[[], Logic], level: int) -> None:
     core = new()
-    core.write(Register.LEVEL, level)
+    core.write(LightRegister.LEVEL, level)
     core.ms(300)
     assert core.duty() == pytest.approx(1023 * (level / 255) ** 2, abs=1)
 
@@ -138,9 +138,9 @@ def test_duty_is_the_square_of_the_level(new: Callable[[], Logic], level: int) -
 @settings(max_examples=20, deadline=None)
 def test_soft_start_takes_its_time(new: Callable[[], Logic], soft_start_ms: int) -> None:
     core = new()
-    core.write(Register.WATCHDOG, 10_000)
-    core.write(Register.SOFT_START, soft_start_ms)
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.WATCHDOG, 10_000)
+    core.write(LightRegister.SOFT_START, soft_start_ms)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(1)
     first = core.core.level_now
     core.ms(soft_start_ms - 1)
@@ -150,9 +150,9 @@ def test_soft_start_takes_its_time(new: Callable[[], Logic], soft_start_ms: int)
 
 def test_dark_comes_at_once(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(300)
-    core.write(Register.LEVEL, 0)
+    core.write(LightRegister.LEVEL, 0)
     core.ms(1)
     assert core.duty() == 0
 
@@ -162,7 +162,7 @@ def test_dark_comes_at_once(new: Callable[[], Logic]) -> None:
 def test_heat_never_brightens_and_the_cut_off_is_dark(new: Callable[[], Logic], led: int, level: int) -> None:
     core, cooler = new(), new()
     for each, adc in ((core, led), (cooler, min(led + 5, 1010))):
-        each.write(Register.LEVEL, level)
+        each.write(LightRegister.LEVEL, level)
         each.ms(300, led=adc)
     assert core.duty() <= cooler.duty()
     degC = core.c.thermistor_dC(led) / 10
@@ -173,7 +173,7 @@ def test_heat_never_brightens_and_the_cut_off_is_dark(new: Callable[[], Logic], 
 
 def test_half_way_between_start_and_cut_off_half_the_level_is_left(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.LEVEL, 255)
     adc = next(a for a in range(1, 1024) if core.c.thermistor_dC(a) <= 675)
     core.ms(300, led=adc)
     assert core.core.level_now / (255 << 8) == pytest.approx(0.5, abs=0.05)
@@ -181,14 +181,14 @@ def test_half_way_between_start_and_cut_off_half_the_level_is_left(new: Callable
 
 def test_over_temperature_stays_until_it_is_cool_and_cleared(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.WATCHDOG, 10_000)
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.WATCHDOG, 10_000)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(10, led=HOT)
-    core.write(Register.FAULT_CLEAR, 0xFF)
+    core.write(LightRegister.FAULT_CLEAR, 0xFF)
     assert Fault.OVER_TEMPERATURE in core.faults()
     core.ms(500)
     assert core.duty() == 0
-    core.write(Register.FAULT_CLEAR, 0xFF)
+    core.write(LightRegister.FAULT_CLEAR, 0xFF)
     core.ms(500)
     assert core.faults() == Fault(0)
     assert core.duty() == 1023
@@ -204,7 +204,7 @@ def test_the_last_readings_of_a_whole_thermistor(new: Callable[[], Logic], adc: 
 @pytest.mark.parametrize("adc", [0, 11, 1012, 1023])
 def test_a_broken_led_thermistor_darkens(new: Callable[[], Logic], adc: int) -> None:
     core = new()
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(300, led=adc)
     assert Fault.LED_SENSOR in core.faults()
     assert core.core.level_now == 0
@@ -212,7 +212,7 @@ def test_a_broken_led_thermistor_darkens(new: Callable[[], Logic], adc: int) -> 
 
 def test_a_broken_silicone_thermistor_is_told_and_the_light_stays(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(300, silicone=1023)
     assert core.faults() == Fault.SILICONE_SENSOR
     assert core.duty() == 1023
@@ -222,23 +222,23 @@ def test_a_broken_silicone_thermistor_is_told_and_the_light_stays(new: Callable[
 @settings(max_examples=20, deadline=None)
 def test_silence_darkens_after_the_watchdogs_time(new: Callable[[], Logic], watchdog_ms: int) -> None:
     core = new()
-    core.write(Register.WATCHDOG, watchdog_ms)
-    core.write(Register.SOFT_START, 0)
-    core.write(Register.LEVEL, 200)
+    core.write(LightRegister.WATCHDOG, watchdog_ms)
+    core.write(LightRegister.SOFT_START, 0)
+    core.write(LightRegister.LEVEL, 200)
     core.ms(watchdog_ms)
     assert core.duty() > 0
     core.ms(1)
     assert core.duty() == 0
     assert core.faults() == Fault.BOARD_SILENT
-    assert core.core.reg[Register.LEVEL] == 0
+    assert core.core.reg[LightRegister.LEVEL] == 0
 
 
 def test_reading_keeps_the_light(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.LEVEL, 200)
+    core.write(LightRegister.LEVEL, 200)
     for _ in range(5):
         core.ms(900)
-        assert core.read(Register.FAULTS) == (0, True)
+        assert core.read(LightRegister.FAULTS) == (0, True)
     assert core.duty() > 0
 
 
@@ -250,13 +250,13 @@ def test_only_what_the_table_allows_is_written(new: Callable[[], Logic], registe
     after = list(core.core.reg)
     allowed = (
         register in {int(r) for r in RANGES}
-        and RANGES[Register(register)][0] <= value <= RANGES[Register(register)][1]
+        and RANGES[LightRegister(register)][0] <= value <= RANGES[LightRegister(register)][1]
     )
-    if register == Register.DERATE_START:
-        allowed = allowed and value < before[Register.CUT_OFF]
-    if register == Register.CUT_OFF:
-        allowed = allowed and value > before[Register.DERATE_START]
-    if allowed and register != Register.FAULT_CLEAR:
+    if register == LightRegister.DERATE_START:
+        allowed = allowed and value < before[LightRegister.CUT_OFF]
+    if register == LightRegister.CUT_OFF:
+        allowed = allowed and value > before[LightRegister.DERATE_START]
+    if allowed and register != LightRegister.FAULT_CLEAR:
         before[register] = value
     assert after == before
 
@@ -268,23 +268,23 @@ def test_any_bytes_leave_a_sane_controller(new: Callable[[], Logic], data: bytes
     core.bytes_in(data)
     whole = len(data) == 4 and crc8(bytes([WRITE]) + data[:3]) == data[3]
     if not whole:
-        before[Register.PEC_ERRORS] = core.core.reg[Register.PEC_ERRORS]
+        before[LightRegister.PEC_ERRORS] = core.core.reg[LightRegister.PEC_ERRORS]
         assert list(core.core.reg) == before
-    assert core.read(Register.IDENTITY) == (0x5041, True)
+    assert core.read(LightRegister.IDENTITY) == (0x5041, True)
 
 
 @given(st.integers(0, 255))
 def test_what_does_not_exist_reads_with_a_wrong_pec(new: Callable[[], Logic], register: int) -> None:
-    readable = {int(r) for r in Register} - {Register.FAULT_CLEAR}
+    readable = {int(r) for r in LightRegister} - {LightRegister.FAULT_CLEAR}
     assert new().read(register)[1] == (register in readable)
 
 
 def test_a_wrong_pec_is_counted_and_the_write_forgotten(new: Callable[[], Logic]) -> None:
     core = new()
-    data = bytes([Register.LEVEL, 100, 0])
+    data = bytes([LightRegister.LEVEL, 100, 0])
     core.bytes_in(data + bytes([crc8(bytes([WRITE]) + data) ^ 1]))
-    assert core.core.reg[Register.LEVEL] == 0
-    assert core.core.reg[Register.PEC_ERRORS] == 1
+    assert core.core.reg[LightRegister.LEVEL] == 0
+    assert core.core.reg[LightRegister.PEC_ERRORS] == 1
 
 
 def test_reset_causes_are_faults(new: Callable[[int], Logic]) -> None:
@@ -294,46 +294,46 @@ def test_reset_causes_are_faults(new: Callable[[int], Logic]) -> None:
 def test_uptime_counts_seconds(new: Callable[[], Logic]) -> None:
     core = new()
     core.ms(999)
-    assert core.read(Register.UPTIME) == (0, True)
+    assert core.read(LightRegister.UPTIME) == (0, True)
     core.ms(1)
-    assert core.read(Register.UPTIME) == (1, True)
+    assert core.read(LightRegister.UPTIME) == (1, True)
     core.ms(2000)
-    assert core.read(Register.UPTIME) == (3, True)
+    assert core.read(LightRegister.UPTIME) == (3, True)
     core.ms(999)
-    assert core.read(Register.UPTIME) == (3, True)
+    assert core.read(LightRegister.UPTIME) == (3, True)
 
 
 def test_cut_off_stays_above_the_start_of_derating(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.DERATE_START, 750)
-    assert core.core.reg[Register.DERATE_START] == 600
-    core.write(Register.DERATE_START, 749)
-    assert core.core.reg[Register.DERATE_START] == 749
-    core.write(Register.CUT_OFF, 749)
-    assert core.core.reg[Register.CUT_OFF] == 750
-    core.write(Register.DERATE_START, 500)
-    core.write(Register.CUT_OFF, 501)
-    assert core.core.reg[Register.CUT_OFF] == 501
+    core.write(LightRegister.DERATE_START, 750)
+    assert core.core.reg[LightRegister.DERATE_START] == 600
+    core.write(LightRegister.DERATE_START, 749)
+    assert core.core.reg[LightRegister.DERATE_START] == 749
+    core.write(LightRegister.CUT_OFF, 749)
+    assert core.core.reg[LightRegister.CUT_OFF] == 750
+    core.write(LightRegister.DERATE_START, 500)
+    core.write(LightRegister.CUT_OFF, 501)
+    assert core.core.reg[LightRegister.CUT_OFF] == 501
 
 
 def test_the_limits_belong_to_the_hot_side(new: Callable[[], Logic]) -> None:
     """At CUT_OFF itself it is too hot, at DERATE_START itself not yet cool."""
     core = new()
-    core.write(Register.CUT_OFF, core.c.thermistor_dC(HOT))
+    core.write(LightRegister.CUT_OFF, core.c.thermistor_dC(HOT))
     core.ms(1, led=HOT)
     assert Fault.OVER_TEMPERATURE in core.faults()
     adc = next(a for a in range(HOT, ROOM) if 300 <= core.c.thermistor_dC(a) <= 600)
-    core.write(Register.DERATE_START, core.c.thermistor_dC(adc))
+    core.write(LightRegister.DERATE_START, core.c.thermistor_dC(adc))
     core.ms(1, led=adc)
-    core.write(Register.FAULT_CLEAR, 0xFF)
+    core.write(LightRegister.FAULT_CLEAR, 0xFF)
     assert Fault.OVER_TEMPERATURE in core.faults()
 
 
 def test_a_step_of_the_soft_start_is_no_larger_than_needed(new: Callable[[], Logic]) -> None:
     """255 levels in 255 ms: one level a millisecond."""
     core = new()
-    core.write(Register.SOFT_START, 255)
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.SOFT_START, 255)
+    core.write(LightRegister.LEVEL, 255)
     for ms in range(1, 256):
         core.ms(1)
         assert core.core.level_now == ms << 8
@@ -341,28 +341,28 @@ def test_a_step_of_the_soft_start_is_no_larger_than_needed(new: Callable[[], Log
 
 def test_it_tells_what_it_is(new: Callable[[], Logic]) -> None:
     core = new()
-    assert core.read(Register.IDENTITY) == (IDENTITY, True)
-    assert core.read(Register.VERSION) == (VERSION, True)
-    assert core.read(Register.MAP_CRC) == (MAP_CRC, True)
+    assert core.read(LightRegister.IDENTITY) == (IDENTITY, True)
+    assert core.read(LightRegister.VERSION) == (VERSION, True)
+    assert core.read(LightRegister.MAP_CRC) == (MAP_CRC, True)
 
 
 def test_both_temperatures_are_told(new: Callable[[], Logic]) -> None:
     """10 kOhm at 25 degC; a third of it at 52.0 degC by the B equation."""
     core = new()
     core.ms(1, led=ROOM, silicone=256)
-    assert core.core.reg[Register.LED_TEMPERATURE] == pytest.approx(250, abs=3)
-    assert core.core.reg[Register.SILICONE_TEMPERATURE] == pytest.approx(520, abs=5)
+    assert core.core.reg[LightRegister.LED_TEMPERATURE] == pytest.approx(250, abs=3)
+    assert core.core.reg[LightRegister.SILICONE_TEMPERATURE] == pytest.approx(520, abs=5)
 
 
 def test_a_cut_off_lowered_below_the_temperature_darkens_before_the_next_reading(
     new: Callable[[], Logic],
 ) -> None:
     core = new()
-    core.write(Register.LEVEL, 255)
+    core.write(LightRegister.LEVEL, 255)
     core.ms(300, led=256)  # 52 degC
     assert core.duty() == 1023
-    core.write(Register.DERATE_START, 300)
-    core.write(Register.CUT_OFF, 400)
+    core.write(LightRegister.DERATE_START, 300)
+    core.write(LightRegister.CUT_OFF, 400)
     core.tick()
     assert core.core.level_now == 0
 
@@ -371,20 +371,20 @@ def test_triggers_are_counted_from_a_counter_of_one_byte(new: Callable[[], Logic
     core = new()
     for count in (1, 1, 3, 250, 4):  # 3, 247 and 10 more, once past 255
         core.triggers(count)
-    assert core.core.reg[Register.TRIGGERS] == 260
+    assert core.core.reg[LightRegister.TRIGGERS] == 260
 
 
 @pytest.mark.parametrize("way", ["read", "write"])
 def test_each_transaction_starts_the_watchdogs_time_anew(new: Callable[[], Logic], way: str) -> None:
     core = new()
-    core.write(Register.WATCHDOG, 100)
-    core.write(Register.SOFT_START, 0)
-    core.write(Register.LEVEL, 200)
+    core.write(LightRegister.WATCHDOG, 100)
+    core.write(LightRegister.SOFT_START, 0)
+    core.write(LightRegister.LEVEL, 200)
     core.ms(60)
     if way == "read":
-        core.read(Register.FAULTS)
+        core.read(LightRegister.FAULTS)
     else:
-        core.write(Register.SOFT_START, 0)
+        core.write(LightRegister.SOFT_START, 0)
     core.ms(100)
     assert core.duty() > 0
     core.ms(1)
@@ -395,17 +395,17 @@ def test_each_transaction_starts_the_watchdogs_time_anew(new: Callable[[], Logic
 def test_the_pec_is_acknowledged_when_the_write_is_allowed_and_no_byte_after_it(
     new: Callable[[], Logic], level: int, acknowledged: bool
 ) -> None:
-    data = bytes([Register.LEVEL, level & 0xFF, level >> 8])
+    data = bytes([LightRegister.LEVEL, level & 0xFF, level >> 8])
     asked = new().bytes_in(data + bytes([crc8(bytes([WRITE]) + data)]))
     assert asked == [True, True, acknowledged, False]
 
 
 def test_a_read_without_a_command_never_looks_right(new: Callable[[], Logic]) -> None:
     core = new()
-    core.read(Register.IDENTITY)
+    core.read(LightRegister.IDENTITY)
     low, high, pec = core.bare_read()
     assert pec != crc8(bytes([READ, low, high]))
-    data = bytes([WRITE, Register.LEVEL, 100, 0])
+    data = bytes([WRITE, LightRegister.LEVEL, 100, 0])
     data += bytes([crc8(data)])
     core.bytes_in(data[1:])
     low, high, pec = core.bare_read()
@@ -414,9 +414,9 @@ def test_a_read_without_a_command_never_looks_right(new: Callable[[], Logic]) ->
 
 def test_a_second_stop_does_not_write_again(new: Callable[[], Logic]) -> None:
     core = new()
-    core.write(Register.WATCHDOG, 100)
-    core.write(Register.LEVEL, 100)
+    core.write(LightRegister.WATCHDOG, 100)
+    core.write(LightRegister.LEVEL, 100)
     core.ms(101)
-    assert core.core.reg[Register.LEVEL] == 0
+    assert core.core.reg[LightRegister.LEVEL] == 0
     core.stop()
-    assert core.core.reg[Register.LEVEL] == 0
+    assert core.core.reg[LightRegister.LEVEL] == 0

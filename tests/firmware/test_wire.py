@@ -8,7 +8,7 @@ from firmware_rig.smbus_adapter import WireSmBus, crc8
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination.client import Illumination
-from palpate_edge.illumination.registers import I2C_ADDRESS, Fault, Register
+from palpate_edge.illumination.registers import I2C_ADDRESS, Fault, LightRegister
 
 TICK = CLOCK_HZ // 1000  # cycles
 PHASES = 30
@@ -28,7 +28,7 @@ def client(bus: WireSmBus) -> Illumination:
 
 def test_nobody_at_another_address(bus: WireSmBus) -> None:
     with pytest.raises(OSError, match="Remote I/O"):
-        bus.read_word_data(I2C_ADDRESS + 1, Register.IDENTITY)
+        bus.read_word_data(I2C_ADDRESS + 1, LightRegister.IDENTITY)
 
 
 def test_client_sets_the_level_and_the_pwm_follows(
@@ -63,12 +63,12 @@ def test_client_refuses_out_of_range_before_the_wire(client: Illumination) -> No
 
 def test_out_of_range_on_the_wire_is_not_acknowledged(bus: WireSmBus) -> None:
     with pytest.raises(OSError, match="Remote I/O"):
-        bus.write_word_data(I2C_ADDRESS, Register.LEVEL, 256)
-    assert bus.read_word_data(I2C_ADDRESS, Register.LEVEL) == 0
+        bus.write_word_data(I2C_ADDRESS, LightRegister.LEVEL, 256)
+    assert bus.read_word_data(I2C_ADDRESS, LightRegister.LEVEL) == 0
 
 
 def test_silence_of_the_board_darkens(client: Illumination, controller: SimulatedController) -> None:
-    client.write(Register.WATCHDOG, 100)
+    client.write(LightRegister.WATCHDOG, 100)
     client.set_level(200)
     controller.run_ms(150)
     assert controller.led_share(10) == 0.0
@@ -93,7 +93,7 @@ def flash_after(
     controller.trigger_at(edge)
     while controller.cycle < edge + 5 * TICK:
         if traffic:
-            client.read(Register.FAULTS)
+            client.read(LightRegister.FAULTS)
         else:
             controller.run_ms(0.5)
     on, off = controller.led_edges(edge)
@@ -101,8 +101,8 @@ def flash_after(
 
 
 def strobe(client: Illumination, controller: SimulatedController, delay: int, width: int) -> None:
-    client.write(Register.STROBE_DELAY, delay)
-    client.write(Register.STROBE_WIDTH, width)
+    client.write(LightRegister.STROBE_DELAY, delay)
+    client.write(LightRegister.STROBE_WIDTH, width)
     client.set_level(250)
     controller.run_ms(250)
 
@@ -114,7 +114,7 @@ def test_flash_follows_the_trigger(client: Illumination, controller: SimulatedCo
     on, off = flash_after(controller, client, controller.cycle)
     assert on == pytest.approx(320, abs=40)
     assert off == pytest.approx(1920, abs=40)
-    assert client.read(Register.TRIGGERS) == 1
+    assert client.read(LightRegister.TRIGGERS) == 1
 
 
 @pytest.mark.parametrize("traffic", [False, True], ids=["quiet", "I2C traffic"])
@@ -136,7 +136,7 @@ def test_no_phase_of_the_tick_delays_the_flash(
     constant_us = 0 if delay else 6.5  # there is no time to make up for the way through the interrupt
     assert all(late == pytest.approx(constant_us, abs=4) for late in late_us)
     assert all(end == pytest.approx(0, abs=4) for end in end_us)
-    assert client.read(Register.TRIGGERS) == PHASES
+    assert client.read(LightRegister.TRIGGERS) == PHASES
 
 
 def test_one_edge_gives_one_flash(client: Illumination, controller: SimulatedController) -> None:
@@ -165,21 +165,21 @@ def test_an_edge_during_a_flash_ends_it_and_begins_anew(
         assert share(15, 315) == 0.0
     assert share(32 * delay + 10, 32 * delay + 1590) > 0.9
     assert share(32 * delay + 1610, 40_000) == 0.0
-    assert client.read(Register.TRIGGERS) == 2
+    assert client.read(LightRegister.TRIGGERS) == 2
 
 
 @pytest.mark.parametrize("delay", [10, 0])
 def test_steady_light_takes_no_notice_of_edges(
     client: Illumination, controller: SimulatedController, delay: int
 ) -> None:
-    client.write(Register.STROBE_DELAY, delay)
+    client.write(LightRegister.STROBE_DELAY, delay)
     client.set_level(128)
     controller.run_ms(250)
     periods = controller.led_rises(10)
     for i in range(20):
         controller.trigger_at(controller.cycle + i * 7 * PWM_PERIOD // 2)  # half a period off
     assert controller.led_rises(12) == pytest.approx(periods * 1.2, abs=2)
-    assert client.read(Register.TRIGGERS) == 20
+    assert client.read(LightRegister.TRIGGERS) == 20
 
 
 def test_the_flash_follows_new_settings_and_steady_light_comes_back(
@@ -189,7 +189,7 @@ def test_the_flash_follows_new_settings_and_steady_light_comes_back(
     strobe(client, controller, 20, 10)
     on, off = flash_after(controller, client, controller.cycle)
     assert (on, off) == (pytest.approx(640, abs=4), pytest.approx(960, abs=4))
-    client.write(Register.STROBE_WIDTH, 0)
+    client.write(LightRegister.STROBE_WIDTH, 0)
     controller.run_ms(2)
     assert controller.led_share(10) == pytest.approx((250 / 255) ** 2, abs=0.005)
 
@@ -245,10 +245,10 @@ def test_a_client_of_another_map_is_refused(bus: WireSmBus, monkeypatch: pytest.
 
 
 def test_a_write_that_goes_on_after_its_pec_is_forgotten(bus: WireSmBus) -> None:
-    message = [I2C_ADDRESS << 1, Register.LEVEL, 100, 0]
+    message = [I2C_ADDRESS << 1, LightRegister.LEVEL, 100, 0]
     with pytest.raises(OSError, match="Remote I/O"):
         bus.send([*message, crc8(bytes(message)), 0])
-    assert bus.read_word_data(I2C_ADDRESS, Register.LEVEL) == 0
+    assert bus.read_word_data(I2C_ADDRESS, LightRegister.LEVEL) == 0
 
 
 def test_a_stop_within_a_byte_leaves_the_controller_alive(
@@ -256,9 +256,9 @@ def test_a_stop_within_a_byte_leaves_the_controller_alive(
 ) -> None:
     controller.start()
     controller.send(I2C_ADDRESS << 1)
-    controller.send_bits(Register.LEVEL, 3)
+    controller.send_bits(LightRegister.LEVEL, 3)
     controller.stop()
-    assert client.read(Register.IDENTITY) == 0x5041
+    assert client.read(LightRegister.IDENTITY) == 0x5041
     client.set_level(3)
 
 
@@ -274,5 +274,5 @@ def test_noise_on_the_wires_leaves_the_controller_alive(client: Illumination, bu
             bus.send(message)
         except OSError:
             continue
-    assert client.read(Register.IDENTITY) == 0x5041
-    assert client.read(Register.LEVEL) == 0
+    assert client.read(LightRegister.IDENTITY) == 0x5041
+    assert client.read(LightRegister.LEVEL) == 0

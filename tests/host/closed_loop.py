@@ -14,7 +14,7 @@ import numpy as np
 from palpate_edge.common.contact import Contact
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.config.hand_config import HandConfig, JointConfig
-from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.service.host_core import HostCore
@@ -77,7 +77,9 @@ class Doubt:
     late_us: int = 0
 
 
-def make_closed_loop(bench, config: HandConfig, hand: Hand, motor: type[EngineMotor] = EngineMotor, seed=0):
+def make_closed_loop(
+    bench, config: HandConfig, hand: HandKinematics, motor: type[EngineMotor] = EngineMotor, seed=0
+):
     """A rig of `bench` (the module virtual_bench.py) around a fresh engine."""
 
     class ClosedLoop(bench.VirtualBench):

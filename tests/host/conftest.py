@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 
 
 def _load_bench() -> ModuleType:
@@ -31,7 +31,7 @@ def bench() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def table_4(bench: ModuleType) -> tuple[HandConfig, Hand]:
+def table_4(bench: ModuleType) -> tuple[HandConfig, HandKinematics]:
     """Configuration and hand of models/table4.toml."""
-    result: tuple[HandConfig, Hand] = bench.load_table_4()
+    result: tuple[HandConfig, HandKinematics] = bench.load_table_4()
     return result

@@ -13,7 +13,7 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.signals import stop_event
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.config import hand_config
 
 PERIOD_US = 33_333
@@ -40,7 +40,7 @@ def felt(sequence: int, exposed_at_us: int) -> Contact:
 def main(config_path: Path, names: list[str]) -> None:
     config = hand_config.load(config_path)
     tips = [
-        FingertipNode(finger.fingertip_node, Method.CORRECTED, "0" * 16)
+        FingertipNode(finger.fingertip_node, MethodCode.CORRECTED, "0" * 16)
         for finger in config.fingers
         if not names or finger.name in names
     ]

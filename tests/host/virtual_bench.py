@@ -16,13 +16,13 @@ import palpate_host
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host import load_hand
-from palpate_host.service.host_core import HostCore, Output
+from palpate_host.service.host_core import HostCore, HostOutput
 from palpate_twin.drives.hand_drives import drives_of
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 
@@ -38,7 +38,7 @@ Feel = Callable[[int, int, HandPose], tuple[float, float, float] | None]
 Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
 
 
-def load_table_4() -> tuple[HandConfig, Hand]:
+def load_table_4() -> tuple[HandConfig, HandKinematics]:
     return load_hand(TABLE_4)
 
 
@@ -56,7 +56,7 @@ class VirtualBench:
     """Everything on one bus; `run` moves it on. `log` holds every frame that was on the bus."""
 
     def __init__(
-        self, config: HandConfig, hand: Hand, feel: Feel = apex_only, to_host: Filter = same
+        self, config: HandConfig, hand: HandKinematics, feel: Feel = apex_only, to_host: Filter = same
     ) -> None:
         self.hand = hand
         self.core = HostCore(config, hand)
@@ -68,7 +68,7 @@ class VirtualBench:
         self.now_us = START_US
         self.log: list[tuple[int, CanFrame]] = []
         self.statuses: list[HostStatus] = []
-        self.output: Output | None = None
+        self.output: HostOutput | None = None
         self.silent: set[int] = set()  # nodes without power; the host's id: it gets no processor
         self.cut_off: set[int] = set()  # nodes that run and neither hear nor are heard
         self._due_us: dict[int, int] = {}  # node with power -> when it wants to be asked
@@ -159,7 +159,7 @@ class VirtualBench:
 
 
 def make_tip(node_id: int) -> FingertipNode:
-    return FingertipNode(node_id, Method.CORRECTED, "0" * 16)
+    return FingertipNode(node_id, MethodCode.CORRECTED, "0" * 16)
 
 
 def contact_at(point: tuple[float, float, float] | None, sequence: int, exposed_us: int) -> Contact:

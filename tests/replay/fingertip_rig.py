@@ -17,7 +17,7 @@ from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
 from palpate_edge.common.contact import Contact
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Health, Method
+from palpate_edge.node.fingertip_objects import Health, MethodCode
 
 HERE = Path(__file__).parent
 RECORDING = HERE.parents[1] / "demo" / "recording"
@@ -74,7 +74,9 @@ def fingertip_frames(name: str, records: tuple[LogRecord, ...]) -> list[LogRecor
     begin_us = records[0].stamp_us
     stops_us = begin_us + CAMERA_STOPS_US.get(name, 1 << 40)
     off_us, on_us = (begin_us + at for at in BUS_OFF_US.get(name, (1 << 40, 1 << 40)))
-    core = FingertipCore(FingertipNode(NODE, Method.PAPER, "0" * 16), "finger-2", CAMERA_TIMEOUT_US, begin_us)
+    core = FingertipCore(
+        FingertipNode(NODE, MethodCode.PAPER, "0" * 16), "finger-2", CAMERA_TIMEOUT_US, begin_us
+    )
     events: list[tuple[int, int, object]] = [
         (record.stamp_us, 0, record.frame)
         for record in records

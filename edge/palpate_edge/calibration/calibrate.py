@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from palpate_edge.calibration.measurement import Measured, measure
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
-from palpate_edge.estimation.calibration import Bead, Calibration, Source
+from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
@@ -57,7 +57,9 @@ def calibrate(
         contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
-        source=Source(dataset.folder.resolve().name, len(dataset.reference), len(measured.touches)),
+        source=CalibrationSource(
+            dataset.folder.resolve().name, len(dataset.reference), len(measured.touches)
+        ),
         model=model,
         stiffness_scale=stiffness_scale,
     )

@@ -17,7 +17,7 @@ from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.blob_detection import plane, unlit_grey
 from palpate_edge.vision.registration import FirstSight, first_sight
-from palpate_edge.vision.shading import SkinLight, skin_slope
+from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
 from palpate_edge.vision.tracker import Beads, Reference, Tracker, spacing
 
@@ -120,7 +120,7 @@ def _measure_reference(
         / np.maximum(beads.contrast, 1.0)[:, None]
         for dark, beads in zip(planes, rough, strict=True)
     ]
-    light = SkinLight(np.asarray(np.median(slopes, axis=0)), unlit_grey(sight.appearance))
+    light = Shading(np.asarray(np.median(slopes, axis=0)), unlit_grey(sight.appearance))
     refiner = Refiner(sight.diameter_px, spacing_px, light)
     frames = [refiner.refine(dark, sight.position_px) for dark in planes]
     reference, measured = _reference(sight, frames, light)
@@ -130,7 +130,7 @@ def _measure_reference(
 
 
 def _reference(
-    sight: FirstSight, frames: list[Refined], light: SkinLight
+    sight: FirstSight, frames: list[Refined], light: Shading
 ) -> tuple[Reference, NDArray[np.bool_]]:
     """Medians over the frames, and which beads were really measured.
 
@@ -148,5 +148,5 @@ def _reference(
     contrast, area, unevenness = (
         np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)
     )
-    light = SkinLight(np.where(measured[:, None], light.slope, 0.0), light.unlit)
+    light = Shading(np.where(measured[:, None], light.slope, 0.0), light.unlit)
     return Reference(place, sight.diameter_px, contrast, area, light, unevenness), measured

@@ -45,8 +45,7 @@ from palpate_edge.node.events import (
     StoreRequested,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health
-from palpate_edge.node.fingertip_objects import Method as MethodCode
+from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health, MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5

@@ -26,7 +26,7 @@ from palpate_edge.node.events import (
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import LATENCY_HISTOGRAM, BusClockState, Health
 from palpate_edge.node.nmt import NmtCommand, NmtState
-from palpate_edge.node.slave import Output
+from palpate_edge.node.slave import SlaveOutput
 
 REPORT_EVERY_US = 1_000_000  # 2042h
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
@@ -38,7 +38,7 @@ BUS_CLOCK_STATES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class CoreStep:
     """frames_out: to send, in order; next_due_us: when to call `poll` again at the latest; events: of the
     node, for the rim to see to what is its own."""
 
@@ -119,7 +119,7 @@ class FingertipCore:
         self.emergencies.set(Emergency.LIGHT_LOST, lost)
         self.emergencies.set(Emergency.LED_TOO_HOT, too_hot)
 
-    def poll(self, now_us: int) -> Step:
+    def poll(self, now_us: int) -> CoreStep:
         """Serve what is due, and hand over what there is to send."""
         if self.watch.is_stalled(now_us) and not self._capture_failed:
             self.emergencies.set(Emergency.CAMERA_STALLED, True)
@@ -133,7 +133,7 @@ class FingertipCore:
         due_us = min(output.next_due_us, self._report_at_us)
         if not self._withdrawn:
             due_us = min(due_us, self.watch.stalls_at_us)
-        step = Step(tuple(self._frames_out), due_us, tuple(self._events))
+        step = CoreStep(tuple(self._frames_out), due_us, tuple(self._events))
         self._frames_out.clear()
         self._events.clear()
         return step
@@ -159,7 +159,7 @@ class FingertipCore:
         state = BUS_CLOCK_STATES[self.clock.state(now_us)]
         self._node.report_bus_clock(state, self.clock.drift_ppb, self.clock.error_us(now_us))
 
-    def _take(self, output: Output) -> None:
+    def _take(self, output: SlaveOutput) -> None:
         self._frames_out += output.frames_out
         self._events += output.events
         for event in output.events:

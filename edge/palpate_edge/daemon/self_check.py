@@ -52,7 +52,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CheckRow:
     """One part. way_out: empty when it is in order."""
 
     part: str
@@ -62,7 +62,7 @@ class Row:
     way_out: str
 
 
-def check(config: FingertipConfig, report: HealthReport | None) -> list[Row]:
+def check(config: FingertipConfig, report: HealthReport | None) -> list[CheckRow]:
     """All parts; report: what the running daemon says, None when none runs."""
     calibration, calibration_rows = _check_calibration(config)
     if report is None:
@@ -78,38 +78,38 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[Row]:
     return [*rows, _check_light(config, report)]
 
 
-def judge_light(light: LightHealth) -> Row:
+def judge_light(light: LightHealth) -> CheckRow:
     """The LED ring's controller and its temperatures."""
     if light.problem or light.led_degC is None:
-        return Row("temperature", "no answer", "", Verdict.FAIL, light.problem)
+        return CheckRow("temperature", "no answer", "", Verdict.FAIL, light.problem)
     silicone = "unknown" if light.silicone_degC is None else f"{light.silicone_degC:.1f} degC"
     value = f"silicone {silicone}, LED {light.led_degC:.1f} degC, level {light.level}"
     if light.faults:
         way_out = f"{light.faults}: see the faults in docs/illumination.md"
-        return Row("temperature", value, "no fault", Verdict.WARN, way_out)
-    return Row("temperature", value, "no fault", Verdict.OK, "")
+        return CheckRow("temperature", value, "no fault", Verdict.WARN, way_out)
+    return CheckRow("temperature", value, "no fault", Verdict.OK, "")
 
 
-def _check_light(config: FingertipConfig, report: HealthReport | None) -> Row:
+def _check_light(config: FingertipConfig, report: HealthReport | None) -> CheckRow:
     """By the daemon's word, or else asked for; the controller answers two masters in turn."""
     bus = config.illumination.i2c_bus
     if bus is None:
-        return Row("temperature", "no illumination controller", "", Verdict.ABSENT, "")
+        return CheckRow("temperature", "no illumination controller", "", Verdict.ABSENT, "")
     if report is not None and report.light is not None:
         return judge_light(report.light)
     try:
         with closing(Illumination.open(bus, config.illumination.address)) as controller:
             return judge_light(light_health(LightState(controller.state(), "")))
     except IlluminationError as error:
-        return Row("temperature", "no answer", "", Verdict.FAIL, str(error))
+        return CheckRow("temperature", "no answer", "", Verdict.FAIL, str(error))
 
 
-def exit_status(rows: list[Row]) -> int:
+def exit_status(rows: list[CheckRow]) -> int:
     """0, or 1 when a part fails."""
     return int(any(row.verdict is Verdict.FAIL for row in rows))
 
 
-def as_table(rows: list[Row]) -> str:
+def as_table(rows: list[CheckRow]) -> str:
     """Columns of text, a line for each part and one for each way out."""
     lines = []
     for row in rows:
@@ -119,7 +119,7 @@ def as_table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def judge_camera(camera: CameraHealth, timeout_ms: int) -> Row:
+def judge_camera(camera: CameraHealth, timeout_ms: int) -> CheckRow:
     """Frames of the last second against the rate that was asked for, and what the last minute dropped."""
     limit = f"a frame each {timeout_ms} ms, <= {100 * MOST_DROPPED_SHARE:.0f} % dropped"
     if camera.wanted_fps is not None:
@@ -128,76 +128,76 @@ def judge_camera(camera: CameraHealth, timeout_ms: int) -> Row:
     value = f"{camera.fps:.1f} frames/s, {camera.dropped} dropped, {lately_percent:.1f} % lately"
     if camera.age_ms is None or camera.age_ms > timeout_ms:
         way_out = f"{camera.source} gives no frames: check its cable, then the daemon's last lines"
-        return Row("camera", value, limit, Verdict.FAIL, way_out)
+        return CheckRow("camera", value, limit, Verdict.FAIL, way_out)
     if camera.wanted_fps is not None and camera.fps < LEAST_RATE_SHARE * camera.wanted_fps - 1:
         way_out = "shorten capture.camera.exposure_us, or choose another capture.camera.format"
-        return Row("camera", value, limit, Verdict.WARN, way_out)
+        return CheckRow("camera", value, limit, Verdict.WARN, way_out)
     if camera.dropped_share > MOST_DROPPED_SHARE:
         way_out = "the board is too slow for this rate, or USB too narrow: lower capture.camera.fps"
-        return Row("camera", value, limit, Verdict.WARN, way_out)
-    return Row("camera", value, limit, Verdict.OK, "")
+        return CheckRow("camera", value, limit, Verdict.WARN, way_out)
+    return CheckRow("camera", value, limit, Verdict.OK, "")
 
 
-def judge_beads(beads: BeadHealth) -> Row:
+def judge_beads(beads: BeadHealth) -> CheckRow:
     """Beads of the last frame, and whether it was believed."""
     value = f"{beads.found} of {beads.expected}, {beads.refused} frames refused"
     limit = f">= {100 * MIN_BEADS_SHARE:.0f} %"
     if beads.reason:
         way_out = f"{beads.reason}; look at palpate-edge inspect FRAME --calibration FILE"
-        return Row("beads", value, limit, Verdict.FAIL, way_out)
+        return CheckRow("beads", value, limit, Verdict.FAIL, way_out)
     if beads.found < FEW_BEADS_SHARE * beads.expected:
-        return Row("beads", value, limit, Verdict.WARN, "clean the dome; check exposure and LED")
-    return Row("beads", value, limit, Verdict.OK, "")
+        return CheckRow("beads", value, limit, Verdict.WARN, "clean the dome; check exposure and LED")
+    return CheckRow("beads", value, limit, Verdict.OK, "")
 
 
-def judge_bus(bus: BusHealth) -> Row:
+def judge_bus(bus: BusHealth) -> CheckRow:
     """Whether it carries frames."""
     value = f"{bus.interface} {bus.state}, {bus.sent} sent, {bus.received} received"
     limit = "up, nothing dropped lately"
     if bus.state != "up":
-        return Row("bus", value, limit, Verdict.FAIL, "check wiring, termination, bit rate; ip -s link")
+        return CheckRow("bus", value, limit, Verdict.FAIL, "check wiring, termination, bit rate; ip -s link")
     if bus.error_passive or bus.dropped_lately:
         dropped = f"{bus.dropped_lately} PDOs dropped in the last minute"
         trouble = "error passive" if bus.error_passive else dropped
         way_out = f"{trouble}: check wiring and termination, and the load (palpate-host bus budget)"
-        return Row("bus", value, limit, Verdict.WARN, way_out)
-    return Row("bus", value, limit, Verdict.OK, "")
+        return CheckRow("bus", value, limit, Verdict.WARN, way_out)
+    return CheckRow("bus", value, limit, Verdict.OK, "")
 
 
-def judge_clock(clock: ClockHealth) -> Row:
+def judge_clock(clock: ClockHealth) -> CheckRow:
     """Whether exposures are told on the bus's clock."""
     limit = f"synchronised, error <= {CLOCK_LIMIT_US} us"
     value = f"{clock.state}, error {clock.error_us} us, drift {clock.drift_ppm:+.1f} ppm"
     if clock.state == ClockState.FREE.value:
         way_out = "no SYNC with 1013h is heard: start palpate-host run, and the node"
-        return Row("clock", "own clock", limit, Verdict.WARN, way_out)
+        return CheckRow("clock", "own clock", limit, Verdict.WARN, way_out)
     if clock.state == ClockState.LOST.value:
-        return Row("clock", value, limit, Verdict.FAIL, "SYNC with 1013h has ended: does the host run?")
+        return CheckRow("clock", value, limit, Verdict.FAIL, "SYNC with 1013h has ended: does the host run?")
     if clock.error_us > CLOCK_LIMIT_US:
-        return Row("clock", value, limit, Verdict.WARN, "wait half a minute; is the bus overloaded?")
-    return Row("clock", value, limit, Verdict.OK, "")
+        return CheckRow("clock", value, limit, Verdict.WARN, "wait half a minute; is the bus overloaded?")
+    return CheckRow("clock", value, limit, Verdict.OK, "")
 
 
-def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, list[Row]]:
+def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, list[CheckRow]]:
     path = Path(config.estimator.calibration)
     try:
         calibration = load_calibration(path)
         method = Estimator(calibration).method.value
     except PalpateError as error:
-        return None, [Row("calibration", path.name, "whole, of this sensor", Verdict.FAIL, str(error))]
-    rows = [Row("calibration", f"{path.name} {calibration.checksum[:16]}", "whole", Verdict.OK, "")]
+        return None, [CheckRow("calibration", path.name, "whole, of this sensor", Verdict.FAIL, str(error))]
+    rows = [CheckRow("calibration", f"{path.name} {calibration.checksum[:16]}", "whole", Verdict.OK, "")]
     if calibration.model:
-        rows.append(Row("model", f"{len(calibration.model) / 1e6:.1f} MB, {method}", "", Verdict.OK, ""))
+        rows.append(CheckRow("model", f"{len(calibration.model) / 1e6:.1f} MB, {method}", "", Verdict.OK, ""))
     else:
         way_out = "run palpate-edge calibrate without --no-model"
-        rows.append(Row("model", f"none, {best_method(calibration).value}", "", Verdict.WARN, way_out))
+        rows.append(CheckRow("model", f"none, {best_method(calibration).value}", "", Verdict.WARN, way_out))
     return calibration, rows
 
 
-def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> list[Row]:
+def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> list[CheckRow]:
     """Read and estimate frames for a second."""
     if calibration is None:
-        return [Row("camera", "not tried", "", Verdict.WARN, "needs a calibration, see below")]
+        return [CheckRow("camera", "not tried", "", Verdict.WARN, "needs a calibration, see below")]
     notes: list[str] = []
     try:
         clock = clock_of(config.bus)
@@ -214,7 +214,7 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         finally:
             source.close()
     except PalpateError as error:
-        return [Row("camera", "not usable", "", Verdict.FAIL, str(error))]
+        return [CheckRow("camera", "not usable", "", Verdict.FAIL, str(error))]
     wanted = config.capture.camera.fps or calibration.sensor.camera.fps
     camera = CameraHealth(
         source=config.capture.path or config.capture.camera.usb_serial,
@@ -225,7 +225,7 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         dropped_share=dropped_share,
     )
     rows = [judge_camera(camera, config.capture.timeout_ms)]
-    rows += [Row("camera", "", "", Verdict.WARN, note) for note in notes]
+    rows += [CheckRow("camera", "", "", Verdict.WARN, note) for note in notes]
     if contacts:
         last = contacts[-1]
         refused = sum(not contact.valid for contact in contacts)
@@ -239,7 +239,7 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
     return rows
 
 
-def _try_bus(config: FingertipConfig) -> list[Row]:
+def _try_bus(config: FingertipConfig) -> list[CheckRow]:
     """Listen for a second; nothing is sent."""
     clock, received = BusClock(), 0
     try:
@@ -252,7 +252,7 @@ def _try_bus(config: FingertipConfig) -> list[Row]:
                     _tell(clock, local.at_unix_us, stamp_us, frame.can_id, frame.data)
             passive = bus.error_passive
     except PalpateError as error:
-        return [Row("bus", config.bus.interface, "up", Verdict.FAIL, str(error))]
+        return [CheckRow("bus", config.bus.interface, "up", Verdict.FAIL, str(error))]
     now_us = local.now_us()
     bus_row = judge_bus(
         BusHealth(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.vision.blob_detection import Appearance, unlit_grey
-from palpate_edge.vision.shading import SkinLight
+from palpate_edge.vision.shading import Shading
 from palpate_edge.vision.tracker import Reference
 
 FORMAT = "palpate-calibration"
@@ -33,7 +33,7 @@ class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ring: int
 
 
-class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a calibration was made from."""
 
     dataset: str
@@ -58,7 +58,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     contact_threshold_px: float
     paper: PaperModel
     residual_px: float
-    source: Source
+    source: CalibrationSource
     model: bytes = b""
     stiffness_scale: float | None = None
     contact_threshold_N: float | None = None
@@ -76,7 +76,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             diameter_px=np.array([bead.diameter_px for bead in self.beads]),
             contrast=np.array([bead.contrast for bead in self.beads]),
             area=np.array([bead.area for bead in self.beads]),
-            light=SkinLight(
+            light=Shading(
                 np.array([(bead.slope_x, bead.slope_y) for bead in self.beads]), unlit_grey(self.appearance)
             ),
             unevenness=np.array([bead.unevenness for bead in self.beads]),

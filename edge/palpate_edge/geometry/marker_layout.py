@@ -37,7 +37,7 @@ MIN_SHELL = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MarkerLayout:
     """n beads on a sphere, ring by ring from the apex, in each by growing azimuth.
 
     position_mm (n, 3) in F: on ideal rings; ring_of (n,): ring of each; order (n,): which of the given
@@ -50,7 +50,7 @@ class Layout:
     pose: CameraPose
 
 
-def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> Layout:
+def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> MarkerLayout:
     """The layout on a sphere of `radius_mm` that `camera`, not quite where it should be, sees at
     `position_px` (n, 2), in any order.
 
@@ -69,7 +69,7 @@ def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> Layout
         pose = fit_pose(camera, ideal_mm, position_px)
     azimuth = np.arctan2(ideal_mm[:, 1], ideal_mm[:, 0])
     order = np.lexsort((azimuth, ring_of)).astype(np.intp)
-    return Layout(ideal_mm[order], ring_of[order], order, pose)
+    return MarkerLayout(ideal_mm[order], ring_of[order], order, pose)
 
 
 def _first_pose(camera: Camera, radius_mm: float, position_px: Array) -> CameraPose:

@@ -22,7 +22,7 @@ from palpate_edge.illumination.registers import (
     SIGNED,
     VERSION,
     Fault,
-    Register,
+    LightRegister,
 )
 
 ATTEMPTS = 3
@@ -61,7 +61,11 @@ class Illumination:
         self._name = f"illumination controller {address:02X}h on {name}"
         self._address = address
         bus.pec = 1
-        expected = {Register.IDENTITY: IDENTITY, Register.VERSION: VERSION, Register.MAP_CRC: MAP_CRC}
+        expected = {
+            LightRegister.IDENTITY: IDENTITY,
+            LightRegister.VERSION: VERSION,
+            LightRegister.MAP_CRC: MAP_CRC,
+        }
         for register, value in expected.items():
             found = self.read(register)
             if found != value:
@@ -88,12 +92,12 @@ class Illumination:
     def close(self) -> None:
         self._bus.close()
 
-    def read(self, register: Register) -> int:
+    def read(self, register: LightRegister) -> int:
         """One register; signed where it says so."""
         value = self._repeated(register, lambda: self._bus.read_word_data(self._address, register))
         return value - 0x10000 if register in SIGNED and value & 0x8000 else value
 
-    def write(self, register: Register, value: int) -> None:
+    def write(self, register: LightRegister, value: int) -> None:
         """One register, read back; IlluminationError when out of range or not taken."""
         least, greatest = RANGES[register]
         if not least <= value <= greatest:
@@ -101,28 +105,28 @@ class Illumination:
 
         def write_and_look() -> None:
             self._bus.write_word_data(self._address, register, value)
-            if register is not Register.FAULT_CLEAR and self.read(register) != value:
+            if register is not LightRegister.FAULT_CLEAR and self.read(register) != value:
                 raise OSError(0, "another value was read back")
 
         self._repeated(register, write_and_look)
 
     def set_level(self, level: int) -> None:
         """Brightness 0 to 255."""
-        self.write(Register.LEVEL, level)
+        self.write(LightRegister.LEVEL, level)
 
     def clear(self, faults: Fault) -> None:
         """Clear latched faults; one whose cause stays comes back."""
-        self.write(Register.FAULT_CLEAR, int(faults))
+        self.write(LightRegister.FAULT_CLEAR, int(faults))
 
     def state(self) -> IlluminationState:
         return IlluminationState(
-            led_degC=self.read(Register.LED_TEMPERATURE) * SCALE_degC,
-            silicone_degC=self.read(Register.SILICONE_TEMPERATURE) * SCALE_degC,
-            duty=self.read(Register.DUTY) / 1023,
-            faults=Fault(self.read(Register.FAULTS)),
+            led_degC=self.read(LightRegister.LED_TEMPERATURE) * SCALE_degC,
+            silicone_degC=self.read(LightRegister.SILICONE_TEMPERATURE) * SCALE_degC,
+            duty=self.read(LightRegister.DUTY) / 1023,
+            faults=Fault(self.read(LightRegister.FAULTS)),
         )
 
-    def _repeated(self, register: Register, transaction: Callable[[], T]) -> T:
+    def _repeated(self, register: LightRegister, transaction: Callable[[], T]) -> T:
         """What the transaction gives; IlluminationError when it fails as often as it may."""
         for _ in range(ATTEMPTS - 1):
             try:

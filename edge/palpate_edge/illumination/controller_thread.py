@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination.client import Illumination, IlluminationState
-from palpate_edge.illumination.registers import Fault, Register
+from palpate_edge.illumination.registers import Fault, LightRegister
 
 TURN_S = 0.25  # a quarter of the controller's own watchdog
 FULL_LEVEL = 255
@@ -80,7 +80,7 @@ class Light:
                 self._controller = self._open()
             controller = self._controller
             level = self._level_of_turn()
-            if controller.read(Register.LEVEL) != level:
+            if controller.read(LightRegister.LEVEL) != level:
                 controller.set_level(level)
             state = controller.state()
             if Fault.BOARD_SILENT in state.faults:

@@ -13,7 +13,7 @@ I2C_ADDRESS = 0x002A
 MAP_CRC = 0xA181
 
 
-class Register(enum.IntEnum):
+class LightRegister(enum.IntEnum):
     """SMBus command of each 16-bit register."""
 
     IDENTITY = 0x00
@@ -48,15 +48,15 @@ class Fault(enum.IntFlag):
 
 
 RANGES = {
-    Register.LEVEL: (0, 255),
-    Register.SOFT_START: (0, 5000),
-    Register.WATCHDOG: (100, 10000),
-    Register.STROBE_DELAY: (0, 255),
-    Register.STROBE_WIDTH: (0, 255),
-    Register.DERATE_START: (300, 900),
-    Register.CUT_OFF: (400, 950),
-    Register.FAULT_CLEAR: (0, 255),
+    LightRegister.LEVEL: (0, 255),
+    LightRegister.SOFT_START: (0, 5000),
+    LightRegister.WATCHDOG: (100, 10000),
+    LightRegister.STROBE_DELAY: (0, 255),
+    LightRegister.STROBE_WIDTH: (0, 255),
+    LightRegister.DERATE_START: (300, 900),
+    LightRegister.CUT_OFF: (400, 950),
+    LightRegister.FAULT_CLEAR: (0, 255),
 }
 """Least and greatest value of each register that can be written."""
 
-SIGNED = frozenset({Register.LED_TEMPERATURE, Register.SILICONE_TEMPERATURE})
+SIGNED = frozenset({LightRegister.LED_TEMPERATURE, LightRegister.SILICONE_TEMPERATURE})

@@ -26,7 +26,7 @@ from palpate_edge.node.fingertip_objects import (
     BusClockState,
     Counter,
     Health,
-    Method,
+    MethodCode,
     encode_bus_clock,
     encode_contact,
     encode_health,
@@ -34,7 +34,7 @@ from palpate_edge.node.fingertip_objects import (
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
-from palpate_edge.node.slave import Output, Slave
+from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
 CONTACT_TPDOS = (1, 2, 3)
@@ -54,7 +54,7 @@ class FingertipNode:
     def __init__(
         self,
         node_id: int,
-        method: Method,
+        method: MethodCode,
         calibration_hash: str,
         *,
         model_hash: str = "",
@@ -81,7 +81,7 @@ class FingertipNode:
 
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
-    ) -> Output:
+    ) -> SlaveOutput:
         """See :meth:`Slave.process`."""
         self._count()
         return self.slave.process(now_us, frames_in, arrived_us)

@@ -27,7 +27,7 @@ TEMPERATURE_UNKNOWN = INT16_MAX
 TORSION_NOT_GIVEN = INT16_MIN
 
 
-class Method(IntEnum):
+class MethodCode(IntEnum):
     """Object 2000h."""
 
     PAPER = 0

@@ -28,7 +28,7 @@ FASTSCAN_RESET = 0x80
 HIGHEST_BIT = 31
 
 
-class Command(IntEnum):
+class LssCommand(IntEnum):
     """Command specifiers, the first byte."""
 
     SWITCH_GLOBAL = 0x04
@@ -75,7 +75,7 @@ class LssSlave:
 
     def confirm_store(self, stored: bool) -> list[CanFrame]:
         """The answer to the store request."""
-        return [answer(Command.STORE, OK if stored else STORAGE_FAILED)]
+        return [answer(LssCommand.STORE, OK if stored else STORAGE_FAILED)]
 
     def receive(self, data: bytes) -> CanFrame | None:
         """Serve one request; None where no answer is due."""
@@ -83,19 +83,19 @@ class LssSlave:
             return None
         command = data[0]
         number: int = struct.unpack_from("<I", data, 1)[0]
-        if command == Command.SWITCH_GLOBAL:
+        if command == LssCommand.SWITCH_GLOBAL:
             self._switch_global(data[1])
             return None
-        if Command.IDENTIFY_FIRST <= command <= Command.IDENTIFY_LAST:
-            return self._identify(command - Command.IDENTIFY_FIRST, number)
-        if command == Command.IDENTIFY_NON_CONFIGURED:
-            return answer(Command.NON_CONFIGURED_SLAVE) if self._is_unconfigured else None
+        if LssCommand.IDENTIFY_FIRST <= command <= LssCommand.IDENTIFY_LAST:
+            return self._identify(command - LssCommand.IDENTIFY_FIRST, number)
+        if command == LssCommand.IDENTIFY_NON_CONFIGURED:
+            return answer(LssCommand.NON_CONFIGURED_SLAVE) if self._is_unconfigured else None
         return self._configure(command, data) if self.configuring else self._wait(command, number, data)
 
     def _wait(self, command: int, number: int, data: bytes) -> CanFrame | None:
-        if Command.SELECT_FIRST <= command <= Command.SELECT_LAST:
-            return self._select(command - Command.SELECT_FIRST, number)
-        if command == Command.FASTSCAN and self._is_unconfigured:
+        if LssCommand.SELECT_FIRST <= command <= LssCommand.SELECT_LAST:
+            return self._select(command - LssCommand.SELECT_FIRST, number)
+        if command == LssCommand.FASTSCAN and self._is_unconfigured:
             return self._fastscan(number, *data[5:8])
         return None
 
@@ -120,7 +120,7 @@ class LssSlave:
             return None
         self._selected = 0
         self.configuring = True
-        return answer(Command.SELECTED)
+        return answer(LssCommand.SELECTED)
 
     def _identify(self, step: int, number: int) -> CanFrame | None:
         """Six requests: vendor, product, lowest and highest revision, lowest and highest serial number."""
@@ -137,13 +137,13 @@ class LssSlave:
         if self._identified < 6:
             return None
         self._identified = 0
-        return answer(Command.IDENTIFY_SLAVE)
+        return answer(LssCommand.IDENTIFY_SLAVE)
 
     def _fastscan(self, number: int, bit: int, part: int, next_part: int) -> CanFrame | None:
         """One question: are the bits from `bit` upwards of identity `part` those of `number`?"""
         if bit == FASTSCAN_RESET:
             self._fastscan_part = 0
-            return answer(Command.IDENTIFY_SLAVE)
+            return answer(LssCommand.IDENTIFY_SLAVE)
         if bit > HIGHEST_BIT or part > 3 or next_part > 3 or part != self._fastscan_part:
             return None
         if (self._identity(part) ^ number) >> bit:
@@ -151,24 +151,24 @@ class LssSlave:
         self._fastscan_part = next_part
         if bit == 0 and next_part < part:
             self.configuring = True
-        return answer(Command.IDENTIFY_SLAVE)
+        return answer(LssCommand.IDENTIFY_SLAVE)
 
     def _configure(self, command: int, data: bytes) -> CanFrame | None:
-        if Command.INQUIRE_FIRST <= command <= Command.INQUIRE_LAST:
-            part = command - Command.INQUIRE_FIRST
+        if LssCommand.INQUIRE_FIRST <= command <= LssCommand.INQUIRE_LAST:
+            part = command - LssCommand.INQUIRE_FIRST
             return CanFrame(SLAVE_ID, struct.pack("<BI3x", command, self._identity(part)))
         match command:
-            case Command.INQUIRE_NODE_ID:
+            case LssCommand.INQUIRE_NODE_ID:
                 return answer(command, self._objects.od.node_id)
-            case Command.CONFIGURE_NODE_ID:
+            case LssCommand.CONFIGURE_NODE_ID:
                 return answer(command, self._configure_node_id(data[1]))
-            case Command.CONFIGURE_BIT_TIMING:
+            case LssCommand.CONFIGURE_BIT_TIMING:
                 return answer(command, self._configure_bit_timing(data[1], data[2]))
-            case Command.ACTIVATE_BIT_TIMING:
+            case LssCommand.ACTIVATE_BIT_TIMING:
                 if self.pending_bit_rate_kbit_s is not None:
                     delay_ms: int = struct.unpack_from("<H", data, 1)[0]
                     self._activate(self.pending_bit_rate_kbit_s, 1000 * delay_ms)
-            case Command.STORE:
+            case LssCommand.STORE:
                 if not self._store(self.pending_node_id, self.pending_bit_rate_kbit_s):
                     return answer(command, STORAGE_FAILED)
         return None

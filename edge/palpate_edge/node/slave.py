@@ -65,7 +65,7 @@ def allow_write(_entry: Entry, _value: Value) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class SlaveOutput:
     """frames_out: to send, in order. next_due_us: when to call again if no frame comes before."""
 
     frames_out: tuple[CanFrame, ...]
@@ -156,7 +156,7 @@ class Slave:
 
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
-    ) -> Output:
+    ) -> SlaveOutput:
         """Serve the frames that came and the timers that ran out by `now_us`.
 
         arrived_us: when each frame came, on the clock of `now_us`; None: now. SYNC and time stamps are told
@@ -164,7 +164,7 @@ class Slave:
         """
         self._now_us = now_us
         if now_us < self._silent_until_us:
-            return Output((), min(self._silent_until_us, now_us + IDLE_US), ())
+            return SlaveOutput((), min(self._silent_until_us, now_us + IDLE_US), ())
         if self.state is NmtState.INITIALISING and self.node_id != UNCONFIGURED_NODE_ID:
             self._boot_up(None)
         for number, frame in enumerate(frames_in):
@@ -178,7 +178,7 @@ class Slave:
             due_us = min([*self._services.due_us(), due_us])
         frames, self._frames = tuple(self._frames), []
         events, self._events = tuple(self._events), []
-        return Output(frames, due_us, events)
+        return SlaveOutput(frames, due_us, events)
 
     def _connect(self) -> None:
         """Who serves which identifier; where two want one, the later line has it."""

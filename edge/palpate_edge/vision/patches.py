@@ -12,7 +12,7 @@ CORE_RADIUS, CORE_PIXELS = 0.25, 16  # the circle that tells the bead's
 SWIFT_WIDTH = 16  # bytes: numpy copies items of this size much faster than of one less
 
 
-class Windows:
+class Patches:
     """A plane, binned, with its outermost pixels repeated outwards, and its pixels about many centres.
 
     steps (w, 2): from a centre to the pixels of its square, columns first; circle_steps (n, 32, 2): to those

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Indices, Mask
 
-Windows = Callable[[Array, Indices], tuple[Array, Mask]]  # beads' places looked for from there, and found
+PatchSearch = Callable[[Array, Indices], tuple[Array, Mask]]  # beads' places looked for from there, and found
 
 NEAREST = 6  # neighbours of a bead that tell whether it moves as the skin does
 TORN = 0.3  # of the spacing: that much apart from most of its neighbours, a bead is another one
@@ -42,7 +42,7 @@ class Growth:
             return True
         return bool((self._apart(position_px)[found] > TORN).any())
 
-    def grow(self, position_px: Array, found: Mask, windows: Windows) -> tuple[Array, Mask]:
+    def grow(self, position_px: Array, found: Mask, windows: PatchSearch) -> tuple[Array, Mask]:
         """Places and finds of all beads, kept where the skin is quiet and looked for anew elsewhere."""
         position, moved = position_px.copy(), position_px - self._reference
         quiet = np.linalg.norm(moved, axis=1) < QUIET * self._spacing

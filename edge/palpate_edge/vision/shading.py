@@ -16,7 +16,7 @@ OUTLIER_GREY = 6.0  # a pixel farther from the plane is another bead's, a highli
 
 
 @dataclass(frozen=True, slots=True)
-class SkinLight:
+class Shading:
     """The light on the skin about n beads. slope (n, 2): by how much the skin's grey grows from pixel to
     pixel, over the bead's contrast; unlit: the plane's grey without light (markers.unlit_grey), None where
     beads are told by colour: they are taken for flat then."""

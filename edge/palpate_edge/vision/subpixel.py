@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
-from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Windows
-from palpate_edge.vision.shading import SkinLight, skin_reach
+from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Patches
+from palpate_edge.vision.shading import Shading, skin_reach
 
 BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels of two by two
 DISK_RADIUS = 0.8  # of the pixels that weigh in the centroid, in bead diameters
@@ -51,7 +51,7 @@ class Refiner:
     """Weighted centroids of many beads at once; made once a layout, called every frame."""
 
     def __init__(
-        self, diameter_px: Array, spacing_px: Array | None = None, light: SkinLight | None = None
+        self, diameter_px: Array, spacing_px: Array | None = None, light: Shading | None = None
     ) -> None:
         """diameter_px (n,) of each bead; spacing_px (n,): distance to the nearest other bead, whose pixels
         are kept out; light: even where it is not told."""
@@ -62,7 +62,7 @@ class Refiner:
             disk = np.minimum(disk, skin_reach(diameter, spacing_px / self._binning))
         slope = np.zeros((len(diameter), 2)) if light is None else light.slope * self._binning
         self._unlit = None if light is None else light.unlit
-        self._windows = Windows(self._binning, int(disk.max()), diameter)
+        self._windows = Patches(self._binning, int(disk.max()), diameter)
         steps = self._windows.steps
         in_disk = np.hypot(*steps.T) <= disk[:, None]
         self._slope = (slope @ steps.T).astype(np.float32)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.region_growing import Growth
-from palpate_edge.vision.shading import SkinLight
+from palpate_edge.vision.shading import Shading
 from palpate_edge.vision.subpixel import Refiner
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
@@ -40,7 +40,7 @@ class Reference:
     diameter_px: Array
     contrast: Array
     area: Array
-    light: SkinLight | None = None
+    light: Shading | None = None
     unevenness: Array | None = None
 
     @property

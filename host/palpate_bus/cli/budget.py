@@ -43,11 +43,11 @@ def budget(
     """
     from rich.console import Console  # noqa: PLC0415 - no other command of the hub needs it
 
-    from palpate_bus.load.budget import Case  # noqa: PLC0415
+    from palpate_bus.load.budget import BudgetCase  # noqa: PLC0415
     from palpate_bus.load.budget import budget as budget_of  # noqa: PLC0415
     from palpate_bus.load.budget_table import show  # noqa: PLC0415
 
-    case = Case(
+    case = BudgetCase(
         fingertips=fingertips,
         joints=fingertips * joints if drives is None else drives,
         frames_per_s=fps,

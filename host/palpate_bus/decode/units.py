@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_bus.eds.cia402 import state_of
-from palpate_edge.node.fingertip_objects import ContactFlag, Method
+from palpate_edge.node.fingertip_objects import ContactFlag, MethodCode
 
 FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
 TEMPERATURE_UNKNOWN = 0x7FFF
@@ -96,7 +96,7 @@ def _temperature(raw: int) -> str:
 
 
 def _method(raw: int) -> str:
-    return next((method.name.lower() for method in Method if method == raw), "")
+    return next((method.name.lower() for method in MethodCode if method == raw), "")
 
 
 def _drive_state(raw: int) -> str:

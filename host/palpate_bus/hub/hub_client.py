@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 from palpate_bus.hub import protocol
 from palpate_bus.hub.control import PortStatistics
-from palpate_bus.hub.protocol import Mode
+from palpate_bus.hub.protocol import PortMode
 
-NO_MODE = Mode(0)
+NO_MODE = PortMode(0)
 
 
 @dataclass(slots=True)
@@ -22,7 +22,7 @@ class Client:
     output: bytearray = field(default_factory=bytearray)
     name: str = ""
     port: int | None = None
-    mode: Mode = NO_MODE
+    mode: PortMode = NO_MODE
     credits_owed: int = 0
     overruns_untold: int = 0
     sent: int = 0
@@ -40,5 +40,5 @@ class Client:
             overruns=self.overruns,
             refused=self.refused,
             lost_to_bus_off=self.lost_to_bus_off,
-            bus_off=bool(self.mode & Mode.BUS_OFF),
+            bus_off=bool(self.mode & PortMode.BUS_OFF),
         )

@@ -21,7 +21,7 @@ from palpate_bus.hub.control import (
 )
 from palpate_bus.hub.faults import UNHARMED, FaultPlan
 from palpate_bus.hub.hub_client import NO_MODE, Client
-from palpate_bus.hub.protocol import FrameFlag, GarbledStreamError, Kind, Mode
+from palpate_bus.hub.protocol import FrameFlag, GarbledStreamError, Kind, PortMode
 from palpate_bus.hub.wire import Delivery, Submitted, Wire
 from palpate_bus.load.measured_load import WINDOW_US, BusLoad
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -215,13 +215,13 @@ class HubCore:
         for port, client in self._by_port.items():
             mode = NO_MODE
             if self.faults.wants_verdicts(client.name):
-                mode |= Mode.ASK_VERDICT
+                mode |= PortMode.ASK_VERDICT
             if self.faults.is_bus_off(client.name, now_us):
-                mode |= Mode.BUS_OFF
+                mode |= PortMode.BUS_OFF
             if mode == client.mode:
                 continue
-            if (mode ^ client.mode) & Mode.BUS_OFF:
-                lost = self.wire.set_bus_off(port, bool(mode & Mode.BUS_OFF))
+            if (mode ^ client.mode) & PortMode.BUS_OFF:
+                lost = self.wire.set_bus_off(port, bool(mode & PortMode.BUS_OFF))
                 client.lost_to_bus_off += lost
                 self._give_credit(client, lost)
             client.mode = mode

@@ -27,7 +27,7 @@ from palpate_bus.hub import connection as link
 from palpate_bus.hub import protocol
 from palpate_bus.hub.can_message import classic_frame, error_frame, is_data_frame, message
 from palpate_bus.hub.default_socket import default_socket
-from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, Mode
+from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, PortMode
 from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
@@ -37,7 +37,7 @@ MAX_PENDING = 8192  # frames that `recv` has not taken yet
 MAX_BURST = 512  # frames in one message
 WAIT_SLICE_S = 0.005
 # Plain integers: IntFlag arithmetic for each frame costs more than the rest of it.
-_ASK_VERDICT, _BUS_OFF = int(Mode.ASK_VERDICT), int(Mode.BUS_OFF)
+_ASK_VERDICT, _BUS_OFF = int(PortMode.ASK_VERDICT), int(PortMode.BUS_OFF)
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 
 

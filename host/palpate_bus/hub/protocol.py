@@ -81,7 +81,7 @@ class FrameFlag(IntFlag):
     OWN = 4
 
 
-class Mode(IntFlag):
+class PortMode(IntFlag):
     """State of a port."""
 
     ASK_VERDICT = 1

@@ -57,7 +57,7 @@ _USUAL: dict[tuple[int, int], tuple[int, int]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class BudgetCase:
     """A hand on a bus. joints: of all fingers together, one drive each.
 
     sdo_per_s: request and answer, reserved for the master's questions; time_stamps_per_s: 1013h.
@@ -78,7 +78,7 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class FrameStream:
     """One kind of frame. per_s: of all senders together; least, mean, worst: bits a frame."""
 
     name: str
@@ -96,8 +96,8 @@ class Budget:
     burst_us: one frame of everything that goes with each tick or camera frame, back to back, at worst.
     """
 
-    case: Case
-    streams: tuple[Stream, ...]
+    case: BudgetCase
+    streams: tuple[FrameStream, ...]
     burst_us: float
 
     @property
@@ -120,7 +120,7 @@ class Budget:
         in_time = self.burst_us <= 1e6 / self.case.tick_Hz
         return "fits" if in_time and self.worst_percent <= FITS_PERCENT else "tight"
 
-    def percent_of(self, stream: Stream) -> float:
+    def percent_of(self, stream: FrameStream) -> float:
         """The stream's mean load."""
         return self._percent([stream.per_s * stream.mean])
 
@@ -128,7 +128,7 @@ class Budget:
         return 100.0 * sum(bits_per_s) / self.case.bitrate
 
 
-def budget(case: Case) -> Budget:
+def budget(case: BudgetCase) -> Budget:
     """The load of a case."""
     streams = [
         *_pdo_streams("fingertip", FINGERTIP_EDS, FIRST_FINGERTIP, case.fingertips, case),
@@ -145,7 +145,7 @@ def budget(case: Case) -> Budget:
     return Budget(case, tuple(stream for stream in streams if stream.per_s), burst_us)
 
 
-def largest_frame_rate(case: Case) -> float:
+def largest_frame_rate(case: BudgetCase) -> float:
     """Camera frames a second at which the worst-case load is FITS_PERCENT; 0 when nothing is left."""
     none, one = (budget(replace(case, frames_per_s=rate)).worst_percent for rate in (0.0, 1.0))
     return max(0.0, (FITS_PERCENT - none) / (one - none)) if one > none else 0.0
@@ -156,11 +156,11 @@ def worst_bits(length: int) -> int:
     return 47 + 8 * length + (34 + 8 * length - 1) // 4
 
 
-def _senders(stream: Stream, case: Case) -> int:
+def _senders(stream: FrameStream, case: BudgetCase) -> int:
     return {"f": case.fingertips, "d": case.joints}.get(stream.name[0], 1)
 
 
-def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: Case) -> list[Stream]:
+def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase) -> list[FrameStream]:
     """One stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
     od, neighbour = load_eds(eds, node_id), load_eds(eds, node_id + 1)
     streams = []
@@ -174,7 +174,7 @@ def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: Case) -> l
     return streams
 
 
-def _rate(od: ObjectDictionary, codec: PdoCodec, case: Case) -> float:
+def _rate(od: ObjectDictionary, codec: PdoCodec, case: BudgetCase) -> float:
     """Frames a second of one node by the PDO's transmission type and event timer."""
     index = codec.direction.communication_index + codec.number - 1
     if codec.direction is PdoDirection.RECEIVE:
@@ -201,9 +201,9 @@ def _usual_range(entry: Entry) -> tuple[int, int]:
     return _USUAL.get(entry.key, whole)
 
 
-def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float) -> Stream:
+def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float) -> FrameStream:
     length = len(payloads[0])
-    return Stream(
+    return FrameStream(
         name, length, per_s, 47 + 8 * length, _mean_bits(can_id, tuple(payloads)), worst_bits(length)
     )
 

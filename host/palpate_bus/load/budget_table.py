@@ -9,22 +9,22 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from palpate_bus.load.budget import FITS_PERCENT, Budget, Case, budget, largest_frame_rate
+from palpate_bus.load.budget import FITS_PERCENT, Budget, BudgetCase, budget, largest_frame_rate
 
 BAR_WIDTH = 40
 _COLOURS = {"fits": "green", "tight": "yellow", "does not fit": "red"}
 _GROUPS = {"fingertip": "cyan", "drive": "magenta"}
 
 USUAL_CASES = (
-    Case(fingertips=3, joints=9, frames_per_s=30),
-    Case(fingertips=3, joints=9, frames_per_s=120),
-    Case(fingertips=3, joints=15, frames_per_s=30),
-    Case(fingertips=3, joints=15, frames_per_s=120),
-    Case(fingertips=5, joints=15, frames_per_s=120),
-    Case(fingertips=10, joints=0, frames_per_s=120),
-    Case(fingertips=10, joints=9, frames_per_s=120),
-    Case(fingertips=10, joints=15, frames_per_s=120),
-    Case(fingertips=10, joints=30, frames_per_s=120),
+    BudgetCase(fingertips=3, joints=9, frames_per_s=30),
+    BudgetCase(fingertips=3, joints=9, frames_per_s=120),
+    BudgetCase(fingertips=3, joints=15, frames_per_s=30),
+    BudgetCase(fingertips=3, joints=15, frames_per_s=120),
+    BudgetCase(fingertips=5, joints=15, frames_per_s=120),
+    BudgetCase(fingertips=10, joints=0, frames_per_s=120),
+    BudgetCase(fingertips=10, joints=9, frames_per_s=120),
+    BudgetCase(fingertips=10, joints=15, frames_per_s=120),
+    BudgetCase(fingertips=10, joints=30, frames_per_s=120),
 )
 
 
@@ -69,7 +69,7 @@ def summary(result: Budget) -> Text:
     return text
 
 
-def usual_hands(like: Case) -> Table:
+def usual_hands(like: BudgetCase) -> Table:
     """USUAL_CASES with the tick, bit rate and reserves of `like`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for title in ("fingertips", "drives", "FPS", "frames/s", "mean %", "worst %"):

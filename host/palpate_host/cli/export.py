@@ -11,7 +11,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.run import CONFIG
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.service.host import load_hand
 
@@ -51,7 +51,9 @@ def export(source: Path, config_path: Path, output: Path) -> None:
     click.echo(f"{output}: {count} ticks of {config_path.name}")
 
 
-def _write(output: Path, statuses: Iterable[HostStatus], config: HandConfig, hand: Hand, source: Path) -> int:
+def _write(
+    output: Path, statuses: Iterable[HostStatus], config: HandConfig, hand: HandKinematics, source: Path
+) -> int:
     """The number of ticks; what only one format needs is imported for it alone."""
     if output.suffix == ".csv":
         from palpate_host.recording.table import write_csv  # noqa: PLC0415

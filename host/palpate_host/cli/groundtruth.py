@@ -14,7 +14,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
 from palpate_host.groundtruth.frames import camera_frames, is_camera, recorded_frames
 from palpate_host.groundtruth.intrinsics import Board, calibrate, read_intrinsics, write_intrinsics
-from palpate_host.groundtruth.track import Marker, Sight, Tracker, draw, refusals, write_csv
+from palpate_host.groundtruth.track import Marker, ObjectSighting, ObjectTracker, draw, refusals, write_csv
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 SOURCE = click.argument("source", type=click.Path(path_type=Path, exists=True))
@@ -139,8 +139,8 @@ def track(
     Roll, pitch and yaw are the turn since the first pose. Fails when no picture has one.
     """
     intrinsics = read_intrinsics(intrinsics_path)
-    tracker = Tracker(intrinsics, _marker(marker), None if base is None else _marker(base))
-    sights: list[Sight] = []
+    tracker = ObjectTracker(intrinsics, _marker(marker), None if base is None else _marker(base))
+    sights: list[ObjectSighting] = []
     last: Image | None = None
     for time_us, image in _frames(source, size, fps, exposure_us, duration_s):
         sights.append(tracker.look(time_us, image))

@@ -16,7 +16,7 @@ from palpate_host.cli.run import CONFIG
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service import host
 from palpate_host.service.hand_devices import devices_of_hand
-from palpate_host.service.replay import Replay, Step, read_bound_log, replay_steps, steps, write_output
+from palpate_host.service.replay import Replay, ReplayStep, read_bound_log, replay_steps, steps, write_output
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 KEYS = "space: next frame   t: to the end of the tick   m: to the next change of mode   q: quit"
@@ -78,7 +78,7 @@ def _summarise(result: Replay) -> None:
         click.echo(f"the hand stopped: {result.failure}")
 
 
-def _paced(taken: Iterator[Step], speed: float) -> Iterator[Step]:
+def _paced(taken: Iterator[ReplayStep], speed: float) -> Iterator[ReplayStep]:
     """Each step at its time, `speed` times faster; never earlier."""
     begin_us, begin_s = None, time.monotonic()
     for step in taken:
@@ -89,7 +89,9 @@ def _paced(taken: Iterator[Step], speed: float) -> Iterator[Step]:
         yield step
 
 
-def _shown(taken: Iterator[Step], config: HandConfig, begin_us: int, frames: bool) -> Iterator[Step]:
+def _shown(
+    taken: Iterator[ReplayStep], config: HandConfig, begin_us: int, frames: bool
+) -> Iterator[ReplayStep]:
     """Prints changes of mode, and every frame when asked."""
     decoder, mode = Decoder(devices_of_hand(config)), None
     for step in taken:
@@ -103,7 +105,7 @@ def _shown(taken: Iterator[Step], config: HandConfig, begin_us: int, frames: boo
         yield step
 
 
-def _by_key(taken: Iterator[Step], config: HandConfig, begin_us: int) -> Iterator[Step]:
+def _by_key(taken: Iterator[ReplayStep], config: HandConfig, begin_us: int) -> Iterator[ReplayStep]:
     """Shows one frame or one tick's reaction at a time and waits for a key after each."""
     decoder, mode, skip = Decoder(devices_of_hand(config)), None, ""
     click.echo(KEYS, err=True)
@@ -138,7 +140,7 @@ def _line(decoder: Decoder, record: LogRecord, begin_us: int) -> str:
     return line(decoder.decode(record), begin_us)
 
 
-def _mode_line(step: Step, begin_us: int) -> str:
+def _mode_line(step: ReplayStep, begin_us: int) -> str:
     status = step.output.status
     assert status is not None
     warning = f"; {status.warning}" if status.warning else ""

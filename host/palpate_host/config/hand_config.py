@@ -12,7 +12,7 @@ from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.geometry_config import GeometryConfig
-from palpate_host.config.toml_file import read_toml
+from palpate_host.config.toml_file import Strict, read_toml
 from palpate_host.config.twin_config import TwinConfig
 
 FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
@@ -40,11 +40,7 @@ class ForceLaw(enum.Enum):
     ADMITTANCE = "admittance"
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class ModelConfig(_Strict, frozen=True):
+class ModelConfig(Strict, frozen=True):
     """mjcf: an MJCF or URDF file, relative to hand.toml; without it the model is made from [geometry].
 
     tip_sites: frame F of each dome, finger by finger; in a URDF, the links that have it.
@@ -54,7 +50,7 @@ class ModelConfig(_Strict, frozen=True):
     mjcf: Text | None = None
 
 
-class JointConfig(_Strict, frozen=True):
+class JointConfig(Strict, frozen=True):
     """One joint and its drive: q = direction * drive's angle + zero_offset_rad.
 
     home_rad: q where homing finds its switch.
@@ -71,7 +67,7 @@ class JointConfig(_Strict, frozen=True):
     home_rad: float | None = None
 
 
-class FingerConfig(_Strict, frozen=True):
+class FingerConfig(Strict, frozen=True):
     """A finger: its fingertip's node and its joints from the base outwards."""
 
     name: Name
@@ -79,7 +75,7 @@ class FingerConfig(_Strict, frozen=True):
     joints: Annotated[tuple[JointConfig, ...], msgspec.Meta(min_length=1)]
 
 
-class ControlConfig(_Strict, frozen=True):
+class ControlConfig(Strict, frozen=True):
     """Gains of Eqs. (9)-(14) (control.Gains says what each is) and how the object's orientation is followed.
 
     reference_frames: contacts a finger must give before its normal is a reference.
@@ -119,14 +115,14 @@ class ControlConfig(_Strict, frozen=True):
     position_stiffness_N_m: NotNegative = 0.0
 
 
-class TargetConfig(_Strict, frozen=True):
+class TargetConfig(Strict, frozen=True):
     """How far to turn the object about the hand's fixed axes, and in what time (>= 1 s advised)."""
 
     rpy_deg: tuple[float, float, float]
     ramp_s: NotNegative
 
 
-class StalenessConfig(_Strict, frozen=True):
+class StalenessConfig(Strict, frozen=True):
     """Age of the oldest finger's contact at which the host warns, goes blind, only grasps, or stops.
 
     joint_stop_ms: age of a joint's position at which the host stops; up to twice that where the host itself
@@ -140,7 +136,7 @@ class StalenessConfig(_Strict, frozen=True):
     joint_stop_ms: Milliseconds
 
 
-class LimitsConfig(_Strict, frozen=True):
+class LimitsConfig(Strict, frozen=True):
     """What is a fault when it comes back from the hand (runaway.py).
 
     contact_force_N: of a fingertip, normal or shear. joint_speed_rad_s: of any joint. torque_ratio: torque
@@ -162,14 +158,14 @@ class StartMode(enum.Enum):
     COMMAND = "command"
 
 
-class RunConfig(_Strict, frozen=True):
+class RunConfig(Strict, frozen=True):
     """How `palpate-host run` behaves. real_time: ask for SCHED_FIFO and locked memory (real_time.py)."""
 
     start: StartMode = StartMode.AUTO
     real_time: bool = False
 
 
-class HomingConfig(_Strict, frozen=True):
+class HomingConfig(Strict, frozen=True):
     """How drives without a zero of their own find it, one after another, before the hand is ready.
 
     method: 6098h; 17 and 18 seek the lower and the upper limit switch, 37 is here, -1 the drive's own way.
@@ -183,7 +179,7 @@ class HomingConfig(_Strict, frozen=True):
     acceleration_rad_s2: Positive = 10.0
 
 
-class NetworkConfig(_Strict, frozen=True):
+class NetworkConfig(Strict, frozen=True):
     """The host as a CANopen node, and how long a node's heartbeat may be away."""
 
     host_node: NodeId = 0x7F
@@ -191,7 +187,7 @@ class NetworkConfig(_Strict, frozen=True):
     heartbeat_timeout_ms: Milliseconds = 500
 
 
-class HandConfig(_Strict, frozen=True):
+class HandConfig(Strict, frozen=True):
     """The whole of hand.toml; make it with `load`. geometry: in place of model.mjcf."""
 
     model: ModelConfig

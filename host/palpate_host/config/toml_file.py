@@ -13,6 +13,10 @@ from palpate_edge.common.file_permissions import refuse_unsafe
 T = TypeVar("T")
 
 
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of a configuration file: immutable; unknown keys are refused."""
+
+
 def read_toml(path: Path, kind: type[T], *, option: str, example: str) -> T:
     """The file as a `kind`; ConfigError when it is missing, garbled, writable by everybody, or has a wrong,
     unknown or missing key.

@@ -36,7 +36,7 @@ class HandPose(NamedTuple):
     gravity_Nm: Array
 
 
-class Hand:
+class HandKinematics:
     """A hand's model; joints and tips in the order of the configuration.
 
     Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next. So a
@@ -63,7 +63,7 @@ class Hand:
         # Each look into MuJoCo's data makes another array; these go on showing what is there.
         self._q_rad, self._place_m, self._axes = data.qpos, data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
 
-    def __deepcopy__(self, _memo: object) -> Hand:
+    def __deepcopy__(self, _memo: object) -> HandKinematics:
         return self
 
     @property

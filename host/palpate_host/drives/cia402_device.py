@@ -19,10 +19,10 @@ from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
 from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
 from palpate_edge.node.nmt import NmtCommand, NmtState
-from palpate_edge.node.slave import Output, Slave
+from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_modes import OperationMode
-from palpate_host.drives.cia402_motion import Motion, MotorState, Targets
+from palpate_host.drives.cia402_motion import DriveMotion, MotorState, Targets
 from palpate_host.drives.cia402_state_machine import STATE_BITS, DriveStateMachine
 
 ERROR_CODE, CONTROLWORD, STATUSWORD = 0x603F, 0x6040, 0x6041
@@ -77,7 +77,7 @@ class Cia402Device:
         self.increments_per_rad = self._number(FEED_CONSTANT, 1) / math.tau
         self._motor = motor
         self._machine = DriveStateMachine()
-        self._motion = Motion()
+        self._motion = DriveMotion()
         self._command_now = JointCommand(DriveGoal.OFF)
         self._joint = MotorState(0.0, 0.0)
         self._zero_rad = 0.0
@@ -100,7 +100,7 @@ class Cia402Device:
         """Its motor follows a velocity or a position, which ramps and homing change between frames."""
         return self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION)
 
-    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
+    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> SlaveOutput:
         """Look at the joint, serve the frames, act on what they command."""
         step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)
         self._now_us = now_us
@@ -112,7 +112,7 @@ class Cia402Device:
         self._motor.order(now_us, self._command_now)
         self._report()
         status = self.slave.process(now_us, ())
-        return Output(
+        return SlaveOutput(
             served.frames_out + status.frames_out, status.next_due_us, served.events + status.events
         )
 

@@ -69,7 +69,7 @@ class Targets:
     zero_rad_s: float
 
 
-class Motion:
+class DriveMotion:
     """One enabled drive's way: `order` once a call of the device, then `status_bits`."""
 
     def __init__(self) -> None:

@@ -15,11 +15,11 @@ import numpy as np
 
 from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_host.config.hand_config import ControlMode
-from palpate_host.experiment.protocol import CameraConfig, Case, ExperimentConfig
+from palpate_host.experiment.protocol import ExperimentConfig, ExternalCameraConfig, TrialCase
 from palpate_host.experiment.result import TrialResult
 from palpate_host.groundtruth.frames import camera_frames
 from palpate_host.groundtruth.intrinsics import read_intrinsics
-from palpate_host.groundtruth.track import Marker, Sight, Tracker, turns, write_csv
+from palpate_host.groundtruth.track import Marker, ObjectSighting, ObjectTracker, turns, write_csv
 from palpate_host.operator.client import NoHostError
 from palpate_host.operator.session import Hand
 from palpate_host.recording.mcap import McapRecording
@@ -38,7 +38,9 @@ def with_law(text: str, law: ControlMode, integral_per_s: float) -> str:
     return changed
 
 
-def run_hand_trial(hand_toml: Path, experiment: ExperimentConfig, case: Case, folder: Path) -> TrialResult:
+def run_hand_trial(
+    hand_toml: Path, experiment: ExperimentConfig, case: TrialCase, folder: Path
+) -> TrialResult:
     """Grasps, turns, waits, opens. Writes hand.mcap and truth.csv into `folder`.
 
     HandStoppedError, CommandError when the hand does not do it; CaptureError, ConfigError for the camera.
@@ -49,7 +51,7 @@ def run_hand_trial(hand_toml: Path, experiment: ExperimentConfig, case: Case, fo
     config_path.write_text(
         with_law(hand_toml.read_text(encoding="utf-8"), case.law, experiment.integral_per_s)
     )
-    watch = _Watch(experiment.camera)
+    watch = _TrialWatch(experiment.camera)
     with Hand.open(config_path, folder / "host.sock") as hand, _Recorder(config_path, hand, folder):
         hand.grasp()
         time.sleep(experiment.settle_s)
@@ -75,15 +77,15 @@ def run_hand_trial(hand_toml: Path, experiment: ExperimentConfig, case: Case, fo
     )
 
 
-class _Watch:
+class _TrialWatch:
     """The camera's thread."""
 
-    def __init__(self, camera: CameraConfig) -> None:
+    def __init__(self, camera: ExternalCameraConfig) -> None:
         base = None if camera.base is None else Marker(camera.base[0], 1e-3 * camera.base[1])
         object_marker = Marker(camera.marker[0], 1e-3 * camera.marker[1])
         self._camera = camera
-        self._tracker = Tracker(read_intrinsics(Path(camera.intrinsics)), object_marker, base)
-        self._sights: list[Sight] = []
+        self._tracker = ObjectTracker(read_intrinsics(Path(camera.intrinsics)), object_marker, base)
+        self._sights: list[ObjectSighting] = []
         self._stopped = threading.Event()
         self._failure: PalpateError | None = None
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
@@ -91,7 +93,7 @@ class _Watch:
     def start(self) -> None:
         self._thread.start()
 
-    def end(self) -> list[Sight]:
+    def end(self) -> list[ObjectSighting]:
         """What was seen; raises what the camera failed with."""
         self._stopped.set()
         self._thread.join()

@@ -10,7 +10,7 @@ import msgspec
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import ControlMode
-from palpate_host.config.toml_file import read_toml
+from palpate_host.config.toml_file import Strict, read_toml
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Word = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+$")]  # a folder's name
@@ -19,11 +19,7 @@ Seconds = Annotated[float, msgspec.Meta(ge=0.5, le=600)]
 Marker = tuple[Annotated[int, msgspec.Meta(ge=0, le=49)], Positive]
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class PoseConfig(_Strict, frozen=True):
+class PoseConfig(Strict, frozen=True):
     """How the object lies in the hand before the grasp.
 
     offset_mm: from where hand.toml's [twin.object] has it, for the twin. say: what the person is told who
@@ -36,14 +32,14 @@ class PoseConfig(_Strict, frozen=True):
     turns: tuple[Word, ...] = ()
 
 
-class TurnConfig(_Strict, frozen=True):
+class TurnConfig(Strict, frozen=True):
     """A turn about the hand's fixed axes."""
 
     name: Word
     rpy_deg: tuple[float, float, float]
 
 
-class CameraConfig(_Strict, frozen=True):
+class ExternalCameraConfig(Strict, frozen=True):
     """The external camera of a real hand: see `palpate-host groundtruth`.
 
     device: /dev/v4l/by-path/...; intrinsics: file of `groundtruth calibrate`, beside this one; marker, base:
@@ -60,7 +56,7 @@ class CameraConfig(_Strict, frozen=True):
     exposure_us: Annotated[int, msgspec.Meta(ge=1)] | None = None
 
 
-class ExperimentConfig(_Strict, frozen=True):
+class ExperimentConfig(Strict, frozen=True):
     """hand: `table3`, `table4` or a hand.toml beside this file. on: the simulated hand or the one on its bus.
 
     seconds: of turning, after `settle_s` of grasping. integral_per_s: of the proposed law; 0 is the paper's.
@@ -81,11 +77,11 @@ class ExperimentConfig(_Strict, frozen=True):
     noise_mm: Annotated[float, msgspec.Meta(ge=0)] = 0.15
     seed: Annotated[int, msgspec.Meta(ge=0)] = 1
     engine: Literal["eqs", "mujoco"] = "mujoco"
-    camera: CameraConfig | None = None
+    camera: ExternalCameraConfig | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class TrialCase:
     """One trial. name: of its folder."""
 
     pose: PoseConfig
@@ -122,10 +118,10 @@ def load(path: Path) -> ExperimentConfig:
     return msgspec.structs.replace(config, camera=camera)
 
 
-def cases(config: ExperimentConfig) -> list[Case]:
+def cases(config: ExperimentConfig) -> list[TrialCase]:
     """Turn by turn, pose by pose, law by law: what is compared stands together."""
     return [
-        Case(pose, turn, law)
+        TrialCase(pose, turn, law)
         for turn in config.turns
         for pose in config.poses
         if not pose.turns or turn.name in pose.turns

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.experiment.protocol import Case
+from palpate_host.experiment.protocol import TrialCase
 
 SETTLED_DEG = 2.0
 
@@ -23,7 +23,7 @@ class TrialResult:
     object, None on a real hand. failure: why the host stopped the hand, or empty.
     """
 
-    case: Case
+    case: TrialCase
     folder: Path
     time_s: Array
     turn: Sequence[Array]

@@ -40,7 +40,7 @@ class Marker:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class ObjectSighting:
     """One picture: the object's pose in the base's frame (the camera's without a base), or why there is none.
 
     rotation: (3, 3), position_m: (3,). marker: in the camera's frame, to draw it.
@@ -53,7 +53,7 @@ class Sight:
     reason: str
 
 
-class Tracker:
+class ObjectTracker:
     """From pictures to sights. A base does not move: hidden now and then, it is where it was seen last."""
 
     def __init__(self, intrinsics: Intrinsics, marker: Marker, base: Marker | None = None) -> None:
@@ -63,30 +63,30 @@ class Tracker:
         self._base = None if base is None else MarkerCamera(K, base.number, base.side_m, k)
         self._base_pose: MarkerPose | None = None
 
-    def look(self, time_us: int, picture: Image) -> Sight:
+    def look(self, time_us: int, picture: Image) -> ObjectSighting:
         """One grey picture (h, w)."""
         size = (picture.shape[1], picture.shape[0])
         wanted = (self._intrinsics.width_px, self._intrinsics.height_px)
         if size != wanted:
             reason = f"picture of {size[0]}x{size[1]}, the intrinsics are of {wanted[0]}x{wanted[1]}"
-            return Sight(time_us, None, None, None, reason)
+            return ObjectSighting(time_us, None, None, None, reason)
         if self._base is not None:
             base = self._base.measure(picture)
             if isinstance(base, MarkerPose):
                 self._base_pose = base
             elif self._base_pose is None:
-                return Sight(time_us, None, None, None, f"base: {base.reason}")
+                return ObjectSighting(time_us, None, None, None, f"base: {base.reason}")
         seen = self._object.measure(picture)
         if isinstance(seen, Refusal):
-            return Sight(time_us, None, None, None, seen.reason)
+            return ObjectSighting(time_us, None, None, None, seen.reason)
         if self._base_pose is None:
-            return Sight(time_us, seen.rotation, seen.position_m, seen, "")
+            return ObjectSighting(time_us, seen.rotation, seen.position_m, seen, "")
         back = self._base_pose.rotation.T
         place_m = back @ (seen.position_m - self._base_pose.position_m)
-        return Sight(time_us, np.asarray(back @ seen.rotation), np.asarray(place_m), seen, "")
+        return ObjectSighting(time_us, np.asarray(back @ seen.rotation), np.asarray(place_m), seen, "")
 
 
-def turns(sights: Iterable[Sight]) -> Iterator[tuple[Sight, Array | None]]:
+def turns(sights: Iterable[ObjectSighting]) -> Iterator[tuple[ObjectSighting, Array | None]]:
     """Each sight with the turn (3, 3) since the first one that has a pose, about the axes of the base."""
     start: Array | None = None
     for sight in sights:
@@ -97,7 +97,7 @@ def turns(sights: Iterable[Sight]) -> Iterator[tuple[Sight, Array | None]]:
         yield sight, np.asarray(sight.rotation @ start.T)
 
 
-def write_csv(path: Path, sights: Sequence[Sight]) -> None:
+def write_csv(path: Path, sights: Sequence[ObjectSighting]) -> None:
     """COLUMNS; the turn since the first pose as roll, pitch, yaw. ConfigError when it cannot be written."""
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
@@ -114,7 +114,7 @@ def write_csv(path: Path, sights: Sequence[Sight]) -> None:
         raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
 
 
-def refusals(sights: Iterable[Sight]) -> dict[str, int]:
+def refusals(sights: Iterable[ObjectSighting]) -> dict[str, int]:
     """Reason -> number of pictures without a pose."""
     found: dict[str, int] = {}
     for sight in sights:
@@ -123,7 +123,7 @@ def refusals(sights: Iterable[Sight]) -> dict[str, int]:
     return found
 
 
-def draw(picture: Image, sight: Sight, intrinsics: Intrinsics, axis_m: float) -> Image:
+def draw(picture: Image, sight: ObjectSighting, intrinsics: Intrinsics, axis_m: float) -> Image:
     """The picture in colour with the marker's outline and axes (red x, green y, blue z), or the reason."""
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
     seen = sight.marker

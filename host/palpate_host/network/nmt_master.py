@@ -6,10 +6,10 @@ state that somebody else brought it to; a node not heard of is asked by reset ag
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Collection, Mapping
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.node.nmt import NmtCommand, NmtState
 
 NMT_ID = 0x000
 SYNC = CanFrame(0x080)
@@ -20,23 +20,6 @@ EMCY_ID = 0x080
 ASK_AGAIN_US = 1_000_000
 START_AGAIN_US = 200_000
 TIME_STAMP_EVERY_US = 50_000
-
-
-class NmtCommand(enum.IntEnum):
-    """The NMT commands of CiA 301 that the host gives; any but START from another master stops the hand."""
-
-    START = 0x01
-    STOP = 0x02
-    RESET_COMMUNICATION = 0x82
-
-
-class NmtState(enum.IntEnum):
-    """What a heartbeat carries."""
-
-    BOOT_UP = 0x00
-    STOPPED = 0x04
-    OPERATIONAL = 0x05
-    PRE_OPERATIONAL = 0x7F
 
 
 def nmt(command: NmtCommand, node_id: int) -> CanFrame:
@@ -105,7 +88,7 @@ class Network:
         state = frame.data[0] & 0x7F
         self._heard_us[node_id] = stamp_us
         self._state[node_id] = state
-        if state != NmtState.BOOT_UP:
+        if state != NmtState.INITIALISING:
             return None
         self._state[node_id] = NmtState.PRE_OPERATIONAL
         self._started_us.pop(node_id, None)

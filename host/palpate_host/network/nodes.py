@@ -16,7 +16,7 @@ from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.network.finger_state import FingerRecord
 from palpate_host.network.joint_history import JointHistory
@@ -48,7 +48,7 @@ class PairedContact:
 class Nodes:
     """Drives, fingertips and NMT of one hand; `receive` understands the identifiers `accept_ids`."""
 
-    def __init__(self, config: HandConfig, hand: Hand) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
         network = config.network
         self._config = config
         self._hand = hand

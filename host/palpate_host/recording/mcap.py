@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import FingerStatus, HostStatus
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.recording.mcap_reader import STATUS_TOPIC
 
 HAND_FRAME = "hand"
@@ -43,7 +43,7 @@ ARROW_COLOUR = fg.Color(r=0.9, g=0.3, b=0.1, a=1.0)
 class McapRecording:
     """One MCAP file; close it, or use it as a context."""
 
-    def __init__(self, path: Path, hand: Hand, fingers: Iterable[str]) -> None:
+    def __init__(self, path: Path, hand: HandKinematics, fingers: Iterable[str]) -> None:
         """ConfigError when the file cannot be written."""
         self._hand = hand
         self._context = foxglove.Context()

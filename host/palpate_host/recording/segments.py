@@ -17,7 +17,7 @@ from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.service.replay import contract_header
 
@@ -35,7 +35,7 @@ class Bounds:
 class SegmentedRecording:
     """Writes pieces 000001, 000002, ... into a folder; use it as a context."""
 
-    def __init__(self, folder: Path, config: HandConfig, hand: Hand, bounds: Bounds) -> None:
+    def __init__(self, folder: Path, config: HandConfig, hand: HandKinematics, bounds: Bounds) -> None:
         """ConfigError when the folder cannot be made or holds a recording already."""
         self._folder, self._config, self._hand, self._bounds = folder, config, hand, bounds
         self.frames = self.ticks = self.pieces = 0

@@ -10,11 +10,11 @@ import msgspec
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.service.replay import read_bound_log, steps
 
 
-def read_statuses(source: Path, config: HandConfig, hand: Hand) -> Iterator[HostStatus]:
+def read_statuses(source: Path, config: HandConfig, hand: HandKinematics) -> Iterator[HostStatus]:
     """Tick by tick.
 
     A bus log is replayed through the host; `.jsonl` (of `run --status`) and `.mcap` (of `record` or `export`)

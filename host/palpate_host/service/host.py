@@ -25,7 +25,7 @@ from palpate_host.common.mode import STOPPED
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.operator.server import OperatorSocket, default_control_socket
 from palpate_host.service.bus_reports import BusNews
 from palpate_host.service.host_bus import HostBus
@@ -38,11 +38,11 @@ BUS_NAME = "host"
 LINGER_S = 0.05
 
 
-def load_hand(path: Path) -> tuple[HandConfig, Hand]:
-    """hand.toml and its hand; ConfigError as `hand_config.load`, `model_of` and `Hand` say."""
+def load_hand(path: Path) -> tuple[HandConfig, HandKinematics]:
+    """hand.toml and its hand; ConfigError as `hand_config.load`, `model_of` and `HandKinematics` say."""
     config = hand_config.load(path)
     joints = [joint.name for joint in config.joints]
-    return config, Hand(model_of(config), joints, config.model.tip_sites, source_of(config))
+    return config, HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
 def now_us() -> int:

@@ -20,7 +20,7 @@ from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
 from palpate_host.network.nodes import Nodes, PairedContact
@@ -33,7 +33,7 @@ OPERATOR_STOP = "stopped by the operator"
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class HostOutput:
     """What one call of `process` gives.
 
     ticked: a tick was due, whether or not there is a bus for its frames. next_due_us: when to call again at
@@ -52,7 +52,7 @@ class Output:
 class HostCore:
     """The pure host: hand it frames and times, send what it returns."""
 
-    def __init__(self, config: HandConfig, hand: Hand) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
         """FrameError when the fingers are numbered clockwise, with every joint in the middle of its range."""
         middle = np.array([(joint.min_rad + joint.max_rad) / 2 for joint in config.joints])
         check_numbering(hand.pose(middle).tip_centre_m)
@@ -156,7 +156,7 @@ class HostCore:
         self._nodes.recover()
         self._decision = Decision(Mode.INIT, "recovering", self._decision.since_us)
 
-    def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> Output:
+    def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> HostOutput:
         """Take in stamped frames and, when a tick is due, give the host's frames for it.
 
         A tick that is more than one period late is left out and counted. Never raises for what comes from the
@@ -182,7 +182,7 @@ class HostCore:
             self._status = self._make_status(tick_us)
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
         ticked, next_us = tick_us is not None, self._schedule.next_us
-        return Output(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
+        return HostOutput(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
 
     def _take_contact(self, paired: PairedContact) -> None:
         try:

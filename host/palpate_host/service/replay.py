@@ -25,10 +25,10 @@ from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
-from palpate_host.service.host_core import HostCore, Output
+from palpate_host.service.host_core import HostCore, HostOutput
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
 EDS_HASH_DIGITS = 16
@@ -47,12 +47,12 @@ class ModeChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ReplayStep:
     """One call of the host. now_us: the tick; taken: the frames of the log it was given."""
 
     now_us: int
     taken: tuple[LogRecord, ...]
-    output: Output
+    output: HostOutput
 
     @property
     def answers(self) -> tuple[LogRecord, ...]:
@@ -140,19 +140,19 @@ def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tup
     return tuple(replace(record, stamp_us=record.stamp_us + shift_us) for record in records)
 
 
-def replay_to_log(log_path: Path, config: HandConfig, hand: Hand) -> Replay:
+def replay_to_log(log_path: Path, config: HandConfig, hand: HandKinematics) -> Replay:
     """Replay a log file; raises as `read_bound_log`."""
     return replay(read_bound_log(log_path, config), config, hand)
 
 
 def replay(
-    records: Sequence[LogRecord], config: HandConfig, hand: Hand, core: HostCore | None = None
+    records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics, core: HostCore | None = None
 ) -> Replay:
     """Run `records` (at least one) through a fresh HostCore, or `core`; see `steps`."""
     return replay_steps(steps(records, config, hand, core), config)
 
 
-def replay_steps(taken_steps: Iterable[Step], config: HandConfig) -> Replay:
+def replay_steps(taken_steps: Iterable[ReplayStep], config: HandConfig) -> Replay:
     """What came of the steps."""
     answers: list[LogRecord] = []
     changes: list[ModeChange] = []
@@ -169,10 +169,10 @@ def replay_steps(taken_steps: Iterable[Step], config: HandConfig) -> Replay:
 def steps(
     records: Sequence[LogRecord],
     config: HandConfig,
-    hand: Hand,
+    hand: HandKinematics,
     core: HostCore | None = None,
     before: Callable[[int], None] = lambda _: None,
-) -> Iterator[Step]:
+) -> Iterator[ReplayStep]:
     """The host's calls one by one, from its first frame in the log to the log's last frame.
 
     What came before the host's first heartbeat it did not hear; a log without a host is heard from its
@@ -192,7 +192,7 @@ def steps(
             upto += 1
         before(now_us)
         output = core.process(now_us, [(record.stamp_us, record.frame) for record in inputs[taken:upto]])
-        yield Step(now_us, tuple(inputs[taken:upto]), output)
+        yield ReplayStep(now_us, tuple(inputs[taken:upto]), output)
         taken = upto
         if output.finished or output.next_due_us > end_us:
             return

@@ -26,7 +26,7 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
-from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.view.geometry import body_name, shapes, transform
 
 TIMELINE = "time"
@@ -41,7 +41,7 @@ class HandView:
     """Writes one recording stream."""
 
     def __init__(
-        self, stream: rr.RecordingStream, config: HandConfig, hand: Hand, scene_Hz: float = 30.0
+        self, stream: rr.RecordingStream, config: HandConfig, hand: HandKinematics, scene_Hz: float = 30.0
     ) -> None:
         self._stream, self._hand = stream, hand
         self._model = model_of(config)

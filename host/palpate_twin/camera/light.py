@@ -22,7 +22,7 @@ PATCH_RADIUS_PX = (60.0, 160.0)
 WRAP = 2  # columns of the polar grid that are repeated on either side
 
 
-class SkinLight:
+class LightField:
     """Light over a part of a camera's picture, 1 where the LEDs' is fullest at rest: (height/8, width/8, 3),
     BGR."""
 

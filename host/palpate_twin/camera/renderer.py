@@ -12,7 +12,7 @@ from palpate_edge.geometry.sensor import View
 from palpate_twin.camera.bead_ellipse import BeadProjector
 from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
 from palpate_twin.camera.deformation import DeformableDome, Deformation, ProbePress
-from palpate_twin.camera.light import STEP, SkinLight
+from palpate_twin.camera.light import STEP, LightField
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.noise import NoiseField
 from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
@@ -40,7 +40,7 @@ class CameraView:
         self._projector = BeadProjector(camera, twin.pose)
         opening = np.asarray(np.rint(255 * dome_mask(twin.sensor, view, look)), dtype=np.uint8)
         part = self._part = part_with_dome(opening, STEP)  # beads and skin are drawn there only
-        self._light = SkinLight(twin.sensor, view, look, part)
+        self._light = LightField(twin.sensor, view, look, part)
         self._layer = BeadLayer(part.width, part.height, look.softness_px, look.highlight)
         self._opening = part.of(opening).copy()
         self._skin = part.of(skin_picture(twin.sensor, view, look)).copy()

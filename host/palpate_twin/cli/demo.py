@@ -19,7 +19,7 @@ from palpate_twin.demo.analysis import analyse, summary_lines, write_summary
 from palpate_twin.demo.film import make_film
 from palpate_twin.demo.live_view import Scale, plain_line, render
 from palpate_twin.demo.lockstep import run as run_in_lockstep
-from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.monitor import MonitorSample
 from palpate_twin.demo.orchestrator import DemoInterruptedError, Show
 from palpate_twin.demo.run_folder import RunFolder, make_run_folder
 
@@ -129,7 +129,7 @@ def _run(
     if plain:
         lines = _PlainView()
 
-        def show_line(sight: Sight, elapsed_s: float) -> None:
+        def show_line(sight: MonitorSample, elapsed_s: float) -> None:
             picture.see(sight, elapsed_s)
             lines(sight, elapsed_s)
 
@@ -137,7 +137,7 @@ def _run(
     else:
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
 
-            def show(sight: Sight, elapsed_s: float) -> None:
+            def show(sight: MonitorSample, elapsed_s: float) -> None:
                 picture.see(sight, elapsed_s)
                 live.update(render(sight, scale, elapsed_s), refresh=True)
 
@@ -150,9 +150,9 @@ class _Picture:
 
     def __init__(self, scale: Scale) -> None:
         self._scale = scale
-        self._last: tuple[Sight, float] | None = None
+        self._last: tuple[MonitorSample, float] | None = None
 
-    def see(self, sight: Sight, elapsed_s: float) -> None:
+    def see(self, sight: MonitorSample, elapsed_s: float) -> None:
         if sight.status is not None and sight.status.mode is Mode.MANIPULATE:
             self._last = (sight, elapsed_s)
 
@@ -171,7 +171,7 @@ class _PlainView:
     def __init__(self) -> None:
         self._next_s = 0.0
 
-    def __call__(self, sight: Sight, elapsed_s: float) -> None:
+    def __call__(self, sight: MonitorSample, elapsed_s: float) -> None:
         if elapsed_s >= self._next_s:
             self._next_s += PLAIN_PERIOD_S
             click.echo(plain_line(sight, elapsed_s))

@@ -60,13 +60,13 @@ def analysis(
     import numpy as np  # noqa: PLC0415 (as below: these load scipy)
 
     from palpate_twin.dome.convergence import converge  # noqa: PLC0415
-    from palpate_twin.dome.equilibrium import Dome  # noqa: PLC0415
+    from palpate_twin.dome.equilibrium import ElasticDome  # noqa: PLC0415
     from palpate_twin.dome.mesh import dome_mesh  # noqa: PLC0415
     from palpate_twin.dome.side_points import FORCE_PER_MU_MM2, TABLE_2, side_points  # noqa: PLC0415
 
     click.echo(f"Side points on the bead sphere, plate, {FORCE_PER_MU_MM2:g} mm^2 times mu (Table 2)")
     click.echo("contact angle  depth mm  before mm  after mm  ratio  paper")
-    for pair in side_points(Dome(dome_mesh(resolution=_resolution(mesh), half=True))):
+    for pair in side_points(ElasticDome(dome_mesh(resolution=_resolution(mesh), half=True))):
         click.echo(
             f"{pair.contact_angle_deg:10d} deg  {pair.depth_mm:8.2f}  {pair.before_mm:9.2f}"
             f"  {pair.after_mm:8.2f}  {pair.ratio:.3f}  {TABLE_2[pair.contact_angle_deg]:.3f}"
@@ -106,11 +106,11 @@ def press(
     import numpy as np  # noqa: PLC0415
 
     from palpate_twin.dome import press as pressing  # noqa: PLC0415
-    from palpate_twin.dome.equilibrium import Dome  # noqa: PLC0415
+    from palpate_twin.dome.equilibrium import ElasticDome  # noqa: PLC0415
     from palpate_twin.dome.mesh import dome_mesh  # noqa: PLC0415
     from palpate_twin.dome.picture import draw_press  # noqa: PLC0415
 
-    model = Dome(dome_mesh(resolution=_resolution(mesh), half=shear_mm[1] == 0))
+    model = ElasticDome(dome_mesh(resolution=_resolution(mesh), half=shear_mm[1] == 0))
     pressed = pressing.press(model, float(np.radians(theta_deg)), depth_mm, PROBES[probe_name], shear_mm)
     for name, vector in {
         "force on the dome, mm^2 mu": pressed.force_per_mu_mm2,
@@ -143,7 +143,7 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
 
     from palpate_twin.dome import field_grid as grid  # noqa: PLC0415
     from palpate_twin.dome.library import SHIPPED  # noqa: PLC0415
-    from palpate_twin.dome.make_library import Domes, Row, solve_angle, write_library  # noqa: PLC0415
+    from palpate_twin.dome.make_library import Domes, LibraryRow, solve_angle, write_library  # noqa: PLC0415
 
     target = out or SHIPPED
     if not os.access(target.parent, os.W_OK):
@@ -151,7 +151,7 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
     resolution = _resolution(mesh)
     domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
     probes = [PROBES[name] for name in dict.fromkeys(probe_names)]
-    rows: list[Row] = []
+    rows: list[LibraryRow] = []
     with Progress() as progress:
         task = progress.add_task("presses", total=len(probes) * len(grid.THETA_DEG) * grid.CASES)
         for probe in probes:

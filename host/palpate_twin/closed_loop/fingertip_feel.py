@@ -14,7 +14,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import tangent_basis
 from palpate_edge.estimation.estimator import Estimator
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.renderer import CameraView
@@ -139,7 +139,7 @@ def press_of(view: CameraView, touch: DomeTouch) -> ProbePress:
     return view.dome.slid(press, along_face @ touch.friction_N / touch.normal_force_N)
 
 
-def touches_in_F(engine: Engine, hand: Hand) -> list[DomeTouch | None]:
+def touches_in_F(engine: Engine, hand: HandKinematics) -> list[DomeTouch | None]:
     """Of each tip, None where it touches nothing."""
     pose = hand.pose(engine.q_rad)
     found: list[DomeTouch | None] = []

@@ -20,7 +20,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.simulated_clock import ClockKeeper
 from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.serve_devices import refuse_conflict
 from palpate_host.network.fingertips import Fingertip
 from palpate_host.network.nmt_master import SYNC
@@ -73,7 +73,7 @@ class LiveHand:
     def __init__(
         self,
         config: HandConfig,
-        hand: Hand,
+        hand: HandKinematics,
         engine: Engine,
         cameras: Cameras,
         motion: MotionFile,

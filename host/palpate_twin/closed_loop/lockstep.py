@@ -17,12 +17,12 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host_core import HostCore
@@ -67,7 +67,7 @@ class LockstepLoop:
     def __init__(
         self,
         config: HandConfig,
-        hand: Hand,
+        hand: HandKinematics,
         engine: Engine,
         feel: Feel,
         has_weight: bool = False,
@@ -84,7 +84,7 @@ class LockstepLoop:
         self.host = HostCore(config, hand)
         self.status: HostStatus | None = None
         self._driven = DrivenHand(config, engine)
-        self._tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self._tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
         self._nodes: list[Cia402Device | FingertipNode] = [*self._driven.devices, *self._tips]
         self._due_us = [START_US] * len(self._nodes)
         self._now_us = START_US

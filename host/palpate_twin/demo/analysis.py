@@ -37,7 +37,7 @@ from palpate_twin.demo.truth import (
     read_pairs,
 )
 from palpate_twin.demo.turn import Turn, TurnFigures, turn_of
-from palpate_twin.hand.motion import Motion, read_motion
+from palpate_twin.hand.motion import TrueMotion, read_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Analysis:
     pairs: tuple[list[Pair], ...]
     moments: list[Moment]
     torques: list[JointTorque]
-    motion: Motion | None
+    motion: TrueMotion | None
     turn: Turn | None
 
 

@@ -25,7 +25,7 @@ from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus, Matrix
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.service.host_core import HostCore
@@ -50,7 +50,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
-class ModeChange:
+class TimedMode:
     """A mode as entered, `time_s` after the log's first frame."""
 
     time_s: float
@@ -84,7 +84,7 @@ class HandFigures:
     """orientation_error_deg: while the hand turns the object by contacts (mode MANIPULATE)."""
 
     mode_s: dict[str, float]
-    changes: tuple[ModeChange, ...]
+    changes: tuple[TimedMode, ...]
     orientation_error_deg: Distribution | None
     joints: tuple[JointFigures, ...]
 
@@ -120,7 +120,7 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
 
 
 def replay_modes(
-    records: Sequence[LogRecord], config: HandConfig, hand: Hand, given: Sequence[Given] = ()
+    records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics, given: Sequence[Given] = ()
 ) -> list[Moment]:
     """The host's ticks over the log, from its first heartbeat to the end of the stop. given: the commands
     that it obeyed meanwhile.
@@ -185,11 +185,11 @@ def _seconds_in_modes(moments: Sequence[Moment]) -> dict[str, float]:
     return seconds
 
 
-def _changes(moments: Sequence[Moment], begin_us: int) -> tuple[ModeChange, ...]:
-    changes: list[ModeChange] = []
+def _changes(moments: Sequence[Moment], begin_us: int) -> tuple[TimedMode, ...]:
+    changes: list[TimedMode] = []
     for moment in moments:
         if not changes or changes[-1].mode is not moment.mode:
-            changes.append(ModeChange((moment.time_us - begin_us) / 1e6, moment.mode, moment.reason))
+            changes.append(TimedMode((moment.time_us - begin_us) / 1e6, moment.mode, moment.reason))
     return tuple(changes)
 
 

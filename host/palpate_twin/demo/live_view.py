@@ -12,7 +12,7 @@ from rich.text import Text
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import FingerStatus, HostStatus, JointStatus
 from palpate_twin.demo.dome_map import dome_map
-from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.monitor import MonitorSample
 
 HEADER_LINES = 4
 WIDE = 30  # characters inside a finger's panel from which names are written in full
@@ -50,7 +50,7 @@ def mode_name(mode: Mode) -> str:
     return _MODE_NAME.get(mode, mode.value.upper())
 
 
-def render(sight: Sight, scale: Scale, elapsed_s: float) -> Layout:
+def render(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Layout:
     """The whole screen."""
     layout = Layout()
     header = Layout(Panel(_header(sight, scale, elapsed_s), title="palpate demo"), size=HEADER_LINES)
@@ -79,7 +79,7 @@ def render(sight: Sight, scale: Scale, elapsed_s: float) -> Layout:
     return layout
 
 
-def plain_line(sight: Sight, elapsed_s: float) -> str:
+def plain_line(sight: MonitorSample, elapsed_s: float) -> str:
     """The same in one line, for a file or a pipe."""
     status = sight.status
     if status is None:
@@ -92,7 +92,7 @@ def plain_line(sight: Sight, elapsed_s: float) -> str:
     return " | ".join(parts)
 
 
-def _header(sight: Sight, scale: Scale, elapsed_s: float) -> Text:
+def _header(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Text:
     status = sight.status
     text = Text(no_wrap=True, overflow="ellipsis")
     if status is None:

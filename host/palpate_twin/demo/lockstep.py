@@ -20,7 +20,7 @@ from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.picture_file import PictureFile
-from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.monitor import MonitorSample
 from palpate_twin.demo.orchestrator import DemoInterruptedError, Show, log_header
 from palpate_twin.demo.programme import Programme
 from palpate_twin.demo.run_folder import RunFolder
@@ -85,7 +85,7 @@ def run(folder: RunFolder, duration_s: float, seed: int, say: Callable[[str], No
         for looks, elapsed_s in enumerate(go_on(duration_s)):
             programme.look(loop.status)
             if looks % SHOW_EVERY == 0:
-                show(Sight(loop.status, (None,) * len(names), None), elapsed_s)
+                show(MonitorSample(loop.status, (None,) * len(names), None), elapsed_s)
         loop.host.request_stop()
         for _ in go_on(STOP_S):
             if loop.is_over:

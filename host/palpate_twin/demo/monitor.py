@@ -20,10 +20,11 @@ from palpate_bus.hub.connection import ask
 from palpate_bus.hub.control import AskStatistics, Statistics
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.node.nmt import NmtState
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.network.fingertips import Fingertip
-from palpate_host.network.nmt_master import HEARTBEAT_ID, NmtState
+from palpate_host.network.nmt_master import HEARTBEAT_ID
 
 LATENCY_WINDOW_US = 1_000_000
 STATISTICS_PERIOD_US = 500_000
@@ -31,7 +32,7 @@ CHUNK_BYTES = 256 * 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class MonitorSample:
     """One look at the running hand.
 
     status: the host's newest, None before the first. latency_us: median over the last second from exposure to
@@ -80,21 +81,21 @@ class Monitor:
     ) -> None:
         self._resources.close()
 
-    def poll(self) -> Sight:
+    def poll(self) -> MonitorSample:
         """Take in all that came since the last call. Raises BusError when the bus is gone."""
         now_us = self._now_us()
         while frames := self._bus.receive(0):
             for stamp_us, frame in frames:
                 if frame.can_id in self._finger_of:
                     self._note_contact(self._finger_of[frame.can_id], stamp_us, frame)
-                elif frame.data == bytes([NmtState.BOOT_UP]):
+                elif frame.data == bytes([NmtState.INITIALISING]):
                     self.not_booted.pop(frame.can_id - HEARTBEAT_ID, None)
         if self._asked_us is None or now_us - self._asked_us >= STATISTICS_PERIOD_US:
             self._asked_us = now_us
             reply = ask(self._hub, AskStatistics())
             self._load = reply.load if isinstance(reply, Statistics) else None
         self._read_status()
-        return Sight(
+        return MonitorSample(
             status=self._decoder.decode(self._line) if self._line else None,
             latency_us=tuple(_recent_median_us(latencies, now_us) for latencies in self._latencies),
             load=self._load,

@@ -21,7 +21,7 @@ from palpate_host.config.hand_config import HandConfig
 from palpate_host.service.host import bus_time
 from palpate_host.service.replay import contract_header
 from palpate_twin.demo.live_view import Scale
-from palpate_twin.demo.monitor import Monitor, Sight
+from palpate_twin.demo.monitor import Monitor, MonitorSample
 from palpate_twin.demo.processes import Children, DemoError, Program, Urgency
 from palpate_twin.demo.programme import Programme, ask_by_socket
 from palpate_twin.demo.run_folder import RunFolder
@@ -30,7 +30,7 @@ START_TIMEOUT_S = 60.0
 PREPARE_TIMEOUT_S = 900.0  # sensors are rendered and calibrated in 10 s; a slow machine shows its progress
 LOOK_PERIOD_S = 0.125
 
-Show = Callable[[Sight, float], None]
+Show = Callable[[MonitorSample, float], None]
 
 
 class DemoInterruptedError(Exception):
@@ -38,7 +38,7 @@ class DemoInterruptedError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class ProcessCommand:
     """One process of the demo, by name, with what a person would type."""
 
     name: str
@@ -51,7 +51,7 @@ class Command:
         return shlex.join((self.program.command, *self.arguments))
 
 
-def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[Command]:
+def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[ProcessCommand]:
     """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin.
 
     Beside a recording they run in the real-time class, as on boards. The twin's pictures cost more than all
@@ -68,19 +68,19 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
         made = ("simulate", "fingertips", "--hand", str(folder.hand_toml), "-o", str(folder.sensors))
         rings = [text for finger in hand.fingers for text in ("--ring", str(folder.ring(finger.name)))]
         paths = ("--sensors", str(folder.sensors), "--truth", str(folder.truth))
-        first = Command("fingertips", Program.HOST, made)
-        moves = Command("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
+        first = ProcessCommand("fingertips", Program.HOST, made)
+        moves = ProcessCommand("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
     else:
         bus, fingertip, host = Urgency.BUS, Urgency.FINGERTIP, Urgency.HOST
         calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
-        first = Command("calibrate", Program.EDGE, calibrate)
-        moves = Command("drives", Program.HOST, ("drives", *config), Urgency.DRIVES)
+        first = ProcessCommand("calibrate", Program.EDGE, calibrate)
+        moves = ProcessCommand("drives", Program.HOST, ("drives", *config), Urgency.DRIVES)
     return [
         first,
-        Command("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), bus),
+        ProcessCommand("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), bus),
         moves,
         *(
-            Command(
+            ProcessCommand(
                 finger.name,
                 Program.EDGE,
                 ("run", "--config", str(folder.finger_toml(finger.name))),
@@ -88,7 +88,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
             )
             for finger in hand.fingers
         ),
-        Command("host", Program.HOST, ("run", *config, *sockets), host),
+        ProcessCommand("host", Program.HOST, ("run", *config, *sockets), host),
     ]
 
 
@@ -121,7 +121,7 @@ def run(
     hand = folder.hand()
     prepare, hub, moves, *tips, host = commands(folder, hand, recording)
     with stop_event() as stopped, Children(folder.path) as children:
-        watch = _Watch(children, stopped)
+        watch = _ProcessWatch(children, stopped)
         say("making and calibrating the sensors" if recording is None else "calibrating the sensor")
         watch.finish(prepare, say)
         say("starting the hub, nine drives, three fingertips and the host")
@@ -150,7 +150,7 @@ def run(
 def _watch_for(
     duration_s: float,
     now_us: Callable[[], int],
-    watch: _Watch,
+    watch: _ProcessWatch,
     monitor: Monitor,
     show: Show,
     programme: Programme | None,
@@ -164,17 +164,17 @@ def _watch_for(
         watch.pause(min(LOOK_PERIOD_S, max(0.0, duration_s - elapsed_s)))
 
 
-class _Watch:
+class _ProcessWatch:
     """Waits that end with an error when a process dies and with DemoInterruptedError when the user stops."""
 
     def __init__(self, children: Children, stopped: threading.Event) -> None:
         self._children = children
         self._stopped = stopped
 
-    def start(self, command: Command) -> None:
+    def start(self, command: ProcessCommand) -> None:
         self._children.start(command.name, command.program, command.arguments, command.urgency)
 
-    def finish(self, command: Command, say: Callable[[str], None]) -> None:
+    def finish(self, command: ProcessCommand, say: Callable[[str], None]) -> None:
         """Run a process to its end and pass on what it says."""
         child = self._children.start(command.name, command.program, command.arguments)
         said = ""
@@ -193,7 +193,7 @@ class _Watch:
         if self._stopped.wait(seconds):
             raise DemoInterruptedError
 
-    def look(self, monitor: Monitor) -> Sight:
+    def look(self, monitor: Monitor) -> MonitorSample:
         """One look at the hand, all processes being alive."""
         self._children.check()
         try:
@@ -218,7 +218,7 @@ class _Watch:
                 raise DemoError(f"waited {timeout_s:.0f} s in vain for {what}: see the run folder")
             self.pause(0.02)
 
-    def look_until(self, monitor: Monitor, condition: Callable[[Sight], bool], what: str) -> None:
+    def look_until(self, monitor: Monitor, condition: Callable[[MonitorSample], bool], what: str) -> None:
         self.until(lambda: condition(self.look(monitor)), what)
 
 
@@ -230,7 +230,7 @@ def _answers(socket_path: Path) -> bool:
     return True
 
 
-def _is_operating(sight: Sight) -> bool:
+def _is_operating(sight: MonitorSample) -> bool:
     return sight.status is not None and sight.status.mode not in STARTING
 
 

@@ -18,9 +18,10 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
+from palpate_edge.node.nmt import NmtState
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.network.fingertips import SEQUENCE_WRAP, Fingertip
-from palpate_host.network.nmt_master import HEARTBEAT_ID, NmtState
+from palpate_host.network.nmt_master import HEARTBEAT_ID
 from palpate_twin.demo.distribution import Distribution, distribution
 
 
@@ -121,7 +122,7 @@ def read_pairs(records: Iterable[LogRecord], node_id: int, truth: TruthOf) -> tu
     Raises BusError for a TPDO that is not the EDS's.
     """
     tip = Fingertip(node_id, f"node 0x{node_id:02X}")
-    boot_up_id, boot_up = HEARTBEAT_ID + node_id, bytes([NmtState.BOOT_UP])
+    boot_up_id, boot_up = HEARTBEAT_ID + node_id, bytes([NmtState.INITIALISING])
     contacts = []
     for record in records:
         if record.frame.can_id in tip.receive_ids:

@@ -12,7 +12,7 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_twin.demo.hand_motion import Moment
-from palpate_twin.hand.motion import Motion
+from palpate_twin.hand.motion import TrueMotion
 
 TURNING = (Mode.MANIPULATE, Mode.BLIND)
 BOUND_DEG = 3.0
@@ -78,7 +78,7 @@ class Turn:
 
 
 def turn_of(
-    moments: Sequence[Moment], motion: Motion, begin_us: int, asked: Sequence[Asked]
+    moments: Sequence[Moment], motion: TrueMotion, begin_us: int, asked: Sequence[Asked]
 ) -> tuple[Turn, TurnFigures] | None:
     """None when the host never turned the object. asked: in order; the first began with the turning."""
     turning = [moment for moment in moments if moment.mode in TURNING and moment.R_d is not None]
@@ -132,7 +132,7 @@ def _steps(stamps_us: Array, asked: Sequence[Asked]) -> list[tuple[tuple[float, 
     return [(rpy_deg, first, last) for (_, rpy_deg), (first, last) in turns if first < last]
 
 
-def _friction_ratio(motion: Motion, span: slice) -> float:
+def _friction_ratio(motion: TrueMotion, span: slice) -> float:
     normal, tangential = motion.force_N[span], motion.friction_N[span]
     bearing = normal > 0.0
     return float((tangential[bearing] / normal[bearing]).max()) if bearing.any() else 0.0

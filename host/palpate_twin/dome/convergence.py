@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_twin.dome import field_grid
-from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.mesh import Resolution, dome_mesh
 from palpate_twin.dome.press import press
 from palpate_twin.dome.probe import Probe
@@ -37,7 +37,7 @@ def converge(
     """The same press, slid a little towards the base, on half domes from the finest mesh to the coarsest."""
     finest = None
     for resolution in reversed(meshes):
-        dome = Dome(dome_mesh(resolution=resolution, half=True))
+        dome = ElasticDome(dome_mesh(resolution=resolution, half=True))
         pressed = press(dome, theta_rad, depth_mm, probe, (SHEAR_SHARE * depth_mm, 0.0))
         sample = Sampler(dome.mesh, field_grid.BEAD_RADIUS_MM * field_grid.ring_directions())
         field = sample(pressed.displacement_mm)

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from palpate_edge.common.arrays import Array
 from palpate_twin.dome.elasticity import POISSON_RATIO, Solid
-from palpate_twin.dome.friction_contact import FRICTION, Contact, contact, no_anchor
+from palpate_twin.dome.friction_contact import FRICTION, ProbeContact, contact, no_anchor
 from palpate_twin.dome.mesh import DomeMesh
 from palpate_twin.dome.probe import ProbePose
 from palpate_twin.dome.surface import Surface, outer_surface
@@ -35,7 +35,7 @@ class Equilibrium:
     """A state in balance; contact_force and base_force (3,), both on the meshed part, per mu, mm^2."""
 
     state: State
-    contact: Contact
+    contact: ProbeContact
     contact_force: Array
     base_force: Array
     iterations: int
@@ -45,13 +45,13 @@ class Equilibrium:
 class _Forces:
     """Nodal forces (3 n,): pushed by the contact, internal of the solid; residual on the free components."""
 
-    contact: Contact
+    contact: ProbeContact
     pushed: Array
     internal: Array
     residual: Array
 
 
-class Dome:
+class ElasticDome:
     """The dome ready for pressing: mesh, silicone, outer surface and friction. Holds no state of a press."""
 
     def __init__(

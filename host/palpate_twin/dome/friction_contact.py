@@ -18,7 +18,7 @@ FRICTION = 0.6
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ProbeContact:
     """Tractions (q, 3) on the dome, per mu; their derivative (q, 3, 3) by the point, 1/mm; pressure (q,);
     anchor_mm (q, 3): the point of the probe, in its own coordinates, that each point of the dome holds on to
     after this step; nan where nothing touches.
@@ -35,7 +35,9 @@ def no_anchor(count: int) -> Array:
     return np.full((count, 3), np.nan)
 
 
-def contact(probe: Probe, outward: Array, on_probe_mm: Array, anchor_mm: Array, friction: float) -> Contact:
+def contact(
+    probe: Probe, outward: Array, on_probe_mm: Array, anchor_mm: Array, friction: float
+) -> ProbeContact:
     """Tractions on points of the dome's surface.
 
     on_probe_mm: (q, 3) points in the probe's coordinates, whose origin is its point of first touch; outward:
@@ -63,7 +65,7 @@ def contact(probe: Probe, outward: Array, on_probe_mm: Array, anchor_mm: Array, 
     # What has slipped holds on a little further: where the sliding traction is just the stick traction.
     moved = on_probe_mm + np.where(slips[:, None], shear / TANGENT_PENALTY, 0.0)
     kept = np.where((held & ~slips)[:, None], anchor_mm, moved)
-    return Contact(
+    return ProbeContact(
         traction + np.where(held[:, None], shear, 0.0),
         derivative + np.where(held[:, None, None], shear_by_point, 0.0),
         pressure,

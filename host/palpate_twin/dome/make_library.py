@@ -30,15 +30,15 @@ from scipy.spatial import cKDTree
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid
-from palpate_twin.dome.equilibrium import Dome, State
+from palpate_twin.dome.equilibrium import ElasticDome, State
 from palpate_twin.dome.mesh import Resolution, dome_mesh
-from palpate_twin.dome.press import Press, press_path
+from palpate_twin.dome.press import PressedDome, press_path
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.sampling import Sampler
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class LibraryRow:
     """One press as the library keeps it: displacement_mm (d, 3), force_per_mu_mm2 (3,)."""
 
     theta_rad: float
@@ -55,14 +55,14 @@ class Domes:
     def __init__(
         self, outer_radius_mm: float, wall_mm: float, resolution: Resolution, points_mm: Array
     ) -> None:
-        self.half = Dome(dome_mesh(outer_radius_mm, wall_mm, resolution, half=True))
-        self.whole = Dome(dome_mesh(outer_radius_mm, wall_mm, resolution))
+        self.half = ElasticDome(dome_mesh(outer_radius_mm, wall_mm, resolution, half=True))
+        self.whole = ElasticDome(dome_mesh(outer_radius_mm, wall_mm, resolution))
         self.sample_half = Sampler(self.half.mesh, points_mm)
         self.sample_whole = Sampler(self.whole.mesh, points_mm)
         self._nodes = _mirror_image(self.half.mesh.points_mm, self.whole.mesh.points_mm)
         self._points = _mirror_image(self.half.surface.points_mm, self.whole.surface.points_mm)
 
-    def unfold(self, pressed: Press) -> Press:
+    def unfold(self, pressed: PressedDome) -> PressedDome:
         """A press of the half dome on the whole one."""
         state = pressed.state
         node, node_sign = self._nodes
@@ -79,11 +79,13 @@ def _mirror_image(half_mm: Array, whole_mm: Array) -> tuple[NDArray[np.intp], Ar
     return number, np.where(whole_mm[:, 1:2] < -1e-9, [1.0, -1.0, 1.0], 1.0)
 
 
-def solve_angle(domes: Domes, theta_rad: float, probe: Probe, after_press: Callable[[], None]) -> list[Row]:
+def solve_angle(
+    domes: Domes, theta_rad: float, probe: Probe, after_press: Callable[[], None]
+) -> list[LibraryRow]:
     """All rows of one contact angle, in the order of :func:`field_grid.cases`."""
     deepest_mm = float(field_grid.largest_depth_mm(theta_rad, probe, domes.half.mesh.outer_radius_mm))
     rows = field_grid.cases(deepest_mm)
-    pressed: list[Press] = []
+    pressed: list[PressedDome] = []
     fields: list[Array] = []
     depths = len(field_grid.DEPTH_SHARES)
     for found in press_path(domes.half, theta_rad, rows[:depths], probe):
@@ -102,7 +104,7 @@ def solve_angle(domes: Domes, theta_rad: float, probe: Probe, after_press: Calla
             fields.append(sample(found.displacement_mm))
             after_press()
     return [
-        Row(theta_rad, depth, shear, probe, field, found.force_per_mu_mm2)
+        LibraryRow(theta_rad, depth, shear, probe, field, found.force_per_mu_mm2)
         for (depth, shear), field, found in zip(rows, fields, pressed, strict=True)
     ]
 
@@ -121,7 +123,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
         fresh.unlink(missing_ok=True)
 
 
-def write_library(path: Path, rows: list[Row], domes: Domes, resolution: Resolution) -> None:
+def write_library(path: Path, rows: list[LibraryRow], domes: Domes, resolution: Resolution) -> None:
     """Write the rows, complete and in order (see the module), in place of the file that is there.
 
     Raises ConfigError for a folder that cannot be written.

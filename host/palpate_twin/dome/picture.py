@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.mesh import DomeMesh
-from palpate_twin.dome.press import Press
+from palpate_twin.dome.press import PressedDome
 from palpate_twin.dome.sampling import Sampler
 
 
-def draw_press(mesh: DomeMesh, pressed: Press, path: Path) -> None:
+def draw_press(mesh: DomeMesh, pressed: PressedDome, path: Path) -> None:
     """Write a picture (the format as the path's suffix says)."""
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 5), layout="constrained")
@@ -30,7 +30,7 @@ def draw_press(mesh: DomeMesh, pressed: Press, path: Path) -> None:
         figure.savefig(path, dpi=110)
 
 
-def _section(axes: Axes, mesh: DomeMesh, pressed: Press) -> None:
+def _section(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:
     """Lines through the wall in the plane y = 0, before (grey) and after."""
     theta = np.radians(np.linspace(-89.5, 89.5, 121))
     radii_mm = mesh.outer_radius_mm - mesh.wall_mm * np.linspace(0.002, 0.998, 5)
@@ -50,7 +50,7 @@ def _section(axes: Axes, mesh: DomeMesh, pressed: Press) -> None:
     axes.set(xlabel="x (mm)", ylabel="z (mm)", title="section y = 0", aspect="equal")
 
 
-def _beads(axes: Axes, mesh: DomeMesh, pressed: Press) -> None:
+def _beads(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:
     """Displacement along z in colour and across z as arrows, on the bead sphere."""
     points = field_grid.BEAD_RADIUS_MM * field_grid.ring_directions()
     moved = Sampler(mesh, points)(pressed.displacement_mm)

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_twin.dome.equilibrium import Dome, Equilibrium, State
+from palpate_twin.dome.equilibrium import ElasticDome, Equilibrium, State
 from palpate_twin.dome.probe import Probe, ProbePose
 
 Shear = tuple[float, float]
@@ -27,7 +27,7 @@ NO_SHEAR: Shear = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Press:
+class PressedDome:
     """The dome pressed at one place.
 
     displacement_mm: (n, 3) of the mesh's nodes, in F; force_per_mu_mm2: (3,) on the whole dome, in F;
@@ -64,8 +64,12 @@ def largest_depth_mm(theta_rad: float, probe: Probe, outer_radius_mm: float = 30
 
 
 def press(
-    dome: Dome, theta_rad: float, depth_mm: float, probe: Probe = Probe.PLATE, shear_mm: Shear = NO_SHEAR
-) -> Press:
+    dome: ElasticDome,
+    theta_rad: float,
+    depth_mm: float,
+    probe: Probe = Probe.PLATE,
+    shear_mm: Shear = NO_SHEAR,
+) -> PressedDome:
     """Press to depth_mm at polar angle theta_rad, then slide by shear_mm (towards the base, towards +y).
 
     Raises ConfigError where the press cannot be made or does not converge.
@@ -75,12 +79,12 @@ def press(
 
 
 def press_path(
-    dome: Dome,
+    dome: ElasticDome,
     theta_rad: float,
     stops: Sequence[tuple[float, Shear]],
     probe: Probe = Probe.PLATE,
-    start: Press | None = None,
-) -> Iterator[Press]:
+    start: PressedDome | None = None,
+) -> Iterator[PressedDome]:
     """Go straight from stop to stop of (depth_mm, shear_mm), from rest or from `start`; one press for each.
 
     Raises ConfigError as :func:`press`.
@@ -100,7 +104,9 @@ def press_path(
         yield _press(dome, theta_rad, goal, probe, touch_mm, found, iterations)
 
 
-def _go(dome: Dome, state: State, first: ProbePose, last: ProbePose, step: float) -> tuple[Equilibrium, int]:
+def _go(
+    dome: ElasticDome, state: State, first: ProbePose, last: ProbePose, step: float
+) -> tuple[Equilibrium, int]:
     """Move the probe from the first pose to the last; `step` is the part of the way to try at once."""
     way_mm = last.at_mm - first.at_mm
     done, iterations = 0.0, 0
@@ -122,14 +128,14 @@ def _go(dome: Dome, state: State, first: ProbePose, last: ProbePose, step: float
 
 
 def _press(
-    dome: Dome,
+    dome: ElasticDome,
     theta_rad: float,
     goal: Array,
     probe: Probe,
     touch_mm: Array,
     found: Equilibrium,
     iterations: int,
-) -> Press:
+) -> PressedDome:
     surface, moved = dome.surface, found.state.displacement_mm
     points = surface.points_mm + (surface.to_points @ moved.ravel()).reshape(-1, 3)
     weight = surface.area_mm2 * found.contact.pressure
@@ -138,7 +144,7 @@ def _press(
     whole = np.array([2.0, 0.0, 2.0]) if dome.mesh.half else np.ones(3)
     if dome.mesh.half:
         centre = centre * np.array([1.0, 0.0, 1.0])
-    return Press(
+    return PressedDome(
         theta_rad=theta_rad,
         depth_mm=float(goal[0]),
         shear_mm=(float(goal[1]), float(goal[2])),
@@ -154,7 +160,7 @@ def _press(
     )
 
 
-def _check(dome: Dome, theta_rad: float, stops: Sequence[tuple[float, Shear]], probe: Probe) -> None:
+def _check(dome: ElasticDome, theta_rad: float, stops: Sequence[tuple[float, Shear]], probe: Probe) -> None:
     if not 0 <= theta_rad < np.pi / 2:
         raise ConfigError(
             f"theta_rad = {theta_rad:g}: a press is at 0 (the pole) up to below pi/2 (the base)"

@@ -10,7 +10,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid
-from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.press import directions, largest_depth_mm, press_path
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.sampling import Sampler
@@ -35,7 +35,7 @@ class SidePoints:
         return self.after_mm / self.before_mm
 
 
-def side_points(dome: Dome, force_per_mu_mm2: float = FORCE_PER_MU_MM2) -> Iterator[SidePoints]:
+def side_points(dome: ElasticDome, force_per_mu_mm2: float = FORCE_PER_MU_MM2) -> Iterator[SidePoints]:
     """Press with the plate at each of Table 2's contact angles (90 deg minus theta) until it bears the force.
 
     Raises ConfigError for a force that no depth of DEPTHS_MM reaches.
@@ -44,7 +44,7 @@ def side_points(dome: Dome, force_per_mu_mm2: float = FORCE_PER_MU_MM2) -> Itera
         yield _side_points(dome, contact_angle_deg, force_per_mu_mm2)
 
 
-def _side_points(dome: Dome, contact_angle_deg: int, force_per_mu_mm2: float) -> SidePoints:
+def _side_points(dome: ElasticDome, contact_angle_deg: int, force_per_mu_mm2: float) -> SidePoints:
     theta_rad = np.radians(90 - contact_angle_deg)
     half_angle = np.arcsin(APART_MM / 2 / field_grid.BEAD_RADIUS_MM)
     points_mm = field_grid.BEAD_RADIUS_MM * np.stack(

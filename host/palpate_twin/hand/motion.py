@@ -24,7 +24,7 @@ MOVED_RAD = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TrueMotion:
     """stamps_us (n,), Unix time of the hand; held_us (n,): how far that is behind the machine's; q_rad
     (n, nq); pose (n, 7), the object's place in m and its quaternion (w first) in the hand's frame; slip_mm,
     force_N, friction_N (n, 3): of each tip the path of its skin against the object so far, normal and
@@ -87,7 +87,7 @@ class MotionFile:
         self._write([str(stamp_us), str(held_us), *(f"{value:.7g}" for value in values)])
 
 
-def read_motion(path: Path) -> Motion:
+def read_motion(path: Path) -> TrueMotion:
     """Raises DatasetError for a file that is missing or was not written by `MotionFile`; a last line that was
     cut short by a sudden end is left out."""
     try:
@@ -105,7 +105,7 @@ def read_motion(path: Path) -> Motion:
         raise DatasetError(f"{path} holds no motion: run the demo again")
     ends = np.cumsum([1, 1, joints, len(POSE_COLUMNS), TIPS, TIPS])
     stamps, held, q, pose, slip, force, friction = np.split(table, ends, axis=1)
-    return Motion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
+    return TrueMotion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class FilmCut:
     whole_s: float
 
 
-def film_cut(motion: Motion, rate_Hz: float, longest_s: float) -> FilmCut:
+def film_cut(motion: TrueMotion, rate_Hz: float, longest_s: float) -> FilmCut:
     """So many pictures a second, from half a second before the hand first moves on, `longest_s` at most."""
     moves = np.abs(motion.q_rad - motion.q_rad[0]).max(axis=1) > MOVED_RAD
     begin_us = motion.stamps_us[int(np.argmax(moves))] - 500_000 if moves.any() else motion.stamps_us[0]

@@ -46,7 +46,7 @@ class Law(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class FigureCase:
     """One run of the study. by_marker: also measured by an external camera."""
 
     hand_toml: Path
@@ -64,7 +64,7 @@ class Case:
 class Result:
     """A case and what became of it; marker_rpy_deg (m, 3) at marker_s (m,), as the external camera saw it."""
 
-    case: Case
+    case: FigureCase
     outcome: Outcome
     marker_s: Array
     marker_rpy_deg: Array
@@ -79,17 +79,17 @@ def all_cases(
     seed: int,
     by_marker: bool,
     friction: float | None = None,
-) -> list[Case]:
+) -> list[FigureCase]:
     """Three axes, three laws, each engine. friction: of the tips, in place of the hand's own."""
     return [
-        Case(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker, friction)
+        FigureCase(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker, friction)
         for engine in engines
         for axis in range(3)
         for law in Law
     ]
 
 
-def run_all(cases: Sequence[Case], jobs: int, done: Callable[[], None]) -> list[Result]:
+def run_all(cases: Sequence[FigureCase], jobs: int, done: Callable[[], None]) -> list[Result]:
     """Every case, `jobs` at a time; the order and the results do not depend on `jobs`."""
     if jobs == 1:
         results = []
@@ -104,7 +104,7 @@ def run_all(cases: Sequence[Case], jobs: int, done: Callable[[], None]) -> list[
         return [future.result() for future in futures]
 
 
-def run_case(case: Case) -> Result:
+def run_case(case: FigureCase) -> Result:
     """One simulation, and what the external camera measured of it."""
     trial = case.law.trial(case.axis, case.duration_s, case.noise_mm, case.seed)
     trial = replace(trial, friction=case.friction)
@@ -117,7 +117,7 @@ def run_case(case: Case) -> Result:
     return Result(case, outcome, times, rpy, rotation.angle_deg(goal @ turns[-1].T))
 
 
-def _seen_by_camera(case: Case, outcome: Outcome) -> tuple[Array, list[Array]]:
+def _seen_by_camera(case: FigureCase, outcome: Outcome) -> tuple[Array, list[Array]]:
     """The object's turn since the first picture, from pictures of its marker."""
     twin = hand_config.load(case.hand_toml).twin
     assert twin is not None  # the trial ran

@@ -20,7 +20,7 @@ from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlMode, HandConfig
-from palpate_host.control.kinematics import Hand, HandPose
+from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand
@@ -102,7 +102,7 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
 class _Run:
     """The loop's state: engine, controller, and the contacts on their way."""
 
-    def __init__(self, config: HandConfig, hand: Hand, engine: Engine, trial: Trial) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics, engine: Engine, trial: Trial) -> None:
         self._hand, self._engine, self._trial = hand, engine, trial
         self._control = Manipulation(config)
         self._settle_s = config.control.settle_ms * 1e-3

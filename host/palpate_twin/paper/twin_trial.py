@@ -18,8 +18,8 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.kinematics import Hand
-from palpate_host.experiment.protocol import Case, ExperimentConfig
+from palpate_host.control.kinematics import HandKinematics
+from palpate_host.experiment.protocol import ExperimentConfig, TrialCase
 from palpate_host.experiment.result import TrialResult
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.service.host import load_hand
@@ -35,7 +35,7 @@ PICTURES_HZ = 5.0
 class RecordedLoop(LockstepLoop):
     """The loop with its bus log."""
 
-    def __init__(self, config: HandConfig, hand: Hand, *arguments: object) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics, *arguments: object) -> None:
         super().__init__(config, hand, *arguments)  # type: ignore[arg-type]
         self.bus_log: list[LogRecord] = []
 
@@ -46,7 +46,7 @@ class RecordedLoop(LockstepLoop):
         self.bus_log += [LogRecord(stamp_us, frame) for stamp_us, frame, _ in on_wire]
 
 
-def trial_config(config: HandConfig, case: Case, experiment: ExperimentConfig) -> HandConfig:
+def trial_config(config: HandConfig, case: TrialCase, experiment: ExperimentConfig) -> HandConfig:
     """hand.toml for this trial. ConfigError when it has no [twin]."""
     if config.twin is None:
         raise ConfigError(f"{experiment.hand}: has no [twin]: give start_pose_rad and the object")
@@ -65,7 +65,9 @@ def trial_config(config: HandConfig, case: Case, experiment: ExperimentConfig) -
     )
 
 
-def run_twin_trial(hand_toml: Path, experiment: ExperimentConfig, case: Case, folder: Path) -> TrialResult:
+def run_twin_trial(
+    hand_toml: Path, experiment: ExperimentConfig, case: TrialCase, folder: Path
+) -> TrialResult:
     """Runs it and writes bus.log and hand.mcap into `folder`. The same arguments give the same bits.
 
     LostGraspError when the object is lost or never turned.
@@ -119,7 +121,7 @@ def _by_camera(config: HandConfig, turning: Sequence[Sample], seed: int) -> tupl
     return np.array(times), turns
 
 
-def _write_mcap(path: Path, records: Sequence[LogRecord], config: HandConfig, hand: Hand) -> None:
+def _write_mcap(path: Path, records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics) -> None:
     with McapRecording(path, hand, [finger.name for finger in config.fingers]) as recording:
         for step in steps(records, config, hand):
             if step.output.status is not None and step.output.frames_out:

@@ -20,7 +20,7 @@ import pytest
 
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "bus.md"
@@ -43,7 +43,7 @@ def live_bus(folder):
         stack.callback(process.terminate)
         process.stderr.readline()
         bus = stack.enter_context(open_bus(BusConfig(interface="palpate", channel=str(path)), "finger-1"))
-        node = FingertipNode(0x10, Method.CORRECTED, "0123456789abcdef", serial_number=42)
+        node = FingertipNode(0x10, MethodCode.CORRECTED, "0123456789abcdef", serial_number=42)
 
         def serve():
             while not stopped.is_set():

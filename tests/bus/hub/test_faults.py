@@ -10,7 +10,7 @@ from palpate_bus.hub.control import ClearFaults, Done, Inject, Refused, reply_de
 from palpate_bus.hub.faults import MAX_RULES, FaultKind, FaultPlan, FaultRule
 from palpate_bus.hub.hub_client import Client
 from palpate_bus.hub.hub_core import HubCore
-from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, Mode
+from palpate_bus.hub.protocol import FrameFlag, Hello, Kind, PortMode
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 
@@ -114,7 +114,7 @@ def test_a_random_delay_reorders_within_its_range(bench):
 
 def test_tx_full_refuses_and_says_so(bench):
     bench.inject(kind="tx-full", port="a", count=1)
-    assert (Kind.MODE, bytes([Mode.ASK_VERDICT])) in taken(bench.a)
+    assert (Kind.MODE, bytes([PortMode.ASK_VERDICT])) in taken(bench.a)
     for now_us in range(2):
         bench.send(0x190, now_us, FrameFlag.VERDICT_WANTED)
     assert [payload for kind, payload in taken(bench.a) if kind is Kind.VERDICT] == [b"\0", b"\1"]
@@ -140,7 +140,7 @@ def test_bus_off_lasts_for_its_window(bench):
     bench.send(0x190, 1200)
     assert bench.carried(1200) == [(1200, 0x190)]
     modes = [payload for kind, payload in taken(bench.a) if kind is Kind.MODE]
-    assert modes == [bytes([Mode.BUS_OFF]), b"\0"]
+    assert modes == [bytes([PortMode.BUS_OFF]), b"\0"]
     assert bench.core.statistics(1200).ports[0].lost_to_bus_off == 1
 
 

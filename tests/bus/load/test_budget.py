@@ -19,7 +19,7 @@ from palpate_bus.hub.hub_client import Client
 from palpate_bus.hub.hub_core import HubCore
 from palpate_bus.hub.protocol import Hello, Kind
 from palpate_bus.load.bit_count import frame_bits
-from palpate_bus.load.budget import Case, budget, largest_frame_rate, worst_bits
+from palpate_bus.load.budget import BudgetCase, budget, largest_frame_rate, worst_bits
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
 
@@ -40,7 +40,7 @@ def test_no_frame_is_longer_than_the_worst_case(can_id, data):
 
 def test_a_hand_counted_by_hand():
     """3 fingertips at 30 FPS, 9 drives and the host at 100 Hz, as docs/bus.md says who sends what."""
-    by_name = {s.name: s for s in budget(Case()).streams}
+    by_name = {s.name: s for s in budget(BudgetCase()).streams}
     assert {name: (s.length, s.per_s) for name, s in by_name.items()} == {
         "fingertip TPDO 1": (8, 3 * 30),
         "fingertip TPDO 2": (8, 3 * 30),
@@ -86,7 +86,7 @@ def time_stamps_per_s(records):
 def compare(records):
     """The demo's traffic as the hub measures it against the budget of that hand; the ratio."""
     bits, duration_us = hub_measures(records, 1_000_000)
-    case = Case(time_stamps_per_s=time_stamps_per_s(records), sdo_per_s=0)
+    case = BudgetCase(time_stamps_per_s=time_stamps_per_s(records), sdo_per_s=0)
     return budget(case).mean_percent / (100 * bits / duration_us)
 
 
@@ -111,27 +111,31 @@ def test_a_running_hand_is_within_5_percent_of_its_budget(tmp_path):
 
 
 def test_verdicts_follow_the_load():
-    assert budget(Case(3, 9, 30)).verdict == "fits"
-    assert budget(Case(3, 9, 120)).verdict == "fits"
-    assert budget(Case(3, 15, 30)).verdict == "fits"
-    assert budget(Case(3, 15, 120)).verdict == "fits"
-    assert budget(Case(10, 0, 120)).verdict == "fits"
-    assert budget(Case(10, 30, 120)).verdict == "does not fit"
-    assert budget(Case(60, 70, 1, tick_Hz=1)).verdict == "does not fit"  # more than 127 nodes
-    assert budget(Case(3, 9, 30, bitrate=250_000)).verdict == "does not fit"
+    assert budget(BudgetCase(3, 9, 30)).verdict == "fits"
+    assert budget(BudgetCase(3, 9, 120)).verdict == "fits"
+    assert budget(BudgetCase(3, 15, 30)).verdict == "fits"
+    assert budget(BudgetCase(3, 15, 120)).verdict == "fits"
+    assert budget(BudgetCase(10, 0, 120)).verdict == "fits"
+    assert budget(BudgetCase(10, 30, 120)).verdict == "does not fit"
+    assert budget(BudgetCase(60, 70, 1, tick_Hz=1)).verdict == "does not fit"  # more than 127 nodes
+    assert budget(BudgetCase(3, 9, 30, bitrate=250_000)).verdict == "does not fit"
 
 
 def test_more_of_anything_is_more_load():
-    loads = [budget(Case(f, 3 * f, fps)).worst_percent for f, fps in itertools.product((1, 2, 4), (10, 60))]
+    loads = [
+        budget(BudgetCase(f, 3 * f, fps)).worst_percent for f, fps in itertools.product((1, 2, 4), (10, 60))
+    ]
     assert loads == sorted(loads)
-    assert budget(Case(bitrate=500_000)).mean_percent == pytest.approx(2 * budget(Case()).mean_percent)
+    assert budget(BudgetCase(bitrate=500_000)).mean_percent == pytest.approx(
+        2 * budget(BudgetCase()).mean_percent
+    )
 
 
 def test_the_largest_frame_rate_just_fits():
-    rate = largest_frame_rate(Case())
-    assert budget(Case(frames_per_s=rate)).worst_percent == pytest.approx(80.0)
-    assert largest_frame_rate(Case(fingertips=0)) == 0
-    assert largest_frame_rate(Case(10, 40)) == 0
+    rate = largest_frame_rate(BudgetCase())
+    assert budget(BudgetCase(frames_per_s=rate)).worst_percent == pytest.approx(80.0)
+    assert largest_frame_rate(BudgetCase(fingertips=0)) == 0
+    assert largest_frame_rate(BudgetCase(10, 40)) == 0
 
 
 def test_the_command_draws_and_its_status_says_whether_it_fits():

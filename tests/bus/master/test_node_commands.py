@@ -24,7 +24,7 @@ from palpate_bus.master.session import master
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 
@@ -33,7 +33,7 @@ class Nodes(threading.Thread):
 
     def __init__(self, path, node_ids):
         super().__init__()
-        self.nodes = [FingertipNode(node_id, Method.PAPER, "0123456789abcdef") for node_id in node_ids]
+        self.nodes = [FingertipNode(node_id, MethodCode.PAPER, "0123456789abcdef") for node_id in node_ids]
         self.bus = open_bus(BusConfig(interface="palpate", channel=str(path)), "nodes")
         self.stopped = threading.Event()
 
@@ -219,7 +219,7 @@ def test_an_unconfigured_device_gets_an_id_and_keeps_it(hub, foreign_node):
 def test_two_fingertips_without_an_id_are_found_and_named(hub):
     """Our own slaves: the same type, told apart by their serial numbers alone."""
     nodes = Nodes(hub.path, ())
-    nodes.nodes = [FingertipNode(255, Method.PAPER, "", serial_number=serial) for serial in (7, 0xC0FFEE)]
+    nodes.nodes = [FingertipNode(255, MethodCode.PAPER, "", serial_number=serial) for serial in (7, 0xC0FFEE)]
     nodes.start()
     try:
         found = run(hub, "lss", "list").stdout.splitlines()

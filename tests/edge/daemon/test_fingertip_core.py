@@ -14,7 +14,7 @@ from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledE
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import ContactFlag, Health, Method
+from palpate_edge.node.fingertip_objects import ContactFlag, Health, MethodCode
 from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
@@ -35,7 +35,7 @@ class Rig:
     """A core, a clock, and all that it has sent, with times."""
 
     def __init__(self):
-        node = FingertipNode(NODE, Method.PAPER, "0" * 16)
+        node = FingertipNode(NODE, MethodCode.PAPER, "0" * 16)
         self.now_us = START_US
         self.core = FingertipCore(node, "finger-1", TIMEOUT_US, START_US)
         self.sent = []
@@ -267,7 +267,7 @@ def test_a_node_id_that_is_used_twice_is_refused(rig):
 
 @pytest.mark.parametrize(("has_led", "answer"), [(False, 0x0800_0022), (True, None)])
 def test_an_led_that_is_not_there_takes_no_level(has_led, answer):
-    node = FingertipNode(NODE, Method.PAPER, "0" * 16, has_led=has_led)
+    node = FingertipNode(NODE, MethodCode.PAPER, "0" * 16, has_led=has_led)
     node.process(0, [])
     request = CanFrame(0x600 + NODE, bytes.fromhex("2f30200080000000"))
     (frame,) = (one for one in node.process(1, [request]).frames_out if one.can_id == SDO_ANSWER)

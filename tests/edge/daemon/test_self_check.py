@@ -7,7 +7,7 @@ import pytest
 
 from palpate_edge.daemon.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
 from palpate_edge.daemon.self_check import (
-    Row,
+    CheckRow,
     Verdict,
     as_table,
     exit_status,
@@ -62,7 +62,7 @@ change = msgspec.structs.replace
         (judge_clock(change(CLOCK, state="lost")), Verdict.FAIL, "does the host run?"),
         (judge_clock(change(CLOCK, error_us=201)), Verdict.WARN, "overloaded"),
     ],
-    ids=lambda one: one.part if isinstance(one, Row) else "",
+    ids=lambda one: one.part if isinstance(one, CheckRow) else "",
 )
 def test_verdicts_and_ways_out(row, verdict, says):
     assert row.verdict is verdict

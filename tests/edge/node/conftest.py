@@ -18,16 +18,16 @@ from kernel_guest.kernels import IN_A_KERNEL
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
-from palpate_edge.node.slave import Output, Slave
+from palpate_edge.node.slave import Slave, SlaveOutput
 
 PROJECT = Path(__file__).resolve().parents[3]
 DRIVE_EDS = PROJECT / "host" / "palpate_bus" / "eds" / "cia402.eds"
 NODE_ID = 0x10
 
-Process = Callable[[int, tuple[CanFrame, ...]], Output]
+Process = Callable[[int, tuple[CanFrame, ...]], SlaveOutput]
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def drive_od() -> ObjectDictionary:
 
 @pytest.fixture
 def fingertip() -> FingertipNode:
-    return FingertipNode(NODE_ID, Method.CORRECTED, "0123456789abcdef0123")
+    return FingertipNode(NODE_ID, MethodCode.CORRECTED, "0123456789abcdef0123")
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ import pytest
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
-from palpate_edge.node.slave import Output
+from palpate_edge.node.slave import SlaveOutput
 
 NODES = 10
 UNANSWERED_S = 1.0
@@ -26,10 +26,10 @@ class UnnamedFingertip:
     """A fingertip without a node id that stores what LSS tells it."""
 
     def __init__(self, serial_number: int, node_id: int = UNCONFIGURED_NODE_ID) -> None:
-        self.node = FingertipNode(node_id, Method.PAPER, "", serial_number=serial_number)
+        self.node = FingertipNode(node_id, MethodCode.PAPER, "", serial_number=serial_number)
         self.stored_node_id: int | None = None
 
-    def process(self, now_us: int, frames: tuple[CanFrame, ...]) -> Output:
+    def process(self, now_us: int, frames: tuple[CanFrame, ...]) -> SlaveOutput:
         output = self.node.process(now_us, frames)
         for event in output.events:
             if isinstance(event, StoreRequested):

@@ -18,7 +18,7 @@ from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import ErrorRegister
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
-from palpate_edge.node.slave import Output
+from palpate_edge.node.slave import SlaveOutput
 
 WAIT_S = 10.0
 
@@ -151,7 +151,7 @@ def test_store_and_restore(
 ) -> None:
     file = ParameterFile(tmp_path / "parameters")
 
-    def process(now_us: int, frames: tuple[CanFrame, ...]) -> Output:
+    def process(now_us: int, frames: tuple[CanFrame, ...]) -> SlaveOutput:
         output = fingertip.process(now_us, frames)
         assert answer_store_requests(fingertip.slave, output.events, file) == []
         return output

@@ -20,7 +20,7 @@ from palpate_edge.node.events import NmtStateChanged, StoreRequested
 from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_block import crc16
-from palpate_edge.node.slave import Output, Slave
+from palpate_edge.node.slave import Slave, SlaveOutput
 
 DRIVE_EDS = Path(__file__).resolve().parents[3] / "host" / "palpate_bus" / "eds" / "cia402.eds"
 DICTIONARIES = {"fingertip": load_eds(FINGERTIP_EDS, 0x10), "drive": load_eds(DRIVE_EDS, 0x10)}
@@ -185,7 +185,7 @@ def lengths_by_id(slave: Slave) -> dict[int, set[int]]:
 
 
 def check(
-    slave: Slave, before: dict[int, set[int]], was: NmtState, output: Output, now_us: int
+    slave: Slave, before: dict[int, set[int]], was: NmtState, output: SlaveOutput, now_us: int
 ) -> dict[int, set[int]]:
     """Everything that was said is whole, of this node, and allowed in its state."""
     assert now_us <= output.next_due_us <= now_us + 1_000_000

@@ -9,7 +9,7 @@ import pytest
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.events import BitRateActivated, NmtStateChanged, StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import Slave
 from palpate_edge.node.stored_parameters import StoredParameters
@@ -21,7 +21,7 @@ RESET_COMMUNICATION, RESET_NODE = CanFrame(0x000, b"\x82\x00"), CanFrame(0x000, 
 
 def fingertip(node_id: int, kept: StoredParameters | None = None) -> Slave:
     kept = kept or StoredParameters()
-    node = FingertipNode(node_id, Method.PAPER, "", serial_number=SERIAL, kept=kept)
+    node = FingertipNode(node_id, MethodCode.PAPER, "", serial_number=SERIAL, kept=kept)
     node.process(0, ())
     return node.slave
 

@@ -11,7 +11,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.slave import Slave
 from palpate_edge.node.stored_parameters import StoredParameters
@@ -38,7 +38,7 @@ class Board:
         self.switch_on()
 
     def switch_on(self, node_id: int = 0x10) -> None:
-        self.node = FingertipNode(node_id, Method.PAPER, "", kept=self.file.load(), has_led=True)
+        self.node = FingertipNode(node_id, MethodCode.PAPER, "", kept=self.file.load(), has_led=True)
         self.node.process(0, ())
 
     @property
@@ -157,7 +157,7 @@ def test_clocks_and_histories_are_not_saved(board: Board) -> None:
 
 def test_parameters_of_another_eds_are_not_used(board: Board) -> None:
     board.file.save(StoredParameters("0123456789abcdef", 0x20, None, {(0x1017, 0): 250}))
-    board.node = FingertipNode(0x10, Method.PAPER, "", kept=board.file.load())
+    board.node = FingertipNode(0x10, MethodCode.PAPER, "", kept=board.file.load())
     frames_out = board.node.process(0, ()).frames_out
     assert board.slave.read(0x1017) == 100
     assert (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.vision.blob_detection import Appearance, find_blobs, plane, unlit_grey
-from palpate_edge.vision.shading import SkinLight, skin_slope
+from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
@@ -108,7 +108,7 @@ def test_exact_disks_are_found_to_a_twentieth_of_a_pixel(diameter_px, harm, limi
     relative = slope / (100 + away @ slope)[:, None]  # over the contrast there
     picture = disks(places, sizes, shape, **harm)
     start = places + random.uniform(-0.15, 0.15, places.shape) * diameter_px
-    refined = Refiner(sizes, None, SkinLight(relative, None)).refine(picture, start)
+    refined = Refiner(sizes, None, Shading(relative, None)).refine(picture, start)
     assert np.median(np.linalg.norm(refined.position_px - places, axis=1)) < limit_px
     assert refined.settled.all()
 
@@ -125,7 +125,7 @@ def test_a_bead_in_the_same_light_as_its_skin_is_where_it_was_drawn(diameter_px,
     bright = bead > 1
     relative = (-slope if bright else slope) / (abs(1 - bead) * there)[:, None]
     appearance = Appearance("grey", bright)
-    light = SkinLight(relative, unlit_grey(appearance))
+    light = Shading(relative, unlit_grey(appearance))
     refined = Refiner(sizes, None, light).refine(plane(picture, appearance), places + 0.7)
     assert np.linalg.norm(refined.position_px - places, axis=1).max() < 0.05
 

@@ -9,7 +9,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.control.control_law import grasp_force_N, orientation_force_N
 from palpate_host.control.hand_model import model_of, source_of
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import gains_of
 from palpate_host.control.virtual_frame import (
     check_numbering,
@@ -58,7 +58,7 @@ def hand_of(tmp_path, bench, count):
     path.write_text("[[fingers]]".join([head, *fingers]))
     config = hand_config.load(path)
     joints = [joint.name for joint in config.joints]
-    return config, Hand(model_of(config), joints, config.model.tip_sites, source_of(config))
+    return config, HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
 @pytest.mark.parametrize("count", [4, 5])

@@ -24,7 +24,7 @@ from palpate_bus.eds.cia402 import CIA402_EDS, DriveState
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_edge.node.slave import Output
+from palpate_edge.node.slave import SlaveOutput
 from palpate_host.config import hand_config
 from palpate_host.config.packaged import MODELS
 from palpate_host.drives.serve_devices import serve_devices
@@ -373,7 +373,7 @@ class ListeningDrive(SimulatedDrive):
         super().__init__(node_id)
         self.heard: list[int] = []
 
-    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> Output:
+    def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> SlaveOutput:
         self.heard += [frame.can_id for frame in frames_in]
         return super().process(now_us, frames_in)
 

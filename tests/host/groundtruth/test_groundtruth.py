@@ -17,7 +17,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.main import cli
 from palpate_host.groundtruth.intrinsics import Board, Intrinsics, calibrate, write_intrinsics
 from palpate_host.groundtruth.marker import MarkerCamera, Refusal
-from palpate_host.groundtruth.track import Marker, Tracker
+from palpate_host.groundtruth.track import Marker, ObjectTracker
 from palpate_twin.closed_loop.external_camera import ExternalCamera, camera_above
 
 SIZE_PX = (640, 480)
@@ -198,7 +198,7 @@ def test_pictures_without_a_pose_say_why() -> None:
     small = far.picture(np.eye(3), np.array([0.0, 0.0, 0.1]), rng)
     refused = detector.measure(small)
     assert isinstance(refused, Refusal)
-    tracker = Tracker(
+    tracker = ObjectTracker(
         Intrinsics(
             width_px=640,
             height_px=480,

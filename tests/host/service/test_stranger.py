@@ -16,7 +16,7 @@ from palpate_host.cli.main import cli
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
-from palpate_host.control.kinematics import Hand
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
@@ -27,7 +27,7 @@ STRANGER = Path(__file__).parents[1] / "stranger" / "hand.toml"
 
 
 @pytest.fixture(scope="module")
-def stranger() -> tuple[HandConfig, Hand]:
+def stranger() -> tuple[HandConfig, HandKinematics]:
     return load_hand(STRANGER)
 
 
@@ -50,7 +50,9 @@ def by_pinocchio(config: HandConfig, q_rad: Array) -> tuple[Array, Array, Array]
     return places, jacobians[:, :, v_of], gravity[v_of]
 
 
-def test_kinematics_and_gravity_are_those_of_another_library(stranger: tuple[HandConfig, Hand]) -> None:
+def test_kinematics_and_gravity_are_those_of_another_library(
+    stranger: tuple[HandConfig, HandKinematics],
+) -> None:
     config, hand = stranger
     low = np.array([joint.min_rad for joint in config.joints])
     high = np.array([joint.max_rad for joint in config.joints])
@@ -62,7 +64,9 @@ def test_kinematics_and_gravity_are_those_of_another_library(stranger: tuple[Han
         np.testing.assert_allclose(pose.gravity_Nm, gravity, atol=1e-6)
 
 
-def test_its_tips_are_where_its_published_dimensions_put_them(stranger: tuple[HandConfig, Hand]) -> None:
+def test_its_tips_are_where_its_published_dimensions_put_them(
+    stranger: tuple[HandConfig, HandKinematics],
+) -> None:
     """All joints at 0: the finger on +y stands 60 deg from upright, 30 + 50 + 35 + 28 mm long."""
     _, hand = stranger
     along = 0.030 + 0.050 + 0.035 + 0.028
@@ -70,7 +74,7 @@ def test_its_tips_are_where_its_published_dimensions_put_them(stranger: tuple[Ha
     np.testing.assert_allclose(hand.pose(np.zeros(12)).tip_centre_m[0], expected, atol=1e-5)
 
 
-def test_the_start_checks_it(stranger: tuple[HandConfig, Hand]) -> None:
+def test_the_start_checks_it(stranger: tuple[HandConfig, HandKinematics]) -> None:
     """The numbering of the fingers is right; two of them exchanged are refused."""
     config, hand = stranger
     HostCore(config, hand)
@@ -82,7 +86,7 @@ def test_the_start_checks_it(stranger: tuple[HandConfig, Hand]) -> None:
         model=msgspec.structs.replace(config.model, tip_sites=(sites[1], sites[0], sites[2])),
     )
     names = [joint.name for joint in swapped.joints]
-    model = Hand(model_of(swapped), names, swapped.model.tip_sites, "stranger")
+    model = HandKinematics(model_of(swapped), names, swapped.model.tip_sites, "stranger")
     with pytest.raises(ConfigError, match="numbered clockwise"):
         HostCore(swapped, model)
 
@@ -94,7 +98,7 @@ def test_the_commands_take_it() -> None:
         assert "J3_3" in done.output
 
 
-def test_it_grasps_and_turns_an_object(stranger: tuple[HandConfig, Hand]) -> None:
+def test_it_grasps_and_turns_an_object(stranger: tuple[HandConfig, HandKinematics]) -> None:
     """Lock step: its own drives and fingertips on a bus, physics with friction. 10 deg of yaw."""
     config, hand = stranger
     engine = make_engine(config, "mujoco", has_B=False)

@@ -11,7 +11,7 @@ import pytest
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, DatasetError
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Method
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
@@ -23,7 +23,7 @@ from palpate_twin.closed_loop.live_hand import LiveHand
 from palpate_twin.demo.hand_motion import Moment
 from palpate_twin.demo.turn import turn_of
 from palpate_twin.hand.film import draw_states, write_film
-from palpate_twin.hand.motion import Motion, MotionFile, read_motion
+from palpate_twin.hand.motion import MotionFile, TrueMotion, read_motion
 from palpate_twin.paper.trial import make_engine
 
 TABLE_4 = PACKAGED["table4-wide"]
@@ -136,7 +136,7 @@ def test_turns_are_told_apart_by_what_was_asked():
     slip_mm = np.zeros((8, 3))
     slip_mm[5:, 1] = 1.1
     force_N = np.full((8, 3), 2.0)
-    motion = Motion(
+    motion = TrueMotion(
         stamps_us.astype(float), np.zeros(8), np.zeros((8, 9)), pose, slip_mm, force_N, 0.2 * force_N
     )
     asked = [(begin_us, (10.0, 0.0, 0.0)), (begin_us + 4 * tick_us - 10, (-10.0, 0.0, 0.0))]
@@ -181,7 +181,7 @@ class Bench:
         engine = make_engine(config, "mujoco", has_B=False)
         self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
         self.host = HostCore(config, kinematics)
-        self.tips = [FingertipNode(f.fingertip_node, Method.CORRECTED, "0" * 16) for f in config.fingers]
+        self.tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
         self.late_ms, self.felt_ms, self.count_from = 0, 10, 0
         self.deaf: set[int] = set()
         self._to_hand: list[tuple[int, CanFrame]] = []

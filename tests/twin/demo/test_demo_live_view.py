@@ -12,7 +12,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.status import Counters, FingerStatus, HostStatus, JointStatus
 from palpate_twin.demo.dome_map import CONTACT_DOT, dome_map
 from palpate_twin.demo.live_view import Scale, plain_line, render
-from palpate_twin.demo.monitor import Sight
+from palpate_twin.demo.monitor import MonitorSample
 
 FREE = FingerStatus(
     name="finger-1",
@@ -68,7 +68,7 @@ STATUS = HostStatus(
     last_emergency="",
     counters=Counters(),
 )
-SIGHT = Sight(STATUS, (None, 15_432.0, 15_000.0), 0.2345)
+SIGHT = MonitorSample(STATUS, (None, 15_432.0, 15_000.0), 0.2345)
 SCALE = Scale(
     duration_s=20.0, bitrate=1_000_000, dome_radius_mm=30.0, force_N=2.5, torque_limit_Nm=(0.5,) * 9
 )
@@ -122,7 +122,7 @@ def test_a_negative_torque_goes_to_the_left_by_its_share():
 
 
 def test_before_the_first_status_and_in_a_tiny_window():
-    nothing = Sight(None, (None, None, None), None)
+    nothing = MonitorSample(None, (None, None, None), None)
     assert "waiting for the host" in draw(nothing, 80, 24)
     assert "starting" in plain_line(nothing, 0.0)
     draw(SIGHT, 40, 10)

@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome.elasticity import Solid, bulk_per_mu
-from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.friction_contact import contact
 from palpate_twin.dome.mesh import Resolution, dome_mesh
 from palpate_twin.dome.press import directions, press, press_path
@@ -23,13 +23,13 @@ THETA_RAD = np.radians(35.0)
 
 
 @pytest.fixture(scope="module")
-def half_dome() -> Dome:
-    return Dome(dome_mesh(resolution=TINY, half=True))
+def half_dome() -> ElasticDome:
+    return ElasticDome(dome_mesh(resolution=TINY, half=True))
 
 
 @pytest.fixture(scope="module")
-def whole_dome() -> Dome:
-    return Dome(dome_mesh(resolution=TINY))
+def whole_dome() -> ElasticDome:
+    return ElasticDome(dome_mesh(resolution=TINY))
 
 
 def test_mesh_has_the_volume_and_surface_of_a_hollow_hemisphere() -> None:
@@ -147,14 +147,14 @@ def test_stiffness_is_the_derivative_of_the_forces() -> None:
 
 
 @pytest.mark.parametrize("probe", list(Probe))
-def test_contact_and_base_reaction_agree(half_dome: Dome, probe: Probe) -> None:
+def test_contact_and_base_reaction_agree(half_dome: ElasticDome, probe: Probe) -> None:
     pressed = press(half_dome, THETA_RAD, 1.0, probe, (0.3, 0.0))
     size = np.linalg.norm(pressed.force_per_mu_mm2)
     assert size > 1
     assert np.linalg.norm(pressed.force_per_mu_mm2 + pressed.base_per_mu_mm2) < 1e-6 * size
 
 
-def test_half_dome_and_whole_dome_agree(half_dome: Dome, whole_dome: Dome) -> None:
+def test_half_dome_and_whole_dome_agree(half_dome: ElasticDome, whole_dome: ElasticDome) -> None:
     points = 26.5 * np.array([[0.5, 0.3, 0.81], [0.5, -0.3, 0.81], [-0.6, 0.0, 0.8]])
     fields, forces = [], []
     for dome in (half_dome, whole_dome):
@@ -166,7 +166,7 @@ def test_half_dome_and_whole_dome_agree(half_dome: Dome, whole_dome: Dome) -> No
     assert fields[1][1] == pytest.approx(fields[1][0] * [1, -1, 1], abs=1e-7)
 
 
-def test_opposite_azimuthal_slides_are_mirror_images(whole_dome: Dome) -> None:
+def test_opposite_azimuthal_slides_are_mirror_images(whole_dome: ElasticDome) -> None:
     one, other = (press(whole_dome, THETA_RAD, 0.5, shear_mm=(0.0, side)) for side in (0.2, -0.2))
     assert one.force_per_mu_mm2[1] > 0.1
     assert other.force_per_mu_mm2 == pytest.approx(one.force_per_mu_mm2 * [1, -1, 1], abs=1e-6)
@@ -175,7 +175,7 @@ def test_opposite_azimuthal_slides_are_mirror_images(whole_dome: Dome) -> None:
     assert other.displacement_mm[nearest] == pytest.approx(one.displacement_mm * [1, -1, 1], abs=1e-6)
 
 
-def test_force_grows_with_depth_and_faster_than_it(half_dome: Dome) -> None:
+def test_force_grows_with_depth_and_faster_than_it(half_dome: ElasticDome) -> None:
     """Near the base, where the wall cannot buckle inwards, force over depth is monotone and convex."""
     theta = np.radians(60.0)
     outward, _, _ = directions(theta)
@@ -186,7 +186,7 @@ def test_force_grows_with_depth_and_faster_than_it(half_dome: Dome) -> None:
     assert all(later > earlier for earlier, later in pairwise(growth))
 
 
-def test_press_goes_in_first_and_then_slides(half_dome: Dome) -> None:
+def test_press_goes_in_first_and_then_slides(half_dome: ElasticDome) -> None:
     """Friction remembers the way: a slide after the press bears more than the slanted way to that place."""
     _, meridional, _ = directions(0.0)
     shear = (0.05, 0.0)
@@ -197,7 +197,7 @@ def test_press_goes_in_first_and_then_slides(half_dome: Dome) -> None:
     assert pressed.force_per_mu_mm2 @ meridional > 1.1 * slanted.force_per_mu_mm2 @ meridional
 
 
-def test_slide_beyond_stick_bears_coulombs_share(half_dome: Dome) -> None:
+def test_slide_beyond_stick_bears_coulombs_share(half_dome: ElasticDome) -> None:
     outward, meridional, _ = directions(0.0)
     pressed = press(half_dome, 0.0, 0.5, shear_mm=(1.0, 0.0))
     normal = -pressed.force_per_mu_mm2 @ outward
@@ -211,7 +211,7 @@ def test_thick_dome_under_the_plate_follows_hertz() -> None:
     E = 2 (1 + nu) mu. The ball is not endless: its fixed base makes it some per cent stiffer.
     """
     nu, radius_mm, depth_mm = 0.49, 30.0, 0.5
-    dome = Dome(dome_mesh(radius_mm, 28.0, Resolution(8, 3, 3), half=True), nu, friction=0.0)
+    dome = ElasticDome(dome_mesh(radius_mm, 28.0, Resolution(8, 3, 3), half=True), nu, friction=0.0)
     force = -press(dome, 0.0, depth_mm).force_per_mu_mm2[2]
     hertz = 4 / 3 * 2 * (1 + nu) / (1 - nu**2) * radius_mm**0.5 * depth_mm**1.5
     assert force == pytest.approx(hertz, rel=0.1)
@@ -228,14 +228,14 @@ def test_thick_dome_under_the_plate_follows_hertz() -> None:
     ],
 )
 def test_press_that_cannot_be_is_refused(
-    half_dome: Dome, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float]
+    half_dome: ElasticDome, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float]
 ) -> None:
     with pytest.raises(ConfigError) as refusal:
         press(half_dome, theta_rad, depth_mm, shear_mm=shear_mm)
     assert "\n" not in str(refusal.value)
 
 
-def test_sampler_gives_a_linear_field_and_refuses_points_outside(whole_dome: Dome) -> None:
+def test_sampler_gives_a_linear_field_and_refuses_points_outside(whole_dome: ElasticDome) -> None:
     gradient = np.random.default_rng(4).normal(size=(3, 3))
     theta, phi = np.radians([0.0, 20, 47, 80]), np.radians([0.0, 10, 130, 250])
     points = 26.5 * np.stack(

@@ -15,7 +15,7 @@ from palpate_edge.estimation.slip import SlipWatch
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.tracker import Beads
 from palpate_twin.dome.dome_samples import CAMERA, LAYOUTS
-from palpate_twin.dome.equilibrium import Dome
+from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.mesh import Resolution, dome_mesh
 from palpate_twin.dome.press import press_path
 from palpate_twin.dome.probe import Probe
@@ -39,7 +39,7 @@ class Step:
 
 def slide(probe, friction, slide_mm):
     """Press, then drag the probe towards the base."""
-    dome = Dome(dome_mesh(resolution=Resolution(6, 4, 1), half=True), friction=friction)
+    dome = ElasticDome(dome_mesh(resolution=Resolution(6, 4, 1), half=True), friction=friction)
     rings = tuple(Ring(theta, count) for theta, count in LAYOUTS[0])
     beads_mm = bead_layout_mm(Markers(26.5, 3.0, rings))[0]
     view = View(CAMERA)

@@ -10,7 +10,7 @@ from palpate_host.cli.main import cli
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.config.packaged import MODELS
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
-from palpate_twin.paper.figure_data import Case, Law, Result, engines_apart_deg, engines_table
+from palpate_twin.paper.figure_data import FigureCase, Law, Result, engines_apart_deg, engines_table
 from palpate_twin.paper.trial import Outcome, Trial, run_trial
 
 TABLE_3 = MODELS / "table3.toml"
@@ -132,7 +132,7 @@ def test_engines_are_compared_moment_by_moment():
         )
         none = np.zeros(0)
         outcome = Outcome(trial, none, none, poses, 0.0, np.zeros(3), 0.0, None, lost_s)
-        case = Case(TABLE_3, engine, Law.BLIND, axis, 1.0, 0.0, 1, False)
+        case = FigureCase(TABLE_3, engine, Law.BLIND, axis, 1.0, 0.0, 1, False)
         return Result(case, outcome, none, none, None)
 
     results = [

@@ -25,7 +25,7 @@ from palpate_edge.common.errors import CameraLostError, CaptureError
 UNPLUGGED = frozenset({errno.ENODEV, errno.ENXIO, errno.ENOENT})
 
 
-class Device:
+class VideoDevice:
     """A camera that can stream.
 
     Raises CameraLostError when it is not there or was unplugged, CaptureError when it cannot be used.

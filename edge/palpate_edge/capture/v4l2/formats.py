@@ -31,7 +31,7 @@ class PixelCode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class PixelLayout:
     """What the driver agreed to. bytesperline: of the first plane; 0 for MJPG."""
 
     code: PixelCode
@@ -48,7 +48,7 @@ class Layout:
         return rows * self.bytesperline
 
 
-def decode(data: memoryview, layout: Layout, *, grey: bool) -> Image | None:
+def decode(data: memoryview, layout: PixelLayout, *, grey: bool) -> Image | None:
     """A new image (height, width) or (height, width, 3) BGR, uint8; None for a frame that is not whole.
 
     data: the buffer's used bytes; it may be given back to the driver afterwards.
@@ -72,7 +72,7 @@ def _plane(raw: NDArray[np.uint8], rows: int, stride: int, width: int) -> Image:
     return raw[: rows * stride].reshape(rows, stride)[:, :width]
 
 
-def _from_yuyv(raw: NDArray[np.uint8], layout: Layout, grey: bool) -> Image:
+def _from_yuyv(raw: NDArray[np.uint8], layout: PixelLayout, grey: bool) -> Image:
     rows = _plane(raw, layout.height, layout.bytesperline, 2 * layout.width)
     if grey:
         return rows[:, ::2].copy()
@@ -80,7 +80,7 @@ def _from_yuyv(raw: NDArray[np.uint8], layout: Layout, grey: bool) -> Image:
     return _bgr(pairs, cv2.COLOR_YUV2BGR_YUYV)
 
 
-def _from_planes(raw: NDArray[np.uint8], luma: Image, layout: Layout) -> Image:
+def _from_planes(raw: NDArray[np.uint8], luma: Image, layout: PixelLayout) -> Image:
     """NV12 and YU12: the chroma planes behind the luma plane, without the padding at the end of lines."""
     chroma = raw[layout.height * layout.bytesperline :]
     if layout.code is PixelCode.NV12:

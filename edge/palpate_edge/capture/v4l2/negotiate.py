@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate_edge.capture.v4l2.device import Device
-from palpate_edge.capture.v4l2.formats import Layout, PixelCode
+from palpate_edge.capture.v4l2.device import VideoDevice
+from palpate_edge.capture.v4l2.formats import PixelCode, PixelLayout
 from palpate_edge.capture.v4l2.structures import (
     CAP_TIMEPERFRAME,
     FIELD_NONE,
@@ -23,11 +23,11 @@ RATE_TOLERANCE = 0.05
 class Agreement:
     """fps: what the driver says it gives; None where it does not tell."""
 
-    layout: Layout
+    layout: PixelLayout
     fps: float | None
 
 
-def negotiate(device: Device, width: int, height: int, fps: float, code: PixelCode | None) -> Agreement:
+def negotiate(device: VideoDevice, width: int, height: int, fps: float, code: PixelCode | None) -> Agreement:
     """Set the camera to this size and the nearest rate, in format `code` or in the first that reaches `fps`.
 
     Raises CaptureError naming what the camera offers when no format that we read has this size.
@@ -53,17 +53,17 @@ def reaches(fps: float | None, wanted: float) -> bool:
     return fps is not None and abs(fps - wanted) <= RATE_TOLERANCE * wanted
 
 
-def _try(device: Device, width: int, height: int, fps: float, code: PixelCode) -> Agreement | None:
+def _try(device: VideoDevice, width: int, height: int, fps: float, code: PixelCode) -> Agreement | None:
     wanted = Format(type=BufferType.VIDEO_CAPTURE)
     pix = wanted.fmt.pix
     pix.width, pix.height, pix.pixelformat, pix.field = width, height, code.fourcc, FIELD_NONE
     device.call(Ioctl.S_FMT, wanted)
     if (pix.width, pix.height, pix.pixelformat) != (width, height, code.fourcc):
         return None
-    return Agreement(Layout(code, width, height, pix.bytesperline), _set_rate(device, fps))
+    return Agreement(PixelLayout(code, width, height, pix.bytesperline), _set_rate(device, fps))
 
 
-def _set_rate(device: Device, fps: float) -> float | None:
+def _set_rate(device: VideoDevice, fps: float) -> float | None:
     parm = StreamParm(type=BufferType.VIDEO_CAPTURE)
     interval = parm.parm.capture.timeperframe
     interval.numerator, interval.denominator = 1000, round(1000 * fps)
@@ -72,7 +72,7 @@ def _set_rate(device: Device, fps: float) -> float | None:
     return interval.denominator / interval.numerator if interval.numerator else None
 
 
-def _refusal(device: Device, width: int, height: int, code: PixelCode | None, offered: list[int]) -> str:
+def _refusal(device: VideoDevice, width: int, height: int, code: PixelCode | None, offered: list[int]) -> str:
     wanted = code.value if code else "/".join(one.value for one in PixelCode)
     sizes = {
         f"{four_characters(fourcc)} " + " ".join(f"{w}x{h}" for w, h in device.sizes(fourcc))

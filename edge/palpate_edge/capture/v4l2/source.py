@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_controls
-from palpate_edge.capture.v4l2.device import Device
+from palpate_edge.capture.v4l2.device import VideoDevice
 from palpate_edge.capture.v4l2.formats import PixelCode, decode
 from palpate_edge.capture.v4l2.negotiate import RATE_TOLERANCE, Agreement, negotiate, reaches
-from palpate_edge.capture.v4l2.stream import RawFrame, Stream
+from palpate_edge.capture.v4l2.stream import BufferStream, RawFrame
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import CameraStalledError
 from palpate_edge.common.frame import Frame
@@ -47,11 +47,11 @@ class V4l2Source:
         self._report = report
         self._name = str(path)
         self._timeout_s = max(STALLED_AFTER_AT_LEAST_S, STALLED_AFTER_PERIODS / settings.fps)
-        self._device = Device(path)
+        self._device = VideoDevice(path)
         try:
             self.agreement = self._set_up()
             self.exposure_us = exposure_us(self._device)
-            self._stream = Stream(self._device)
+            self._stream = BufferStream(self._device)
         except Exception:
             self._device.close()
             raise

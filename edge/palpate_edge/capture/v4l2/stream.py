@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from palpate_edge.capture.v4l2.device import Device
+from palpate_edge.capture.v4l2.device import VideoDevice
 from palpate_edge.capture.v4l2.structures import (
     Buffer,
     BufferFlag,
@@ -35,10 +35,10 @@ class RawFrame:
     damaged: bool
 
 
-class Stream:
+class BufferStream:
     """Buffers mapped and streaming since it was made; `close` ends it, but not the device."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: VideoDevice) -> None:
         self._device = device
         self._maps: list[mmap.mmap] = []
         self._poll = select.poll()

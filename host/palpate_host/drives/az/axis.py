@@ -17,7 +17,7 @@ from palpate_host.drives.az import alarms
 from palpate_host.drives.az import motor as az
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import AzPort
-from palpate_host.drives.az.registers import Input, Status
+from palpate_host.drives.az.registers import AzStatus, Input
 from palpate_host.drives.az.temperature import TemperatureLimit
 from palpate_host.drives.cia402_motion import MotorState, OwnHoming
 
@@ -189,11 +189,11 @@ class AzAxis:
             self._set_homing(OwnHoming.RUNNING)
         return list(port.motion(self.settings.device_id))
 
-    def _look_home(self, status: Status) -> None:
+    def _look_home(self, status: AzStatus) -> None:
         if (
             self._state.homing is OwnHoming.RUNNING
-            and Status.HOME_END in status
-            and Status.MOVE not in status
+            and AzStatus.HOME_END in status
+            and AzStatus.MOVE not in status
         ):
             self._set_homing(OwnHoming.ATTAINED)
 

@@ -10,7 +10,7 @@ import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config.toml_file import read_toml
+from palpate_host.config.toml_file import Strict, read_toml
 from palpate_host.drives.az.axis import AxisSettings, TorqueBy
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import BAUD_RATE, Parity
@@ -27,11 +27,7 @@ class ParityName(enum.Enum):
     ODD = "odd"
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class AxisConfig(_Strict, frozen=True):
+class AxisConfig(Strict, frozen=True):
     """One axis; the defaults are Table 4's AZM24AK with its 20:1 gear.
 
     drive_node: the joint's node id in hand.toml. device_id: the drive's Modbus address. torque_limit_Nm: held
@@ -63,7 +59,7 @@ class AxisConfig(_Strict, frozen=True):
         )
 
 
-class PortConfig(_Strict, frozen=True):
+class PortConfig(Strict, frozen=True):
     """One RS-485 adapter and the axes on it: one port a finger keeps a round below 20 ms.
 
     timeout_ms: after so long without us a drive stops by itself (its alarm 85h).
@@ -80,7 +76,7 @@ class PortConfig(_Strict, frozen=True):
         return Parity[self.parity.name]
 
 
-class AzConfig(_Strict, frozen=True):
+class AzConfig(Strict, frozen=True):
     """The whole of az.toml; make it with `load`."""
 
     bus: BusConfig

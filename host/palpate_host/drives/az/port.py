@@ -27,9 +27,9 @@ from palpate_host.drives.az.registers import (
     MOTOR_TEMPERATURE,
     OUTPUT_STATUS,
     PRESENT_ALARM,
+    AzRegister,
+    AzStatus,
     Input,
-    Register,
-    Status,
     from_words,
     to_words,
 )
@@ -51,7 +51,7 @@ class Parity(enum.Enum):
 class AzHealth:
     """What an axis says of itself: output status bits and the code of the present alarm, 0 for none."""
 
-    status: Status
+    status: AzStatus
     alarm: int
 
 
@@ -124,7 +124,7 @@ class AzPort:
             device_id, OUTPUT_STATUS.address, PRESENT_ALARM.address + 2 - OUTPUT_STATUS.address
         )
         status, alarm = from_words(words)
-        return AzHealth(Status(status & 0xFFFF), alarm & 0xFF)
+        return AzHealth(AzStatus(status & 0xFFFF), alarm & 0xFF)
 
     def temperatures(self, device_id: int) -> AzTemperatures:
         """Of drive and motor."""
@@ -135,7 +135,7 @@ class AzPort:
             motor_degC=round(motor * MOTOR_TEMPERATURE.scale, 1),
         )
 
-    def value(self, device_id: int, register: Register) -> float:
+    def value(self, device_id: int, register: AzRegister) -> float:
         """One quantity in its unit."""
         return from_words(self._read(device_id, register.address, 2))[0] * register.scale
 
@@ -145,7 +145,7 @@ class AzPort:
             lambda: self._client.read_holding_registers(address, count=count, device_id=device_id),
         )
 
-    def _write(self, device_id: int, register: Register, value: int) -> None:
+    def _write(self, device_id: int, register: AzRegister, value: int) -> None:
         words = to_words([value])
         self._transact(
             device_id, lambda: self._client.write_registers(register.address, words, device_id=device_id)

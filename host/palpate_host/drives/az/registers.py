@@ -17,7 +17,7 @@ from palpate_edge.common.errors import BusError
 
 
 @dataclass(frozen=True, slots=True)
-class Register:
+class AzRegister:
     """One quantity: two words from `address` on. A raw value times `scale` is in `unit`."""
 
     address: int
@@ -27,15 +27,15 @@ class Register:
 
 
 # Direct data operation: one write of all eight starts an operation when TRIGGER says so.
-DATA_NUMBER = Register(0x0058, "direct data: operation data number")
-OPERATION_TYPE = Register(0x005A, "direct data: operation type")
-POSITION = Register(0x005C, "direct data: position", "step")
-SPEED = Register(0x005E, "direct data: speed", "Hz")
-ACCELERATION = Register(0x0060, "direct data: starting and changing rate", "kHz/s", 0.001)
-DECELERATION = Register(0x0062, "direct data: stopping rate", "kHz/s", 0.001)
-OPERATING_CURRENT = Register(0x0064, "direct data: operating current", "%", 0.1)
-TRIGGER = Register(0x0066, "direct data: trigger")
-FORWARDING = Register(0x0068, "direct data: forwarding destination")
+DATA_NUMBER = AzRegister(0x0058, "direct data: operation data number")
+OPERATION_TYPE = AzRegister(0x005A, "direct data: operation type")
+POSITION = AzRegister(0x005C, "direct data: position", "step")
+SPEED = AzRegister(0x005E, "direct data: speed", "Hz")
+ACCELERATION = AzRegister(0x0060, "direct data: starting and changing rate", "kHz/s", 0.001)
+DECELERATION = AzRegister(0x0062, "direct data: stopping rate", "kHz/s", 0.001)
+OPERATING_CURRENT = AzRegister(0x0064, "direct data: operating current", "%", 0.1)
+TRIGGER = AzRegister(0x0066, "direct data: trigger")
+FORWARDING = AzRegister(0x0068, "direct data: forwarding destination")
 DIRECT_DATA = (
     DATA_NUMBER,
     OPERATION_TYPE,
@@ -47,17 +47,17 @@ DIRECT_DATA = (
     TRIGGER,
 )
 
-INPUT_COMMAND = Register(0x007C, "driver input command")
-OUTPUT_STATUS = Register(0x007E, "driver output status")
-PRESENT_ALARM = Register(0x0080, "present alarm")
-COMMAND_POSITION = Register(0x00C6, "command position", "step")
-FEEDBACK_POSITION = Register(0x00CC, "feedback position", "step")
-FEEDBACK_SPEED_RPM = Register(0x00CE, "feedback speed", "r/min")
-FEEDBACK_SPEED = Register(0x00D0, "feedback speed", "Hz")
-TORQUE = Register(0x00D6, "torque monitor", "%", 0.1)
-DRIVER_TEMPERATURE = Register(0x00F8, "driver temperature", "degC", 0.1)
-MOTOR_TEMPERATURE = Register(0x00FA, "motor temperature", "degC", 0.1)
-COMMUNICATION_TIMEOUT = Register(0x138A, "communication timeout (Modbus)", "ms")
+INPUT_COMMAND = AzRegister(0x007C, "driver input command")
+OUTPUT_STATUS = AzRegister(0x007E, "driver output status")
+PRESENT_ALARM = AzRegister(0x0080, "present alarm")
+COMMAND_POSITION = AzRegister(0x00C6, "command position", "step")
+FEEDBACK_POSITION = AzRegister(0x00CC, "feedback position", "step")
+FEEDBACK_SPEED_RPM = AzRegister(0x00CE, "feedback speed", "r/min")
+FEEDBACK_SPEED = AzRegister(0x00D0, "feedback speed", "Hz")
+TORQUE = AzRegister(0x00D6, "torque monitor", "%", 0.1)
+DRIVER_TEMPERATURE = AzRegister(0x00F8, "driver temperature", "degC", 0.1)
+MOTOR_TEMPERATURE = AzRegister(0x00FA, "motor temperature", "degC", 0.1)
+COMMUNICATION_TIMEOUT = AzRegister(0x138A, "communication timeout (Modbus)", "ms")
 
 
 class OperationType(enum.IntEnum):
@@ -85,7 +85,7 @@ class Input(enum.IntFlag):
     ALM_RST = 1 << 7
 
 
-class Status(enum.IntFlag):
+class AzStatus(enum.IntFlag):
     """Bits of the driver output status; the others depend on the drive's assignment and are left alone."""
 
     HOME_END = 1 << 4

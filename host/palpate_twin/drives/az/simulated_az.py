@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from palpate_host.drives.az import alarms
 from palpate_host.drives.az import registers as az
 from palpate_host.drives.az.motor import FULL_CURRENT, AzMotor
-from palpate_host.drives.az.registers import Input, OperationType, Status, Trigger, from_words, to_words
+from palpate_host.drives.az.registers import AzStatus, Input, OperationType, Trigger, from_words, to_words
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 
 LONGEST_STEP_US = 1_000
@@ -176,11 +176,11 @@ class SimulatedAz:
         is_at_zero = self.values[az.FEEDBACK_POSITION.address] == 0
         if is_at_zero and Input.ZHOME in self._held and self._operation is not None:
             self._is_home, self._operation = True, None
-        status = Status.HOME_END if self._is_home else Status(0)
+        status = AzStatus.HOME_END if self._is_home else AzStatus(0)
         if self.alarm:
-            status |= Status.ALM_A
+            status |= AzStatus.ALM_A
         elif self._operation is not None:
-            status |= Status.MOVE
+            status |= AzStatus.MOVE
         else:
-            status |= Status.READY | Status.IN_POS
+            status |= AzStatus.READY | AzStatus.IN_POS
         self.values[az.OUTPUT_STATUS.address] = int(status)

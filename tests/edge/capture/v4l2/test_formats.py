@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from linuxpy.video import raw
 
-from palpate_edge.capture.v4l2.formats import Layout, PixelCode, decode
+from palpate_edge.capture.v4l2.formats import PixelCode, PixelLayout, decode
 
 WIDTH, HEIGHT, PADDING = 64, 48, 32
 
@@ -27,7 +27,7 @@ def encoded(code, picture):
     """The picture as a driver gives it, from OpenCV's encoder: (bytes, layout)."""
     i420 = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
     luma, chroma = i420[:HEIGHT], i420[HEIGHT:]
-    layout = Layout(code, WIDTH, HEIGHT, WIDTH + PADDING)
+    layout = PixelLayout(code, WIDTH, HEIGHT, WIDTH + PADDING)
     quarter = chroma.reshape(HEIGHT, WIDTH // 2)
     if code is PixelCode.GREY:
         return padded(luma, PADDING), layout
@@ -38,9 +38,9 @@ def encoded(code, picture):
         return padded(luma, PADDING) + padded(uv, PADDING), layout
     if code is PixelCode.YUYV:
         pairs = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_YUYV).reshape(HEIGHT, 2 * WIDTH)
-        return padded(pairs, PADDING), Layout(code, WIDTH, HEIGHT, 2 * WIDTH + PADDING)
+        return padded(pairs, PADDING), PixelLayout(code, WIDTH, HEIGHT, 2 * WIDTH + PADDING)
     _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])
-    return jpeg.tobytes() + bytes(16), Layout(code, WIDTH, HEIGHT, 0)
+    return jpeg.tobytes() + bytes(16), PixelLayout(code, WIDTH, HEIGHT, 0)
 
 
 @pytest.mark.parametrize("code", list(PixelCode), ids=lambda code: code.value)
@@ -91,6 +91,6 @@ def test_a_frame_that_was_cut_short_is_none(code, part, picture):
 
 
 def test_a_jpeg_of_noise_is_none():
-    layout = Layout(PixelCode.MJPG, WIDTH, HEIGHT, 0)
+    layout = PixelLayout(PixelCode.MJPG, WIDTH, HEIGHT, 0)
     noise = b"\xff\xd8" + bytes(range(256)) + b"\xff\xd9"
     assert decode(memoryview(noise), layout, grey=True) is None

@@ -12,7 +12,7 @@ from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import alarms, motor
 from palpate_host.drives.az.axis import AxisSettings, AzAxis, Question
 from palpate_host.drives.az.port import AzPort, Parity
-from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, Input, Status
+from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, AzStatus, Input
 from palpate_host.drives.az.temperature import AzTemperatures
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_twin.drives.az.az_server import AzServer
@@ -66,14 +66,14 @@ def test_torque_bends_the_load_by_its_own_stiffness(port: AzPort) -> None:
 def test_the_drive_returns_to_its_own_zero(port: AzPort, drives: dict[int, SimulatedAz]) -> None:
     """ZHOME (HM-60262E, driver input command): HOME-END and no MOVE when it is there."""
     drives[1].plant.position_rad = 0.2
-    assert Status.HOME_END not in port.health(1).status
+    assert AzStatus.HOME_END not in port.health(1).status
     port.command(1, Input.ZHOME)
-    assert Status.MOVE in port.health(1).status
+    assert AzStatus.MOVE in port.health(1).status
     deadline = time.monotonic() + 5.0
-    while Status.HOME_END not in port.health(1).status and time.monotonic() < deadline:
+    while AzStatus.HOME_END not in port.health(1).status and time.monotonic() < deadline:
         time.sleep(0.01)
     health = port.health(1)
-    assert Status.HOME_END in health.status and Status.MOVE not in health.status
+    assert AzStatus.HOME_END in health.status and AzStatus.MOVE not in health.status
     assert motor.motion(MOTOR, port.motion(1)).position_rad == pytest.approx(0.0, abs=0.002)
 
 
@@ -83,7 +83,7 @@ def test_own_watchdog_stops_a_drive_that_hears_nothing(port: AzPort, drives: dic
     time.sleep(0.3)
     health = port.health(1)
     assert health.alarm == alarms.COMMUNICATION_TIMEOUT
-    assert Status.ALM_A in health.status
+    assert AzStatus.ALM_A in health.status
     assert drives[1].torque_Nm == 0.0
     port.command(1, Input.ALM_RST)
     port.command(1, Input(0))
