@@ -115,7 +115,7 @@ def test_every_row_of_the_canopen_page_names_a_test_or_says_no():
 
 @pytest.mark.parametrize(("file", "name"), sorted(set(NAMED_TESTS)))
 def test_tests_of_the_canopen_page_exist(file, name):
-    source = (ROOT / "tests" / "node" / f"{file}.py").read_text()
+    source = (ROOT / "tests" / "edge" / "node" / f"{file}.py").read_text()
     assert re.search(rf"^def {name}\(", source, re.MULTILINE)
 
 

@@ -116,4 +116,4 @@ def test_the_wheel_carries_both_files(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         packed = archive.read("palpate_edge/node/fingertip.eds")
         assert packed == EDS_FILES["fingertip"].read_bytes()
-        assert archive.read("palpate_host/drives/cia402.eds") == EDS_FILES["drive"].read_bytes()
+        assert archive.read("palpate_bus/eds/cia402.eds") == EDS_FILES["drive"].read_bytes()

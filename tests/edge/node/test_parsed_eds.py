@@ -32,7 +32,8 @@ def test_it_says_what_the_file_says(tmp_path: Path) -> None:
 def test_it_is_what_a_fingertip_reads() -> None:
     """Neither daemon nor node imports the parser."""
     program = (
-        "import sys, palpate_edge.daemon.daemon; from palpate_edge.node.eds import *;"
+        "import sys, palpate_edge.daemon.daemon; from palpate_edge.node.eds import load_eds; "
+        "from palpate_edge.node.parsed_eds import FINGERTIP_EDS; "
         "load_eds(FINGERTIP_EDS, 1); print('canopen' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

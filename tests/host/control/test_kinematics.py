@@ -106,7 +106,7 @@ def test_refusals_name_file_and_thing(tmp_path, text, joints, sites, says):
     mjcf = tmp_path / "hand.xml"
     mjcf.write_text(text)
     with pytest.raises(ConfigError, match=says) as caught:
-        HandKinematics(compiled(read_spec(mjcf, ()), str(mjcf)), joints, sites, str(mjcf))
+        HandKinematics(compiled(read_spec(str(mjcf), ()), str(mjcf)), joints, sites, str(mjcf))
     assert str(mjcf) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -114,4 +114,4 @@ def test_a_joint_left_out_is_refused(table_4, tmp_path):
     mjcf = tmp_path / "hand.xml"
     mjcf.write_text('<mujoco><worldbody><body><joint name="a"/><geom size="1"/></body></worldbody></mujoco>')
     with pytest.raises(ConfigError, match=r"1 degrees of freedom, hand\.toml names 0 joints"):
-        HandKinematics(compiled(read_spec(mjcf, ()), str(mjcf)), [], [], str(mjcf))
+        HandKinematics(compiled(read_spec(str(mjcf), ()), str(mjcf)), [], [], str(mjcf))

@@ -139,7 +139,7 @@ def test_probe_and_point_that_are_not_there_are_refused(library: FieldLibrary) -
 def test_reading_and_the_command_line_start_without_the_extra() -> None:
     """The daemon-side twin renders from the library: it must not pay for, or need, scipy."""
     program = (
-        "import sys; import palpate_twin.cli.dome; from palpate_host.twin.dome import library; "
+        "import sys; import palpate_twin.cli.dome; from palpate_twin.dome import library; "
         "library.load_library(); print(*{'scipy', 'matplotlib'} & set(sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -31,7 +31,8 @@ PROGRAMS = {
     "az": (
         "import sys\n"
         "from palpate_edge.common.errors import PalpateError\n"
-        "from palpate_host.drives.az import cli, gateway\n"
+        "from palpate_host.cli import az as cli\n"
+        "from palpate_host.drives.az import gateway\n"
         "gateway.REPLY_TIMEOUT_S = 30.0\n"
         "try:\n"
         "    cli.az(standalone_mode=False)\n"
