@@ -1,0 +1,12 @@
+"""The controller of the LEDs, over I2C.
+
+Belongs here: the register map, the client and the thread that keeps the light alive. May use: common.
+"""
+
+from palpate_edge.common.lazy_exports import lazy_exports
+
+__all__ = ["Illumination", "Light", "LightRegister"]
+
+__getattr__ = lazy_exports(
+    __name__, {"client": "Illumination", "registers": "LightRegister", "controller_thread": "Light"}
+)

@@ -1,1 +1,11 @@
-"""The paper's experiment (Fig. 20): the same turns under both laws, from several poses, and a report."""
+"""Both laws compared as in Fig. 20: protocol, trials, report.
+
+Belongs here: what an experiment is and how a trial on a real hand runs. May use: recording, groundtruth and
+below.
+"""
+
+from palpate_edge.common.lazy_exports import lazy_exports
+
+__all__ = ["ExperimentConfig", "TrialResult"]
+
+__getattr__ = lazy_exports(__name__, {"protocol": "ExperimentConfig", "result": "TrialResult"})
