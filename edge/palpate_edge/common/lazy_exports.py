@@ -1,4 +1,4 @@
-"""Public names of a room, imported when they are first used: a room's `__init__` costs no import time (PEP 562)."""
+"""Public names of a room, imported when they are first used: `__init__` costs no import time (PEP 562)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def lazy_exports(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return a module's `__getattr__`. homes: module of the package -> its public names, separated by spaces."""
+    """Return a module's `__getattr__`. homes: module of the package -> its public names, space-separated."""
     home = {name: module for module, names in homes.items() for name in names.split()}
 
     def attribute(name: str) -> Any:
