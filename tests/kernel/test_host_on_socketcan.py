@@ -21,6 +21,8 @@ UML = pytest.param("uml", marks=pytest.mark.uml)
 pytestmark = [pytest.mark.usefixtures("kernel"), pytest.mark.parametrize("kernel", [UML], indirect=True)]
 
 CLI = [sys.executable, "-m", "palpate_host.cli.main"]
+DRIVES = [sys.executable, "-c", "from palpate_twin.cli.drives import drives; drives()"]
+"""In the virtual machine nothing is installed, so palpate-host finds no commands by entry point."""
 TIPS = Path(__file__).parents[1] / "host" / "touching_fingertips.py"
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 # A tick and its times for a kernel that is a process beside other work.
@@ -52,7 +54,7 @@ class HandOnCan:
 
     def put_nodes_on_the_bus(self) -> None:
         """Drives and fingertips end with their bus, as these programs are."""
-        self._start("drives", *CLI, "drives", "--config", self.config)
+        self._start("drives", *DRIVES, "--config", self.config)
         self._start("fingertips", sys.executable, TIPS, self.config)
 
     def said(self) -> str:
