@@ -23,11 +23,11 @@ from bench.frames import Material, demo_material
 from bench.timing import Row, table
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.can_bus.reconnecting_bus import BusLink
+from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.node.fingertip import FingertipNode
@@ -81,11 +81,11 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
     with _hub() as channel:
         config = BusConfig(interface="palpate", channel=channel)
         with (
-            closing(BusLink(lambda: open_bus(config, "fingertip"))) as link,
+            closing(ReconnectingBus(lambda: open_bus(config, "fingertip"))) as link,
             open_bus(config, "host", [0x390]) as host,
         ):
             with scheduling, long_lived():
-                sent_s, busy_s = _publish(link, PixelThread(Camera(material), estimator))
+                sent_s, busy_s = _publish(link, CaptureThread(Camera(material), estimator))
             assert host.receive(1.0)
     return [
         Row(f"estimate to TPDO 1-3 sent, {name}", np.array(sent_s) - np.array(estimator.given_s)),
@@ -93,7 +93,7 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
     ]
 
 
-def _publish(link: BusLink, pixels: PixelThread) -> tuple[list[float], list[float]]:
+def _publish(link: ReconnectingBus, pixels: CaptureThread) -> tuple[list[float], list[float]]:
     """As the daemon's loop; when each set was sent, and the processor time for it."""
     core = FingertipCore(
         FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us()

@@ -22,8 +22,8 @@ from palpate_edge.daemon.health import (
     HealthReport,
     write_health,
 )
-from palpate_edge.illumination.client import Illumination
-from palpate_edge.illumination.controller_thread import Light
+from palpate_edge.illumination.client import IlluminationClient
+from palpate_edge.illumination.controller_thread import LightController
 
 
 class Ring:
@@ -34,11 +34,11 @@ class Ring:
     ) -> None:
         self.folder, self._controller = folder, controller
         self.shares: list[float] = []
-        monkeypatch.setattr(Illumination, "open", lambda _bus, _address: self.opened())
+        monkeypatch.setattr(IlluminationClient, "open", lambda _bus, _address: self.opened())
         monkeypatch.setattr(time, "sleep", self._sleep)
 
-    def opened(self) -> Illumination:
-        return Illumination(WireSmBus(self._controller), "simulated wires")
+    def opened(self) -> IlluminationClient:
+        return IlluminationClient(WireSmBus(self._controller), "simulated wires")
 
     def _sleep(self, seconds: float) -> None:
         """Of the controller's own time; what the LEDs get at the end is kept."""
@@ -102,13 +102,13 @@ def test_where_nothing_runs_it_blinks_by_itself(ring: Ring) -> None:
 
 
 def test_a_fingertip_that_runs_is_told_by_a_signal(ring: Ring) -> None:
-    light = Light(ring.opened, 200)
+    light = LightController(ring.opened, 200)
     ring.runs("pre-operational")
     with called_by_signals({IDENTIFY: light.blink}):
         answer = ring.identify()
     assert answer.exit_code == 0, answer.output
     for _ in range(4):
-        light.turn()
+        light.update()
         time.sleep(0.25)
     assert [share > 0.9 for share in ring.shares] == [True, False, True, False]
 

@@ -10,8 +10,8 @@ from firmware_rig.smbus_adapter import WireSmBus
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.daemon.health_report import light_health
-from palpate_edge.illumination.client import Illumination
-from palpate_edge.illumination.controller_thread import Light
+from palpate_edge.illumination.client import IlluminationClient
+from palpate_edge.illumination.controller_thread import LightController
 from palpate_edge.illumination.registers import Fault
 
 HOT_ADC = 128  # 76 degC
@@ -43,92 +43,96 @@ def cable(controller: SimulatedController) -> Cable:
 
 
 @pytest.fixture
-def light(cable: Cable) -> Light:
-    return Light(lambda: Illumination(cable, "simulated wires"), 200)
+def light(cable: Cable) -> LightController:
+    return LightController(lambda: IlluminationClient(cable, "simulated wires"), 200)
 
 
-def test_the_level_reaches_the_leds_and_comes_back(light: Light, controller: SimulatedController) -> None:
-    light.turn()
+def test_the_level_reaches_the_leds_and_is_read_back(
+    light: LightController, controller: SimulatedController
+) -> None:
+    light.update()
     controller.run_ms(250)
-    light.turn()
+    light.update()
     assert controller.led_share(10) == pytest.approx((200 / 255) ** 2, abs=0.005)
     assert light.latest.level == pytest.approx(200, abs=1)
     assert light.latest.temperature_degC == pytest.approx(25.0, abs=0.3)
     light.level = 0
-    light.turn()
+    light.update()
     controller.run_ms(5)
     assert controller.led_share(5) == 0.0
 
 
-def test_it_stays_lit_by_the_turns_alone(light: Light, controller: SimulatedController) -> None:
+def test_it_stays_lit_by_the_turns_alone(light: LightController, controller: SimulatedController) -> None:
     for _ in range(8):
         controller.run_ms(250)
-        light.turn()
+        light.update()
     assert controller.led_share(10) > 0.5
 
 
-def test_after_a_silence_the_light_comes_back(light: Light, controller: SimulatedController) -> None:
+def test_after_a_silence_the_light_comes_back(
+    light: LightController, controller: SimulatedController
+) -> None:
     controller.run_ms(1500)
     assert controller.led_share(10) == 0.0
-    light.turn()
-    light.turn()
+    light.update()
+    light.update()
     controller.run_ms(250)
     assert controller.led_share(10) > 0.5
 
 
-def test_heat_is_told(light: Light, controller: SimulatedController) -> None:
+def test_heat_is_told(light: LightController, controller: SimulatedController) -> None:
     controller.set_adc(0, HOT_ADC)
     controller.run_ms(20)
-    light.turn()
+    light.update()
     assert light.latest.too_hot
     assert light.latest.level == 0
     assert light_health(light.latest).faults == "over temperature"
 
 
-def test_a_pulled_cable_is_told_and_mended(light: Light, cable: Cable) -> None:
+def test_a_pulled_cable_is_told_and_mended(light: LightController, cable: Cable) -> None:
     cable.pulled = True
-    light.turn()
+    light.update()
     assert light.latest.state is None
     assert "LEVEL" in light.latest.problem or "No such device" in light.latest.problem
     cable.pulled = False
-    light.turn()
+    light.update()
     assert light.latest.problem == ""
 
 
 def test_no_controller_at_the_start_is_refused(cable: Cable) -> None:
     cable.pulled = True
     with pytest.raises(IlluminationError, match="check power and wiring"):
-        Light(lambda: Illumination(cable, "simulated wires"), 200)
+        LightController(lambda: IlluminationClient(cable, "simulated wires"), 200)
 
 
-def test_a_reset_controller_is_lit_again(light: Light, controller: SimulatedController) -> None:
+def test_a_reset_controller_is_lit_again(light: LightController, controller: SimulatedController) -> None:
     controller.brown_out()
     controller.run_ms(20)
-    light.turn()
+    light.update()
     controller.run_ms(250)
-    light.turn()
+    light.update()
     controller.run_ms(250)
     assert controller.led_share(10) > 0.5
 
 
-def shares_of_ten_seconds(light: Light, controller: SimulatedController) -> list[float]:
+def shares_of_ten_seconds(light: LightController, controller: SimulatedController) -> list[float]:
     """What the LEDs got at the end of each turn of 250 ms."""
     shares = []
     for _ in range(42):
-        light.turn()
+        light.update()
         controller.run_ms(245)
         shares.append(controller.led_share(5))
     return shares
 
 
 def test_it_blinks_for_ten_seconds_and_is_lit_as_before(
-    light: Light, controller: SimulatedController
+    light: LightController, controller: SimulatedController
 ) -> None:
     light.blink()
     shares = shares_of_ten_seconds(light, controller)
     assert [share > 0.9 for share in shares[:40]] == [True, False] * 20
     assert {round(share, 2) for share in shares[1:40:2]} == {0.0}
     assert shares[-1] == pytest.approx((200 / 255) ** 2, abs=0.01)
-    light.turn()
+    light.update()
     assert light.latest.state is not None
     assert Fault.BOARD_SILENT not in light.latest.state.faults

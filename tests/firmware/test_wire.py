@@ -7,7 +7,7 @@ from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus, crc8
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.registers import I2C_ADDRESS, Fault, LightRegister
 
 TICK = CLOCK_HZ // 1000  # cycles
@@ -22,8 +22,8 @@ def bus(controller: SimulatedController) -> WireSmBus:
 
 
 @pytest.fixture
-def client(bus: WireSmBus) -> Illumination:
-    return Illumination(bus, "simulated wires")
+def client(bus: WireSmBus) -> IlluminationClient:
+    return IlluminationClient(bus, "simulated wires")
 
 
 def test_nobody_at_another_address(bus: WireSmBus) -> None:
@@ -32,7 +32,7 @@ def test_nobody_at_another_address(bus: WireSmBus) -> None:
 
 
 def test_client_sets_the_level_and_the_pwm_follows(
-    client: Illumination, controller: SimulatedController
+    client: IlluminationClient, controller: SimulatedController
 ) -> None:
     assert controller.led_share(10) == 0.0
     client.set_level(128)
@@ -46,7 +46,7 @@ def test_client_sets_the_level_and_the_pwm_follows(
     assert controller.led_share(10) == 0.0
 
 
-def test_client_reads_temperatures(client: Illumination, controller: SimulatedController) -> None:
+def test_client_reads_temperatures(client: IlluminationClient, controller: SimulatedController) -> None:
     controller.set_adc(0, 256)  # 10 kOhm to a third of it: 52.0 degC by the B equation
     controller.set_adc(1, ROOM_ADC)
     controller.run_ms(20)
@@ -56,7 +56,7 @@ def test_client_reads_temperatures(client: Illumination, controller: SimulatedCo
     assert state.faults == Fault(0)
 
 
-def test_client_refuses_out_of_range_before_the_wire(client: Illumination) -> None:
+def test_client_refuses_out_of_range_before_the_wire(client: IlluminationClient) -> None:
     with pytest.raises(IlluminationError, match="LEVEL 256 is not 0 to 255"):
         client.set_level(256)
 
@@ -67,7 +67,7 @@ def test_out_of_range_on_the_wire_is_not_acknowledged(bus: WireSmBus) -> None:
     assert bus.read_word_data(I2C_ADDRESS, LightRegister.LEVEL) == 0
 
 
-def test_silence_of_the_board_darkens(client: Illumination, controller: SimulatedController) -> None:
+def test_silence_of_the_board_darkens(client: IlluminationClient, controller: SimulatedController) -> None:
     client.write(LightRegister.WATCHDOG, 100)
     client.set_level(200)
     controller.run_ms(150)
@@ -77,7 +77,7 @@ def test_silence_of_the_board_darkens(client: Illumination, controller: Simulate
     assert client.state().faults == Fault(0)
 
 
-def test_heat_darkens_without_the_board(client: Illumination, controller: SimulatedController) -> None:
+def test_heat_darkens_without_the_board(client: IlluminationClient, controller: SimulatedController) -> None:
     client.set_level(255)
     controller.run_ms(250)
     controller.set_adc(0, HOT_ADC)
@@ -87,7 +87,7 @@ def test_heat_darkens_without_the_board(client: Illumination, controller: Simula
 
 
 def flash_after(
-    controller: SimulatedController, client: Illumination, edge: int, traffic: bool = False
+    controller: SimulatedController, client: IlluminationClient, edge: int, traffic: bool = False
 ) -> tuple[float, float]:
     """When light comes and goes after a trigger at a cycle, in us; `traffic` talks on I2C all the while."""
     controller.trigger_at(edge)
@@ -100,14 +100,14 @@ def flash_after(
     return (on - edge) / CLOCK_HZ * 1e6, (off - edge) / CLOCK_HZ * 1e6
 
 
-def strobe(client: Illumination, controller: SimulatedController, delay: int, width: int) -> None:
+def strobe(client: IlluminationClient, controller: SimulatedController, delay: int, width: int) -> None:
     client.write(LightRegister.STROBE_DELAY, delay)
     client.write(LightRegister.STROBE_WIDTH, width)
     client.set_level(250)
     controller.run_ms(250)
 
 
-def test_flash_follows_the_trigger(client: Illumination, controller: SimulatedController) -> None:
+def test_flash_follows_the_trigger(client: IlluminationClient, controller: SimulatedController) -> None:
     """Delay 10 and width 50 ticks of 32 us: light from 320 us to 1920 us after the edge."""
     strobe(client, controller, 10, 50)
     assert controller.led_share(5) == 0.0
@@ -120,7 +120,7 @@ def test_flash_follows_the_trigger(client: Illumination, controller: SimulatedCo
 @pytest.mark.parametrize("traffic", [False, True], ids=["quiet", "I2C traffic"])
 @pytest.mark.parametrize(("delay", "width"), [(10, 50), (1, 1), (0, 1)])
 def test_no_phase_of_the_tick_delays_the_flash(
-    client: Illumination, controller: SimulatedController, delay: int, width: int, traffic: bool
+    client: IlluminationClient, controller: SimulatedController, delay: int, width: int, traffic: bool
 ) -> None:
     """30 triggers, each 1/30 ms later against the tick: docs/illumination.md states the bounds."""
     strobe(client, controller, delay, width)
@@ -139,7 +139,7 @@ def test_no_phase_of_the_tick_delays_the_flash(
     assert client.read(LightRegister.TRIGGERS) == PHASES
 
 
-def test_one_edge_gives_one_flash(client: Illumination, controller: SimulatedController) -> None:
+def test_one_edge_gives_one_flash(client: IlluminationClient, controller: SimulatedController) -> None:
     strobe(client, controller, 10, 50)
     flash_after(controller, client, controller.cycle)
     assert controller.led_share(50) == 0.0
@@ -147,7 +147,7 @@ def test_one_edge_gives_one_flash(client: Illumination, controller: SimulatedCon
 
 @pytest.mark.parametrize("delay", [10, 0])
 def test_an_edge_during_a_flash_ends_it_and_begins_anew(
-    client: Illumination, controller: SimulatedController, delay: int
+    client: IlluminationClient, controller: SimulatedController, delay: int
 ) -> None:
     """Width 50 ticks of 32 us; the second edge comes 1000 us after the first."""
     strobe(client, controller, delay, 50)
@@ -170,7 +170,7 @@ def test_an_edge_during_a_flash_ends_it_and_begins_anew(
 
 @pytest.mark.parametrize("delay", [10, 0])
 def test_steady_light_takes_no_notice_of_edges(
-    client: Illumination, controller: SimulatedController, delay: int
+    client: IlluminationClient, controller: SimulatedController, delay: int
 ) -> None:
     client.write(LightRegister.STROBE_DELAY, delay)
     client.set_level(128)
@@ -183,7 +183,7 @@ def test_steady_light_takes_no_notice_of_edges(
 
 
 def test_the_flash_follows_new_settings_and_steady_light_comes_back(
-    client: Illumination, controller: SimulatedController
+    client: IlluminationClient, controller: SimulatedController
 ) -> None:
     strobe(client, controller, 10, 50)
     strobe(client, controller, 20, 10)
@@ -194,7 +194,7 @@ def test_the_flash_follows_new_settings_and_steady_light_comes_back(
     assert controller.led_share(10) == pytest.approx((250 / 255) ** 2, abs=0.005)
 
 
-def test_no_flash_while_it_is_too_hot(client: Illumination, controller: SimulatedController) -> None:
+def test_no_flash_while_it_is_too_hot(client: IlluminationClient, controller: SimulatedController) -> None:
     strobe(client, controller, 0, 255)
     controller.set_adc(0, HOT_ADC)
     controller.run_ms(20)
@@ -202,7 +202,9 @@ def test_no_flash_while_it_is_too_hot(client: Illumination, controller: Simulate
     assert controller.led_share(10) == 0.0
 
 
-def test_no_phase_of_the_pwm_delays_the_flash(client: Illumination, controller: SimulatedController) -> None:
+def test_no_phase_of_the_pwm_delays_the_flash(
+    client: IlluminationClient, controller: SimulatedController
+) -> None:
     """At a quarter of the light: three of four phases of its period are dark."""
     strobe(client, controller, 1, 50)
     client.set_level(128)
@@ -220,7 +222,7 @@ def test_pins_at_rest(controller: SimulatedController) -> None:
 
 
 def test_a_hung_controller_resets_itself_in_the_dark(
-    client: Illumination, controller: SimulatedController
+    client: IlluminationClient, controller: SimulatedController
 ) -> None:
     client.set_level(255)
     controller.run_ms(250)
@@ -230,7 +232,7 @@ def test_a_hung_controller_resets_itself_in_the_dark(
     assert Fault.RESET_WATCHDOG in client.state().faults
 
 
-def test_brown_out_is_told(client: Illumination, controller: SimulatedController) -> None:
+def test_brown_out_is_told(client: IlluminationClient, controller: SimulatedController) -> None:
     client.set_level(255)
     controller.brown_out()
     controller.run_ms(20)
@@ -241,7 +243,7 @@ def test_brown_out_is_told(client: Illumination, controller: SimulatedController
 def test_a_client_of_another_map_is_refused(bus: WireSmBus, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate_edge.illumination.client.MAP_CRC", 0x1234)
     with pytest.raises(IlluminationError, match=r"MAP_CRC is .*not 1234h: flash the firmware"):
-        Illumination(bus, "simulated wires")
+        IlluminationClient(bus, "simulated wires")
 
 
 def test_a_write_that_goes_on_after_its_pec_is_forgotten(bus: WireSmBus) -> None:
@@ -252,7 +254,7 @@ def test_a_write_that_goes_on_after_its_pec_is_forgotten(bus: WireSmBus) -> None
 
 
 def test_a_stop_within_a_byte_leaves_the_controller_alive(
-    client: Illumination, controller: SimulatedController
+    client: IlluminationClient, controller: SimulatedController
 ) -> None:
     controller.start()
     controller.send(I2C_ADDRESS << 1)
@@ -262,7 +264,7 @@ def test_a_stop_within_a_byte_leaves_the_controller_alive(
     client.set_level(3)
 
 
-def test_noise_on_the_wires_leaves_the_controller_alive(client: Illumination, bus: WireSmBus) -> None:
+def test_noise_on_the_wires_leaves_the_controller_alive(client: IlluminationClient, bus: WireSmBus) -> None:
     for message in (
         [I2C_ADDRESS << 1],
         [I2C_ADDRESS << 1, 3],

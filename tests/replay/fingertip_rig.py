@@ -13,7 +13,7 @@ import msgspec
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
+from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
 from palpate_edge.common.contact import Contact
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.fingertip import FingertipNode
@@ -91,7 +91,7 @@ def fingertip_frames(name: str, records: tuple[LogRecord, ...]) -> list[LogRecor
             seen = replace(contact, sequence=number, exposed_at_us=exposed_us)
             events.append((exposed_us + LATENCY_US, 1, seen))
     if on_us < records[-1].stamp_us:
-        events.append((on_us, 2, LinkChange(LinkState.UP, "", after_bus_off=True)))
+        events.append((on_us, 2, BusStateChange(BusState.UP, "", after_bus_off=True)))
     events.sort(key=lambda event: event[:2])
     return _run(core, events, begin_us, records[-1].stamp_us, range(off_us, on_us))
 
@@ -111,7 +111,7 @@ def _run(core, events, now_us: int, end_us: int, off: range) -> list[LogRecord]:
                 if now_us not in off:
                     sent += [LogRecord(now_us, frame) for frame in frames]
             else:
-                core.link_changed(what)
+                core.bus_state_changed(what)
         step = core.poll(now_us)
         if now_us not in off:
             sent += [LogRecord(now_us, frame) for frame in step.frames_out]

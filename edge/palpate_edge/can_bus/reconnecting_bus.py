@@ -22,22 +22,22 @@ FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # between two attempts to send
 Stamped = tuple[int, CanFrame]
 
 
-class LinkState(Enum):
+class BusState(Enum):
     UP = "up"
     BUS_OFF = "bus-off"
     DOWN = "down"
 
 
 @dataclass(frozen=True, slots=True)
-class LinkChange:
+class BusStateChange:
     """The link is in another state than before; reason: why, empty when it is up."""
 
-    state: LinkState
+    state: BusState
     reason: str
     after_bus_off: bool
 
 
-class BusLink:
+class ReconnectingBus:
     """Owns the `Bus` that `open_one` gives. Times are arguments; `receive` gives Unix stamps, as `Bus` does.
 
     retries: refused attempts to send; restarts: how often it came back.
@@ -45,14 +45,14 @@ class BusLink:
 
     def __init__(self, open_one: Callable[[], Bus]) -> None:
         """Raises BusError: what cannot be opened at the start will not come by waiting."""
-        self.state = LinkState.UP
+        self.state = BusState.UP
         self.retries = 0
         self.restarts = 0
         self._open_one = open_one
         self._bus: Bus | None = open_one()
         self._openings = 1
         self._queue = TransmitQueue()
-        self._changes: list[LinkChange] = []
+        self._changes: list[BusStateChange] = []
         self._early_frames: list[Stamped] = []
         self._was_bus_off = False
         self._restarts_seen = 0
@@ -84,7 +84,7 @@ class BusLink:
             with suppress(BusError):  # it is gone: `receive` will tell
                 self._bus.accept(can_ids)
 
-    def changes(self) -> list[LinkChange]:
+    def changes(self) -> list[BusStateChange]:
         """What has changed since the last call."""
         changes, self._changes = self._changes, []
         return changes
@@ -97,20 +97,20 @@ class BusLink:
         try:
             frames += self._bus.receive(0)
         except BusOffError as error:
-            self._enter(LinkState.BUS_OFF, str(error))
+            self._enter(BusState.BUS_OFF, str(error))
         except BusError as error:
             self._go_down(now_us, str(error))
             return frames
         self.received += len(frames)
-        if self.state is LinkState.BUS_OFF and (frames or self._bus.counters.restarts > self._restarts_seen):
+        if self.state is BusState.BUS_OFF and (frames or self._bus.counters.restarts > self._restarts_seen):
             self._come_up()
         return frames
 
     def send(self, now_us: int, frames: Sequence[CanFrame]) -> None:
         """Send these behind what waits; while there is no bus only emergencies wait for it."""
-        if self.state is LinkState.UP and not self._queue:
+        if self.state is BusState.UP and not self._queue:
             frames = frames[self._offer(now_us, frames) :]
-        if self.state is not LinkState.UP:
+        if self.state is not BusState.UP:
             frames = [frame for frame in frames if frame.can_id in EMCY_IDS]
         try:
             self._queue.put(now_us, frames)
@@ -121,7 +121,7 @@ class BusLink:
 
     def poll(self, now_us: int) -> None:
         """What is due: opening the bus again, sending what waits."""
-        if self.state is LinkState.DOWN and now_us >= self._retry_at_us:
+        if self.state is BusState.DOWN and now_us >= self._retry_at_us:
             self._reopen(now_us)
         elif self._resend_at_us is not None and now_us >= self._resend_at_us:
             self._flush(now_us)
@@ -129,7 +129,7 @@ class BusLink:
     @property
     def due_us(self) -> int | None:
         """When `poll` has something to do."""
-        return self._retry_at_us if self.state is LinkState.DOWN else self._resend_at_us
+        return self._retry_at_us if self.state is BusState.DOWN else self._resend_at_us
 
     def close(self) -> None:
         if self._bus is not None:
@@ -138,7 +138,7 @@ class BusLink:
 
     def _flush(self, now_us: int) -> None:
         self._resend_at_us = None
-        if self.state is LinkState.UP:
+        if self.state is BusState.UP:
             self._queue.sent(self._offer(now_us, self._queue.fresh(now_us)))
 
     def _offer(self, now_us: int, frames: Sequence[CanFrame]) -> int:
@@ -168,7 +168,7 @@ class BusLink:
             self._early_frames = bus.receive(0)
         except BusOffError as error:
             self._bus = bus
-            self._enter(LinkState.BUS_OFF, str(error))
+            self._enter(BusState.BUS_OFF, str(error))
             return
         except BusError:
             if bus is not None:
@@ -182,24 +182,24 @@ class BusLink:
     def _come_up(self) -> None:
         self.restarts += 1
         self._retry_us = FIRST_RETRY_US
-        self._enter(LinkState.UP, "")
+        self._enter(BusState.UP, "")
         self._was_bus_off = False
         self._resend_at_us = 0  # the emergencies that wait
 
     def _go_down(self, now_us: int, reason: str) -> None:
         self.close()
         self._retry_at_us = now_us + self._retry_us
-        self._enter(LinkState.DOWN, reason)
+        self._enter(BusState.DOWN, reason)
 
-    def _enter(self, state: LinkState, reason: str) -> None:
+    def _enter(self, state: BusState, reason: str) -> None:
         if state is self.state:
             return
         self.state = state
-        if state is LinkState.BUS_OFF:
+        if state is BusState.BUS_OFF:
             assert self._bus is not None
             self._was_bus_off = True
             self._restarts_seen = self._bus.counters.restarts
-        self._changes.append(LinkChange(state, reason, self._was_bus_off))
-        if state is not LinkState.UP:
+        self._changes.append(BusStateChange(state, reason, self._was_bus_off))
+        if state is not BusState.UP:
             self._resend_at_us = None
             self._queue.keep_emergencies()

@@ -42,10 +42,10 @@ def make_clock(path: Path) -> LocalClock:
         fresh.replace(path)
     except OSError as error:
         raise ConfigError(f"{path} cannot be made: {error.strerror}: give another path") from None
-    return LocalClock(TwinClock(path).now_us)
+    return LocalClock(SimulatedClock(path).now_us)
 
 
-class TwinClock:
+class SimulatedClock:
     """`now_us` never goes back. Raises ConfigError for a file that is missing or no clock."""
 
     def __init__(self, path: Path, machine_us: Callable[[], int] = monotonic_us) -> None:
@@ -63,11 +63,11 @@ class TwinClock:
 class ClockKeeper:
     """Holds the time back; to be called more often than AHEAD_US. held_us: how far behind it is.
 
-    One keeper a clock. Raises ConfigError as TwinClock.
+    One keeper a clock. Raises ConfigError as SimulatedClock.
     """
 
     def __init__(self, path: Path, machine_us: Callable[[], int] = monotonic_us) -> None:
-        self._clock = TwinClock(path, machine_us)
+        self._clock = SimulatedClock(path, machine_us)
         self._words = _mapped(path, mmap.ACCESS_WRITE)
         self._machine_us = machine_us
         self._spoken_us = machine_us()
@@ -92,14 +92,14 @@ class ClockKeeper:
 
 
 def clock_of(bus: BusConfig) -> LocalClock:
-    """By which everything on this bus goes. Raises ConfigError as TwinClock, or for a real bus."""
+    """By which everything on this bus goes. Raises ConfigError as SimulatedClock, or for a real bus."""
     if not bus.clock:
         return LocalClock()
     if bus.interface != "palpate":
         raise ConfigError(
             f"bus.clock is of a simulated hand on the hub, not of {bus.interface}: leave it out"
         )
-    return LocalClock(TwinClock(Path(bus.clock)).now_us)
+    return LocalClock(SimulatedClock(Path(bus.clock)).now_us)
 
 
 def _mapped(path: Path, access: int) -> memoryview:

@@ -95,8 +95,8 @@ def identify(config_path: Path) -> None:
     from palpate_edge.common.signals import IDENTIFY  # noqa: PLC0415
     from palpate_edge.daemon.config import read_config  # noqa: PLC0415
     from palpate_edge.daemon.health import read_health  # noqa: PLC0415
-    from palpate_edge.illumination.client import Illumination  # noqa: PLC0415
-    from palpate_edge.illumination.controller_thread import BLINK_TURNS, TURN_S, Light  # noqa: PLC0415
+    from palpate_edge.illumination.client import IlluminationClient  # noqa: PLC0415
+    from palpate_edge.illumination.controller_thread import BLINK_UPDATES, UPDATE_PERIOD_S, LightController  # noqa: PLC0415
 
     config = read_config(config_path)
     bus, address = config.illumination.i2c_bus, config.illumination.address
@@ -113,9 +113,10 @@ def identify(config_path: Path) -> None:
         os.kill(report.pid, IDENTIFY)
         click.echo(f"{config.name}: its LED ring blinks")
         return
-    with closing(Light(lambda: Illumination.open(bus, address), 0)) as light:  # nobody else talks to it
+    # No daemon runs: nobody else talks to the controller.
+    with closing(LightController(lambda: IlluminationClient.open(bus, address), 0)) as light:
         click.echo(f"{config.name}: its LED ring blinks")
         light.blink()
-        for _ in range(BLINK_TURNS):
-            light.turn()
-            time.sleep(TURN_S)
+        for _ in range(BLINK_UPDATES):
+            light.update()
+            time.sleep(UPDATE_PERIOD_S)

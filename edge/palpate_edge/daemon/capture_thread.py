@@ -20,7 +20,7 @@ Outcome = Contact | CaptureError
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 2.0  # between two attempts to open a camera again
 
 
-class PixelThread(threading.Thread):
+class CaptureThread(threading.Thread):
     """Reads a source to its end; `fileno()` polls readable when :meth:`take` has something to give.
 
     A camera that is lost or stalls is read again, with back-off. on_frame: sees each frame first, as a

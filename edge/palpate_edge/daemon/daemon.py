@@ -18,7 +18,7 @@ import cv2
 
 from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
-from palpate_edge.can_bus.reconnecting_bus import BusLink
+from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import CaptureError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
@@ -26,17 +26,17 @@ from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.daemon.capture_factory import open_source
-from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.health import HealthFile, health_path
 from palpate_edge.daemon.health_report import health_report
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
-from palpate_edge.daemon.recording_control import RecordOnDemand
-from palpate_edge.daemon.sliding_window import DroppedFrames, LastMinute
+from palpate_edge.daemon.recording_control import RecordingControl
+from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.estimation.estimator import Estimator, Method
-from palpate_edge.illumination.client import Illumination
-from palpate_edge.illumination.controller_thread import Light
+from palpate_edge.illumination.client import IlluminationClient
+from palpate_edge.illumination.controller_thread import LightController
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     BitRateActivated,
@@ -91,8 +91,8 @@ class _Daemon:
         chosen = config.estimator.method
         estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
         source = open_source(config, calibration, clock, report)
-        self.recording = stack.enter_context(closing(RecordOnDemand(config.record, self._say)))
-        self._pixels = stack.enter_context(closing(PixelThread(source, estimator, self.recording.offer)))
+        self.recording = stack.enter_context(closing(RecordingControl(config.record, self._say)))
+        self._pixels = stack.enter_context(closing(CaptureThread(source, estimator, self.recording.offer)))
         self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         self._node = FingertipNode(
             config.node.id,
@@ -107,7 +107,7 @@ class _Daemon:
         if self._light is not None:
             stack.callback(self._light.close)
         accept_ids = self._node.slave.accept_ids
-        self._link = BusLink(lambda: open_bus(config.bus, config.name, accept_ids()))
+        self._link = ReconnectingBus(lambda: open_bus(config.bus, config.name, accept_ids()))
         stack.callback(self._link.close)
         self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
         self._gate = WatchdogGate(notifier.watchdog_us)
@@ -115,14 +115,14 @@ class _Daemon:
         path = health_path(config.name, config.health)
         self._health_file = stack.enter_context(closing(HealthFile(path, self._say)))
         self._health_at_us = 0
-        self._dropped_frames, self._dropped_pdos = DroppedFrames(), LastMinute()
+        self._dropped_frames, self._dropped_pdos = DroppedFrames(), SlidingWindow()
         self._said_of_camera = ""
 
     def calls(self) -> dict[signal.Signals, Callable[[], None]]:
         """What a person may ask of it: `palpate-edge record` and `identify` send these signals."""
         return {
-            RECORD: lambda: self.recording.ask(True),
-            RECORD_NO_MORE: lambda: self.recording.ask(False),
+            RECORD: lambda: self.recording.request(True),
+            RECORD_NO_MORE: lambda: self.recording.request(False),
             IDENTIFY: self._light.blink if self._light is not None else lambda: None,
         }
 
@@ -161,16 +161,16 @@ class _Daemon:
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
         for change in link.changes():
             self._say(f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
-            core.link_changed(change)
+            core.bus_state_changed(change)
         core.error_passive(link.error_passive)
         self._see_to_light()
         now_us = clock.now_us()
         step = core.poll(now_us)
         link.send(now_us, step.frames_out)
         self._see_to(step.events)
-        if self._gate.may_feed(now_us, core.watch.frames, link.sent + link.received):
+        if self._gate.may_feed(now_us, core.monitor.frames, link.sent + link.received):
             self._notifier.feed_watchdog()
-        self.recording.see_to_it()
+        self.recording.update()
         if now_us >= self._health_at_us:
             self._health_at_us = now_us + HEALTH_EVERY_US
             self._tell_health(now_us)
@@ -244,9 +244,9 @@ class _Daemon:
 
     def _tell_health(self, now_us: int) -> None:
         light = self._light.latest if self._light else None
-        frames, dropped = self._core.watch.frames, self._pixels.source.dropped
+        frames, dropped = self._core.monitor.frames, self._pixels.source.dropped
         dropped_share = self._dropped_frames.share(now_us, frames, dropped)
-        (pdos_dropped_lately,) = self._dropped_pdos.grown(now_us, (self._link.dropped,))
+        (pdos_dropped_lately,) = self._dropped_pdos.growth(now_us, (self._link.dropped,))
         report = health_report(
             self._config,
             self._core,
@@ -270,9 +270,9 @@ class _Daemon:
         self._report(f"{self._config.name}: {line}")
 
 
-def _open_light(config: FingertipConfig, level: int) -> Light | None:
+def _open_light(config: FingertipConfig, level: int) -> LightController | None:
     bus, address = config.illumination.i2c_bus, config.illumination.address
-    return None if bus is None else Light(lambda: Illumination.open(bus, address), level)
+    return None if bus is None else LightController(lambda: IlluminationClient.open(bus, address), level)
 
 
 Descriptor = tuple[int, int]

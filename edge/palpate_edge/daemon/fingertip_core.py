@@ -1,6 +1,6 @@
 """The fingertip without threads, sockets and clock: bus frames, contacts and failures in, bus frames out.
 
-It ties the node, the bus's clock and the watch over frames together, and decides what is an emergency. A
+It ties the node, the bus's clock and the monitor over frames together, and decides what is an emergency. A
 contact is on the bus as valid only while frames come: the first deadline that passes withdraws it.
 """
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
-from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState, Stamped
+from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, Stamped
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraStalledError, CaptureError
-from palpate_edge.daemon.frame_monitor import FrameWatch
+from palpate_edge.daemon.frame_monitor import FrameMonitor
 from palpate_edge.node.emergencies import ActiveEmergencies, Emergency
 from palpate_edge.node.events import (
     Event,
@@ -52,7 +52,7 @@ class FingertipCore:
 
     def __init__(self, node: FingertipNode, name: str, timeout_us: int, now_us: int) -> None:
         self.clock = BusClock()
-        self.watch = FrameWatch(timeout_us, now_us)
+        self.monitor = FrameMonitor(timeout_us, now_us)
         self.emergencies = ActiveEmergencies(node.slave.emcy)
         self._node = node
         self._name = name
@@ -85,12 +85,12 @@ class FingertipCore:
 
     def frame_seen(self, now_us: int, contact: Contact, health: Health) -> None:
         """What the contact just sent says of camera and beads, with the board's health then."""
-        self.watch.saw(now_us, contact, health.frames_dropped)
+        self.monitor.frame_estimated(now_us, contact, health.frames_dropped)
         self._capture_failed = False
         self.emergencies.set(Emergency.CAMERA_LOST, False)
         self.emergencies.set(Emergency.CAMERA_STALLED, False)
-        self.emergencies.set(Emergency.BEADS_LOST, self.watch.beads_are_lost(now_us))
-        self.emergencies.set(Emergency.OVERRUN, self.watch.overruns())
+        self.emergencies.set(Emergency.BEADS_LOST, self.monitor.beads_are_lost(now_us))
+        self.emergencies.set(Emergency.OVERRUN, self.monitor.overruns())
         self._node.report_health(health)
 
     def capture_failed(self, now_us: int, error: CaptureError) -> None:
@@ -105,9 +105,9 @@ class FingertipCore:
         """The daemon ends: what is on the bus is not valid any more."""
         self._withdraw(now_us, "the fingertip is stopped")
 
-    def link_changed(self, change: LinkChange) -> None:
+    def bus_state_changed(self, change: BusStateChange) -> None:
         """After bus-off the node does what 1029h asks for; by default it waits to be started again."""
-        if change.state is LinkState.UP and change.after_bus_off:
+        if change.state is BusState.UP and change.after_bus_off:
             self._node.slave.communication_error(Emergency.BUS_OFF_RECOVERED)
             self._node.slave.emcy.clear(Emergency.BUS_OFF_RECOVERED)
 
@@ -121,7 +121,7 @@ class FingertipCore:
 
     def poll(self, now_us: int) -> CoreStep:
         """Serve what is due, and hand over what there is to send."""
-        if self.watch.is_stalled(now_us) and not self._capture_failed:
+        if self.monitor.is_stalled(now_us) and not self._capture_failed:
             self.emergencies.set(Emergency.CAMERA_STALLED, True)
             self._withdraw(now_us, "no frame in time: the camera stalls")
         self.emergencies.set(Emergency.CLOCK_LOST, self.clock.state(now_us) is ClockState.LOST)
@@ -132,7 +132,7 @@ class FingertipCore:
         self._take(output)
         due_us = min(output.next_due_us, self._report_at_us)
         if not self._withdrawn:
-            due_us = min(due_us, self.watch.stalls_at_us)
+            due_us = min(due_us, self.monitor.stalls_at_us)
         step = CoreStep(tuple(self._frames_out), due_us, tuple(self._events))
         self._frames_out.clear()
         self._events.clear()

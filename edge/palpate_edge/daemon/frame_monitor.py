@@ -13,7 +13,7 @@ BEADS_LOST_AFTER_US = 500_000
 OVERRUN_SHARE = 0.2  # of the frames of the last second were dropped
 
 
-class FrameWatch:
+class FrameMonitor:
     """timeout_us: without a frame for so long the camera counts as stalled.
 
     frames, refused: since the start.
@@ -29,7 +29,7 @@ class FrameWatch:
         self._recent: deque[tuple[int, int]] = deque()  # (when published, dropped until then)
         self._few_beads_since_us: int | None = None
 
-    def saw(self, now_us: int, contact: Contact, dropped: int) -> None:
+    def frame_estimated(self, now_us: int, contact: Contact, dropped: int) -> None:
         """A frame was estimated. dropped: frames, since the start."""
         self.frames += 1
         self.refused += not contact.valid

@@ -6,8 +6,8 @@ import os
 import time
 
 from palpate_edge.can_bus.clock_sync import BusClock
-from palpate_edge.can_bus.reconnecting_bus import BusLink
-from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
+from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.health import (
@@ -25,8 +25,8 @@ from palpate_edge.illumination.registers import Fault
 def health_report(
     config: FingertipConfig,
     core: FingertipCore,
-    link: BusLink,
-    pixels: PixelThread,
+    link: ReconnectingBus,
+    pixels: CaptureThread,
     fps: float,
     recording: str,
     light: LightState | None,
@@ -36,15 +36,15 @@ def health_report(
 ) -> HealthReport:
     """fps: that a camera was asked for; recording: its folder, or empty; light: None without a
     controller; dropped_share: of the last minute's frames; now_us: on the daemon's clock."""
-    watch = core.watch
-    contact = watch.last_contact
+    monitor = core.monitor
+    contact = monitor.last_contact
     return HealthReport(
         name=config.name,
         pid=os.getpid(),
         written_at=time.monotonic(),
         node_id=config.node.id,
         nmt_state=core.state.name.lower().replace("_", "-"),
-        frames=watch.frames,
+        frames=monitor.frames,
         method=pixels.estimator.method.value,
         calibration=config.estimator.calibration,
         emergencies=core.emergencies.names(),
@@ -52,16 +52,16 @@ def health_report(
         recording=recording,
         camera=CameraHealth(
             source=config.capture.path or config.capture.camera.usb_serial,
-            fps=watch.fps(now_us),
+            fps=monitor.fps(now_us),
             wanted_fps=fps if config.capture.source == "v4l2" else None,
-            age_ms=None if watch.last_us is None else (now_us - watch.last_us) / 1000,
+            age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
             dropped=pixels.source.dropped,
             dropped_share=dropped_share,
         ),
         beads=BeadHealth(
             found=contact.beads_found if contact else 0,
             expected=contact.beads_expected if contact else 0,
-            refused=watch.refused,
+            refused=monitor.refused,
             reason=contact.reason if contact else "no frame yet",
         ),
         bus=BusHealth(

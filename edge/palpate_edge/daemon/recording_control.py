@@ -12,7 +12,7 @@ from palpate_edge.daemon.config import RecordConfig
 from palpate_edge.datasets.recorder import Recorder, RingLimits
 
 
-class RecordOnDemand:
+class RecordingControl:
     """report: gets what a person should know.
 
     folder: of the recording that runs, empty when there is none.
@@ -30,11 +30,11 @@ class RecordOnDemand:
         """From the pixel thread."""
         self._recorder.offer(frame)
 
-    def ask(self, wanted: bool) -> None:
-        """From a signal handler: `see_to_it` does it."""
+    def request(self, wanted: bool) -> None:
+        """From a signal handler: `update` does it."""
         self._wanted = wanted
 
-    def see_to_it(self) -> None:
+    def update(self) -> None:
         """Start or stop as asked; tell when a recording has ended by itself."""
         wanted, self._wanted = self._wanted, None
         if wanted is False:

@@ -31,7 +31,7 @@ from palpate_edge.daemon.health_report import clock_health, light_health
 from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import MIN_BEADS_SHARE, Estimator, best_method
-from palpate_edge.illumination.client import Illumination
+from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightState
 
 TRY_S = 1.5
@@ -98,7 +98,7 @@ def _check_light(config: FingertipConfig, report: HealthReport | None) -> CheckR
     if report is not None and report.light is not None:
         return judge_light(report.light)
     try:
-        with closing(Illumination.open(bus, config.illumination.address)) as controller:
+        with closing(IlluminationClient.open(bus, config.illumination.address)) as controller:
             return judge_light(light_health(LightState(controller.state(), "")))
     except IlluminationError as error:
         return CheckRow("temperature", "no answer", "", Verdict.FAIL, str(error))

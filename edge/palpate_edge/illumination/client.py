@@ -52,7 +52,7 @@ class IlluminationState:
     faults: Fault
 
 
-class Illumination:
+class IlluminationClient:
     """One controller; its watchdog darkens the LEDs when nobody asks for its (WATCHDOG) time."""
 
     def __init__(self, bus: SmBus, name: str, address: int = I2C_ADDRESS) -> None:
@@ -75,7 +75,7 @@ class Illumination:
                 )
 
     @classmethod
-    def open(cls, bus_number: int, address: int = I2C_ADDRESS) -> Illumination:
+    def open(cls, bus_number: int, address: int = I2C_ADDRESS) -> IlluminationClient:
         """The controller on /dev/i2c-N; IlluminationError as the constructor, or without that bus."""
         try:
             bus = SMBus(bus_number)

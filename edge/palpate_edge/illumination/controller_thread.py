@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_edge.common.errors import IlluminationError
-from palpate_edge.illumination.client import Illumination, IlluminationState
+from palpate_edge.illumination.client import IlluminationClient, IlluminationState
 from palpate_edge.illumination.registers import Fault, LightRegister
 
-TURN_S = 0.25  # a quarter of the controller's own watchdog
+UPDATE_PERIOD_S = 0.25  # a quarter of the controller's own watchdog
 FULL_LEVEL = 255
-BLINK_TURNS = 40  # 10 s, twice a second
+BLINK_UPDATES = 40  # 10 s, twice a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +43,23 @@ class LightState:
         return self.state is not None and Fault.OVER_TEMPERATURE in self.state.faults
 
 
-class Light:
+class LightController:
     """One controller; a lost one is opened again."""
 
-    def __init__(self, open_controller: Callable[[], Illumination], level: int) -> None:
+    def __init__(self, open_controller: Callable[[], IlluminationClient], level: int) -> None:
         """IlluminationError when it is not there at the start. level: 0 to 255."""
         self.level = level
         self._open = open_controller
-        self._controller: Illumination | None = open_controller()
+        self._controller: IlluminationClient | None = open_controller()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="light")
         self.latest = LightState(None, "not asked yet")
         self._blinks = 0
-        self.turn()
+        self.update()
 
     def blink(self) -> None:
-        """Full light and none by turns, for the next BLINK_TURNS of them; then the level again."""
-        self._blinks = BLINK_TURNS
+        """Full light and none by turns, for the next BLINK_UPDATES of them; then the level again."""
+        self._blinks = BLINK_UPDATES
 
     def start(self) -> None:
         self._thread.start()
@@ -72,14 +72,14 @@ class Light:
         if self._controller is not None:
             self._controller.close()
 
-    def turn(self) -> None:
+    def update(self) -> None:
         """Ask for the state, and set the level where the controller has another: it is new, was reset, or
         darkened while we were held up."""
         try:
             if self._controller is None:
                 self._controller = self._open()
             controller = self._controller
-            level = self._level_of_turn()
+            level = self._level_now()
             if controller.read(LightRegister.LEVEL) != level:
                 controller.set_level(level)
             state = controller.state()
@@ -92,12 +92,12 @@ class Light:
             self._controller = None
             self.latest = LightState(None, str(error))
 
-    def _level_of_turn(self) -> int:
+    def _level_now(self) -> int:
         if not self._blinks:
             return self.level
         self._blinks -= 1
         return FULL_LEVEL if self._blinks % 2 else 0
 
     def _run(self) -> None:
-        while not self._stop.wait(TURN_S):
-            self.turn()
+        while not self._stop.wait(UPDATE_PERIOD_S):
+            self.update()

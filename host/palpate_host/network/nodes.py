@@ -128,7 +128,7 @@ class Nodes:
         torque_Nm = [drive.torque_Nm for drive in drives.drives]
         return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
 
-    def lose_bus(self) -> None:
+    def bus_lost(self) -> None:
         """What the nodes said counts no more."""
         self._time_stamps = TimeStampProducer()
         self._last_sync_us = None

@@ -27,7 +27,7 @@ from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.operator.server import OperatorSocket, default_control_socket
-from palpate_host.service.bus_reports import BusNews
+from palpate_host.service.bus_reports import BusReports
 from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.real_time import become_real_time
@@ -93,8 +93,8 @@ def run(config_path: Path, options: Options) -> None:
         stack.enter_context(long_lived())
         usual = f"on {config.bus.interface}"
         notifier.ready(usual)
-        news = BusNews(core, notifier, usual)
-        failure = _loop(core, bus, stream, control, options.duration_s, notifier, news, now_us)
+        reports = BusReports(core, notifier, usual)
+        failure = _loop(core, bus, stream, control, options.duration_s, notifier, reports, now_us)
         notifier.stopping()
     if failure:
         raise BusError(failure)
@@ -114,7 +114,7 @@ def _loop(
     control: OperatorSocket,
     duration_s: float | None,
     notifier: Notifier,
-    news: BusNews,
+    reports: BusReports,
     now_us: Callable[[], int],
 ) -> str:
     """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on, and
@@ -129,7 +129,7 @@ def _loop(
             if stream is not None:
                 stream.write(output.status)
             if output.status.mode not in STOPPED:
-                news.recovered()
+                reports.recovered()
         if output.finished:
             time.sleep(LINGER_S)
             return output.failure
@@ -137,7 +137,7 @@ def _loop(
         frames = bus.receive(now_us(), wait_s)
         if end_us is not None and now_us() >= end_us:
             core.request_stop()
-        news.tell(now_us(), bus.changes())
+        reports.bus_changed(now_us(), bus.changes())
         output = core.process(now_us(), frames)
         ticks += 1
         if gate.may_feed(now_us(), ticks, bus.activity):

@@ -16,8 +16,8 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import (
     FIRST_RETRY_US,
     LONGEST_RETRY_US,
-    LinkChange,
-    LinkState,
+    BusState,
+    BusStateChange,
     Stamped,
 )
 from palpate_edge.common.errors import BusError, BusOffError
@@ -36,25 +36,25 @@ class HostBus:
 
         Raises BusError either way: what cannot be opened at the start will not come by waiting.
         """
-        self.state = LinkState.UP
+        self.state = BusState.UP
         self.activity = 0
         self._open_one, self._outlives, self._sleep = open_one, outlives, sleep
         self._bus: Bus | None = open_one()
         self._reason = ""
-        self._changes: list[LinkChange] = []
+        self._changes: list[BusStateChange] = []
         self._was_bus_off = False
         self._restarts_seen = 0
         self._retry_us = FIRST_RETRY_US
         self._retry_at_us = 0
 
-    def changes(self) -> list[LinkChange]:
+    def changes(self) -> list[BusStateChange]:
         """What has changed since the last call; another reason for being down is a change too."""
         changes, self._changes = self._changes, []
         return changes
 
     def send(self, now_us: int, frames: Sequence[CanFrame]) -> None:
         """As `Bus.send`; without a bus the frames are given up."""
-        if self._bus is None or self.state is not LinkState.UP:
+        if self._bus is None or self.state is not BusState.UP:
             return
         try:
             self._bus.send(frames)
@@ -65,7 +65,7 @@ class HostBus:
 
     def receive(self, now_us: int, timeout_s: float) -> list[Stamped]:
         """As `Bus.receive`; without a bus it waits, and opens the bus again when that is due."""
-        if self.state is not LinkState.UP:
+        if self.state is not BusState.UP:
             self.activity += 1
         if self._bus is None:
             if now_us >= self._retry_at_us:
@@ -80,7 +80,7 @@ class HostBus:
         except BusError as error:
             self._go_down(now_us, error)
             return []
-        if self.state is LinkState.BUS_OFF and (frames or self._bus.counters.restarts > self._restarts_seen):
+        if self.state is BusState.BUS_OFF and (frames or self._bus.counters.restarts > self._restarts_seen):
             self._come_up()
         return self._note(frames)
 
@@ -118,7 +118,7 @@ class HostBus:
         return self._note(frames)
 
     def _come_up(self) -> None:
-        self._enter(LinkState.UP, "")
+        self._enter(BusState.UP, "")
         self._was_bus_off = False
 
     def _go_off(self, bus: Bus, error: BusOffError) -> None:
@@ -126,7 +126,7 @@ class HostBus:
             raise error
         self._was_bus_off = True
         self._restarts_seen = bus.counters.restarts
-        self._enter(LinkState.BUS_OFF, str(error))
+        self._enter(BusState.BUS_OFF, str(error))
 
     def _go_down(self, now_us: int, error: BusError) -> None:
         if not self._outlives:
@@ -134,10 +134,10 @@ class HostBus:
         self.close()
         self._retry_at_us = now_us + self._retry_us
         self._retry_us = min(2 * self._retry_us, LONGEST_RETRY_US)
-        self._enter(LinkState.DOWN, str(error))
+        self._enter(BusState.DOWN, str(error))
 
-    def _enter(self, state: LinkState, reason: str) -> None:
+    def _enter(self, state: BusState, reason: str) -> None:
         if (state, reason) == (self.state, self._reason):
             return
         self.state, self._reason = state, reason
-        self._changes.append(LinkChange(state, reason, self._was_bus_off))
+        self._changes.append(BusStateChange(state, reason, self._was_bus_off))

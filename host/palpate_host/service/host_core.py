@@ -96,8 +96,8 @@ class HostCore:
         self._leaves = True
         self._stop_reason = self._stop_reason or reason
 
-    def lose_bus(self, now_us: int, reason: str) -> None:
-        """The bus is gone: FAULT, no frames until `regain_bus`, and what the nodes said counts no more.
+    def bus_lost(self, now_us: int, reason: str) -> None:
+        """The bus is gone: FAULT, no frames until `bus_restored`, and what the nodes said counts no more.
 
         An earlier fault or stop keeps its reason; this one is its warning while the bus is away.
         """
@@ -109,9 +109,9 @@ class HostCore:
             self._decision = Decision(Mode.FAULT, reason, now_us)
         self._R_vir = None
         self._command_Nm = np.zeros_like(self._command_Nm)
-        self._nodes.lose_bus()
+        self._nodes.bus_lost()
 
-    def regain_bus(self, now_us: int) -> None:
+    def bus_restored(self, now_us: int) -> None:
         """The bus is there again: every drive is switched off, as nobody knows what it did meanwhile, and
         `Recover` leads on. What was stamped before does not count."""
         self._is_away = False

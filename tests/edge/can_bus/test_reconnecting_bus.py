@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED, Bus, BusConfig
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.can_bus.reconnecting_bus import BusLink, LinkState
+from palpate_edge.can_bus.reconnecting_bus import BusState, ReconnectingBus
 from palpate_edge.common.errors import BusError
 
 TPDO, EMCY, SDO = CanFrame(0x190, b"\x01"), CanFrame(0x090, bytes(8)), CanFrame(0x590, bytes(8))
@@ -58,7 +58,7 @@ class Rig:
         self.now_us = 0
         self.drivers = [Driver()]
         self.to_open = [self.drivers[0], *to_open]
-        self.link = BusLink(self.open_one)
+        self.link = ReconnectingBus(self.open_one)
 
     def open_one(self):
         self.opened_at.append(self.now_us)
@@ -90,18 +90,18 @@ def test_a_bus_that_goes_is_opened_again_with_growing_pauses():
     rig.drivers[0].arriving = [message(0x80), gone()]
     assert rig.turn(1_000) == [0x80]
     rig.turn(2_000)
-    assert rig.link.state is LinkState.DOWN
+    assert rig.link.state is BusState.DOWN
     assert rig.link.descriptor() is None
     for at_us in range(3_000, 20_000_000, 1_000):
         rig.turn(at_us, TPDO, SDO)
     pauses = [round((b - a) / 1000) for a, b in zip(rig.opened_at[1:], rig.opened_at[2:], strict=False)]
     assert pauses == [200, 400, 800, 1600, 2000, 2000, 2000]
     assert rig.opened_at[1] == 102_000  # the first attempt is a tenth of a second after it went
-    assert rig.link.state is LinkState.UP
+    assert rig.link.state is BusState.UP
     changes = rig.link.changes()
     assert [(change.state, change.after_bus_off) for change in changes] == [
-        (LinkState.DOWN, False),
-        (LinkState.UP, False),
+        (BusState.DOWN, False),
+        (BusState.UP, False),
     ]
     assert "Network is down" in changes[0].reason
     assert rig.link.changes() == []
@@ -115,9 +115,9 @@ def test_a_link_that_opens_and_carries_nothing_is_not_back():
     rig.drivers[0].arriving = [gone()]
     rig.turn(0)
     rig.turn(150_000)
-    assert rig.link.state is LinkState.DOWN
+    assert rig.link.state is BusState.DOWN
     rig.turn(400_000)
-    assert rig.link.state is LinkState.UP
+    assert rig.link.state is BusState.UP
 
 
 def test_emergencies_of_the_outage_are_sent_when_it_is_back_and_nothing_else():
@@ -133,7 +133,7 @@ def test_emergencies_of_the_outage_are_sent_when_it_is_back_and_nothing_else():
 def test_sending_notices_as_well(rig):
     rig.drivers[0].refuses = errno.ENETDOWN
     rig.turn(0, TPDO)
-    assert rig.link.state is LinkState.DOWN
+    assert rig.link.state is BusState.DOWN
 
 
 @pytest.mark.parametrize("sign", ["restarted", "a frame"])
@@ -141,7 +141,7 @@ def test_bus_off_waits_for_the_controller_and_keeps_the_socket(rig, sign):
     driver = rig.drivers[0]
     driver.arriving = [error_frame(CAN_ERR_BUSOFF)]
     rig.turn(0)
-    assert rig.link.state is LinkState.BUS_OFF
+    assert rig.link.state is BusState.BUS_OFF
     rig.turn(1_000, TPDO, EMCY)
     rig.turn(5_000_000, TPDO)
     assert driver.sent == []
@@ -150,8 +150,8 @@ def test_bus_off_waits_for_the_controller_and_keeps_the_socket(rig, sign):
     rig.turn(5_002_000, SDO)
     assert driver.sent == [0x090, 0x590]
     assert [(one.state, one.after_bus_off) for one in rig.link.changes()] == [
-        (LinkState.BUS_OFF, True),
-        (LinkState.UP, True),
+        (BusState.BUS_OFF, True),
+        (BusState.UP, True),
     ]
     assert len(rig.opened_at) == 1
 
@@ -162,7 +162,7 @@ def test_each_bus_off_waits_for_its_own_restart(rig):
     rig.drivers[0].arriving = [error_frame(CAN_ERR_BUSOFF)]
     rig.turn(1_000)
     rig.turn(2_000)
-    assert rig.link.state is LinkState.BUS_OFF
+    assert rig.link.state is BusState.BUS_OFF
 
 
 def test_a_bus_off_that_ends_with_the_link_taken_down_is_still_a_bus_off(rig):
@@ -171,7 +171,7 @@ def test_a_bus_off_that_ends_with_the_link_taken_down_is_still_a_bus_off(rig):
     rig.drivers[0].arriving = [gone()]
     rig.turn(1_000)
     rig.turn(200_000)
-    assert rig.link.changes()[-1].state is LinkState.UP
+    assert rig.link.changes()[-1].state is BusState.UP
     assert rig.link.restarts == 1
 
 
@@ -186,7 +186,7 @@ def test_a_full_queue_is_tried_again_with_growing_pauses_and_never_waited_for(ri
         at_us = rig.link.due_us
         rig.turn(at_us)
     assert dues == [500, 1000, 2000, 4000, 8000, 10_000, 10_000]
-    assert rig.link.state is LinkState.UP
+    assert rig.link.state is BusState.UP
     driver.refuses = None
     rig.turn(rig.link.due_us)
     assert driver.sent == [0x190, 0x090]
@@ -221,7 +221,7 @@ def test_what_cannot_be_opened_at_the_start_is_refused():
         raise BusError("no hub")
 
     with pytest.raises(BusError, match="no hub"):
-        BusLink(refuse)
+        ReconnectingBus(refuse)
 
 
 def test_the_descriptor_tells_that_it_is_another_one(rig):

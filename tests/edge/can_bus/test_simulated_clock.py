@@ -18,7 +18,7 @@ from palpate_edge.can_bus.simulated_clock import (
     GONE_US,
     SLOWLY,
     ClockKeeper,
-    TwinClock,
+    SimulatedClock,
     clock_of,
     make_clock,
 )
@@ -35,7 +35,7 @@ class Machine:
     def __init__(self, path: Path) -> None:
         self.us = 5_000_000_000
         make_clock(path)
-        self.readers = [TwinClock(path, lambda: self.us) for _ in range(2)]
+        self.readers = [SimulatedClock(path, lambda: self.us) for _ in range(2)]
         self.keeper = ClockKeeper(path, lambda: self.us)
 
     def times_us(self) -> list[int]:
@@ -49,7 +49,7 @@ def machine(tmp_path):
 
 def test_without_a_keeper_it_is_the_machines(tmp_path):
     make_clock(tmp_path / "clock")
-    clock = TwinClock(tmp_path / "clock")
+    clock = SimulatedClock(tmp_path / "clock")
     before_us = monotonic_us()
     assert before_us <= clock.now_us() <= monotonic_us()
 
@@ -132,7 +132,7 @@ def test_no_reader_sees_half_a_word(tmp_path):
         [sys.executable, "-c", flicker, str(tmp_path / "clock")], stdout=subprocess.PIPE, text=True
     ) as writer:
         assert writer.stdout is not None and writer.stdout.readline() == "ready\n"
-        words = TwinClock(tmp_path / "clock")._words
+        words = SimulatedClock(tmp_path / "clock")._words
         seen, end_s = set(), time.monotonic() + 20.0
         while len(seen) < 2 and time.monotonic() < end_s:  # a writer that gets no processor changes nothing
             seen.add(words[2])
@@ -148,7 +148,7 @@ def test_what_is_no_clock_is_refused(tmp_path_factory, content):
     path.write_bytes(content)
     if len(content) == FORMAT.size and content.startswith(b"PALPTIME"):
         return
-    for kind in (TwinClock, ClockKeeper):
+    for kind in (SimulatedClock, ClockKeeper):
         with pytest.raises(ConfigError, match="is no clock"):
             kind(path)
 

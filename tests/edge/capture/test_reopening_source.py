@@ -11,7 +11,7 @@ from palpate_edge.capture.source import ReopeningSource
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.capture_thread import CaptureThread
 
 LOST, STALLED = CameraLostError("unplugged"), CameraStalledError("silent")
 
@@ -93,7 +93,7 @@ class Numbers:
 
 def test_the_thread_tells_of_a_lost_camera_and_reads_on():
     source = ReopeningSource(Port(Camera(0, STALLED), LOST, Camera(0, CaptureError("the end"))).open)
-    with closing(PixelThread(source, Numbers())) as pixels:
+    with closing(CaptureThread(source, Numbers())) as pixels:
         pixels.start()
         pixels.join(30)
         outcomes = pixels.take()
@@ -105,7 +105,7 @@ def test_the_thread_tells_of_a_lost_camera_and_reads_on():
 
 def test_a_thread_that_waits_for_a_camera_ends_when_asked():
     source = ReopeningSource(Port(LOST, *[LOST] * 50).open)
-    pixels = PixelThread(source, Numbers())
+    pixels = CaptureThread(source, Numbers())
     pixels.start()
     pixels.close()
     assert not pixels.is_alive()

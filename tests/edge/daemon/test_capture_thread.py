@@ -12,7 +12,7 @@ import pytest
 from palpate_edge.common.contact import refused_contact
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
-from palpate_edge.daemon.capture_thread import PixelThread
+from palpate_edge.daemon.capture_thread import CaptureThread
 
 PATIENCE_S = 30.0
 
@@ -48,7 +48,7 @@ class Numbers:
 
 def finished_thread(*steps):
     """A thread that has played all its steps before anything was taken."""
-    pixels = PixelThread(Script(*steps), Numbers())
+    pixels = CaptureThread(Script(*steps), Numbers())
     pixels.start()
     pixels.join(PATIENCE_S)
     assert not pixels.is_alive()
@@ -101,7 +101,7 @@ def test_closing_stops_an_endless_source_and_releases_it():
             return Frame(np.zeros((4, 4), dtype=np.uint8), 0, self.reads, "")
 
     source = Endless()
-    pixels = PixelThread(source, Numbers())
+    pixels = CaptureThread(source, Numbers())
     pixels.start()
     assert source.started.wait(PATIENCE_S)
     pixels.close()
@@ -111,5 +111,5 @@ def test_closing_stops_an_endless_source_and_releases_it():
 
 def test_closing_a_thread_that_never_started_releases_its_source():
     source = Script()
-    PixelThread(source, Numbers()).close()
+    CaptureThread(source, Numbers()).close()
     assert source.closed

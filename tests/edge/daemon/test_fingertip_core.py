@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.can_bus.reconnecting_bus import LinkChange, LinkState
+from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledError
 from palpate_edge.daemon.fingertip_core import FingertipCore
@@ -191,17 +191,17 @@ def test_a_frame_dropped_now_and_then_is_none(rig):
 
 def test_a_bus_that_came_back_from_bus_off_is_told_and_1029h_obeyed(rig):
     rig.see(seconds=1)
-    rig.core.link_changed(LinkChange(LinkState.BUS_OFF, "bus-off", True))
+    rig.core.bus_state_changed(BusStateChange(BusState.BUS_OFF, "bus-off", True))
     rig.see(seconds=1)
-    rig.core.link_changed(LinkChange(LinkState.UP, "", True))
+    rig.core.bus_state_changed(BusStateChange(BusState.UP, "", True))
     rig.wait(0.01)
     assert rig.emergencies() == [0x8140, 0x0000]
     assert rig.core.state is NmtState.PRE_OPERATIONAL  # 1029h:01 = 0
 
 
 def test_a_bus_that_was_only_away_needs_no_emergency(rig):
-    rig.core.link_changed(LinkChange(LinkState.DOWN, "Network is down", False))
-    rig.core.link_changed(LinkChange(LinkState.UP, "", False))
+    rig.core.bus_state_changed(BusStateChange(BusState.DOWN, "Network is down", False))
+    rig.core.bus_state_changed(BusStateChange(BusState.UP, "", False))
     rig.wait(0.01)
     assert rig.emergencies() == []
     assert rig.core.state is NmtState.OPERATIONAL

@@ -13,14 +13,14 @@ import pytest
 from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, BusConfig
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.can_bus.reconnecting_bus import LinkState
+from palpate_edge.can_bus.reconnecting_bus import BusState
 from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_host.common.command import CommandError, Grasp, Recover, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.network.nmt_master import SYNC
-from palpate_host.service.bus_reports import BusNews
+from palpate_host.service.bus_reports import BusReports
 from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore
 
@@ -56,12 +56,12 @@ def run_until(rig, mode):
 
 def lose(rig):
     rig.cut_off.add(rig.host_id)
-    rig.core.lose_bus(rig.now_us, GONE)
+    rig.core.bus_lost(rig.now_us, GONE)
 
 
 def regain(rig):
     rig.cut_off.clear()
-    rig.core.regain_bus(rig.now_us)
+    rig.core.bus_restored(rig.now_us)
 
 
 def run_in_silence(rig, duration_s):
@@ -141,9 +141,9 @@ def test_after_a_gap_one_tick_of_the_old_grid_and_no_stamp_of_an_old_sync(waitin
     core = HostCore(*waiting_config)
     core.process(1_000_000, ())
     core.process(1_005_000, [(1_000_100, SYNC)])
-    core.lose_bus(1_006_000, GONE)
+    core.bus_lost(1_006_000, GONE)
     assert core.process(1_010_000, ()).frames_out == ()
-    core.regain_bus(6_034_000)
+    core.bus_restored(6_034_000)
     output = core.process(6_034_500, ())
     sent = [frame.can_id for frame in output.frames_out]
     assert sent.count(SYNC.can_id) == 1 and sent.count(0x700 + 0x7F) <= 1
@@ -250,7 +250,7 @@ class Rim:
         self.bus.send(self.now_us, frames)
         began_us = self.now_us
         received = self.bus.receive(began_us, TICK_US * 1e-6)
-        if self.now_us == began_us and self.bus.state is not LinkState.DOWN:
+        if self.now_us == began_us and self.bus.state is not BusState.DOWN:
             self.now_us += TICK_US
         return [frame.can_id for _, frame in received]
 
@@ -264,14 +264,14 @@ def test_it_is_opened_again_after_growing_pauses():
     rim = Rim(first, *["no such device"] * 7, last)
     assert rim.turn(SYNC) == [0x181]
     lost_us = rim.now_us
-    assert rim.turn() == [] and rim.bus.state is LinkState.DOWN and first.is_closed
+    assert rim.turn() == [] and rim.bus.state is BusState.DOWN and first.is_closed
     rim.turn_until(20_000_000)
     pauses_ms = [(b - a) // 1000 for a, b in pairwise([lost_us, *rim.opened_at[1:]])]
     assert pauses_ms == [100, 200, 400, 800, 1600, 2000, 2000, 2000]
     down, still_down, up = rim.bus.changes()
-    assert down.state is LinkState.DOWN and "Network is down" in down.reason
-    assert (still_down.state, still_down.reason) == (LinkState.DOWN, "no such device")
-    assert (up.state, up.reason) == (LinkState.UP, "")
+    assert down.state is BusState.DOWN and "Network is down" in down.reason
+    assert (still_down.state, still_down.reason) == (BusState.DOWN, "no such device")
+    assert (up.state, up.reason) == (BusState.UP, "")
     assert rim.bus.changes() == []
     assert rim.turn(SYNC) == [] and last.sent == [0x080]
 
@@ -281,16 +281,16 @@ def test_sending_notices_as_well_and_nothing_of_then_is_sent_later():
     rim = Rim(first, second)
     first.is_gone = True
     rim.turn(CanFrame(0x201, bytes(5)))
-    assert rim.bus.state is LinkState.DOWN
+    assert rim.bus.state is BusState.DOWN
     rim.turn(CanFrame(0x202, bytes(5)))
     rim.turn_until(500_000)
-    assert rim.bus.state is LinkState.UP and second.sent == []
+    assert rim.bus.state is BusState.UP and second.sent == []
 
 
 def test_a_link_that_opens_and_is_down_is_not_back():
     rim = Rim(Driver(gone()), Driver(gone()), Driver())
     rim.turn_until(400_000)
-    assert [change.state for change in rim.bus.changes()] == [LinkState.DOWN, LinkState.UP]
+    assert [change.state for change in rim.bus.changes()] == [BusState.DOWN, BusState.UP]
 
 
 @pytest.mark.parametrize(("carries", "pause_ms"), [(True, 100), (False, 200)])
@@ -310,12 +310,12 @@ def test_bus_off_waits_for_the_controller_and_keeps_the_socket(sign):
     rim.turn()
     for _ in range(20):
         rim.turn(SYNC)
-    assert rim.bus.state is LinkState.BUS_OFF and driver.sent == []
+    assert rim.bus.state is BusState.BUS_OFF and driver.sent == []
     driver.arriving = [error_frame(CAN_ERR_RESTARTED) if sign == "restarted" else message(0x181)]
     rim.turn()
-    assert rim.bus.state is LinkState.UP and rim.opened_at == [0]
+    assert rim.bus.state is BusState.UP and rim.opened_at == [0]
     off, up = rim.bus.changes()
-    assert (off.state, off.after_bus_off, up.after_bus_off) == (LinkState.BUS_OFF, True, True)
+    assert (off.state, off.after_bus_off, up.after_bus_off) == (BusState.BUS_OFF, True, True)
     assert "went bus-off" in off.reason
 
 
@@ -353,13 +353,13 @@ def test_systemd_and_the_journal_are_told_of_it(tmp_path, capsys, waiting_config
         systemd.bind(str(tmp_path / "notify"))
         systemd.settimeout(10.0)
         notifier = stack.enter_context(closing(Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify")})))
-        news = BusNews(HostCore(*waiting_config), notifier, "on can0")
+        reports = BusReports(HostCore(*waiting_config), notifier, "on can0")
         rim = Rim(Driver(gone("out")), Driver())
-        news.recovered()
+        reports.recovered()
         while rim.now_us < 200_000:
             rim.turn()
-            news.tell(rim.now_us, rim.bus.changes())
-        news.recovered()
+            reports.bus_changed(rim.now_us, rim.bus.changes())
+        reports.recovered()
         heard = [systemd.recv(500).decode() for _ in range(3)]
     assert heard[0].startswith("STATUS=the bus is down. socketcan bus") and "cannot receive: out" in heard[0]
     assert heard[1:] == ["STATUS=the bus is up again: palpate-host command recover", "STATUS=on can0"]
