@@ -5,8 +5,9 @@ Belongs here: the register map, the client and the thread that keeps the light a
 
 from palpate_edge.common.lazy_exports import lazy_exports
 
-__all__ = ["Illumination", "Light", "LightRegister"]
+__all__ = ["IlluminationClient", "LightController", "LightRegister"]
 
 __getattr__ = lazy_exports(
-    __name__, {"client": "Illumination", "registers": "LightRegister", "controller_thread": "Light"}
+    __name__,
+    {"client": "IlluminationClient", "registers": "LightRegister", "controller_thread": "LightController"},
 )
