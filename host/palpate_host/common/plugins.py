@@ -1,4 +1,4 @@
-"""Parts that other packages plug into palpate-host by entry point; the host never imports them."""
+"""Parts of other packages that palpate-host loads by entry point and never imports by name."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 from palpate_edge.common.errors import ConfigError
 
 COMMANDS, SIMULATORS = "palpate_host.commands", "palpate_host.simulators"
+DRIVES = "palpate_host.drives"
 
 
 def load_plugin(group: str, name: str) -> Any:
@@ -18,3 +19,8 @@ def load_plugin(group: str, name: str) -> Any:
     for entry_point in entry_points(group=group, name=name):
         return entry_point.load()
     raise ConfigError(f"no installed package provides {name!r} ({group}): reinstall palpate")
+
+
+def plugin_names(group: str) -> list[str]:
+    """Return the names that installed packages register in the entry-point `group`, sorted."""
+    return sorted({entry_point.name for entry_point in entry_points(group=group)})

@@ -53,7 +53,7 @@ class ModelConfig(Strict, frozen=True):
 class JointConfig(Strict, frozen=True):
     """One joint and its drive: q = direction * drive's angle + zero_offset_rad.
 
-    home_rad: q where homing finds its switch.
+    home_rad: q where homing finds its switch. drive: the drive's key in the registry (drives/registry.py).
     """
 
     name: Name
@@ -65,6 +65,7 @@ class JointConfig(Strict, frozen=True):
     B_Nms_rad: NotNegative
     torque_limit_Nm: Positive
     home_rad: float | None = None
+    drive: Name = "cia402"
 
 
 class FingerConfig(Strict, frozen=True):

@@ -17,6 +17,12 @@ TARGET_TORQUE = (0x6071, 0)
 TARGET_POSITION = (0x607A, 0)
 TARGET_VELOCITY = (0x60FF, 0)
 
+# Controlword and statusword bits whose meaning depends on the mode (CiA 402-2).
+NEW_SET_POINT, CHANGE_AT_ONCE = 1 << 4, 1 << 5  # profile position
+SET_POINT_TAKEN = 1 << 12
+START_HOMING = 1 << 4  # homing
+HOMING_ATTAINED, HOMING_ERROR = 1 << 12, 1 << 13
+
 
 class OperationMode(enum.IntEnum):
     """Values of 6060h (CiA 402-2)."""

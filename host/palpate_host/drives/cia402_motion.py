@@ -11,14 +11,14 @@ import enum
 from dataclasses import dataclass
 
 from palpate_host.common.joint_command import DriveGoal, JointCommand
-from palpate_host.drives.cia402 import (
+from palpate_host.drives.cia402_modes import (
     HOMING_ATTAINED,
     HOMING_ERROR,
     NEW_SET_POINT,
     SET_POINT_TAKEN,
     START_HOMING,
+    OperationMode,
 )
-from palpate_host.drives.cia402_modes import OperationMode
 
 TARGET_REACHED, FOLLOWS_COMMAND = 1 << 10, 1 << 12
 NEGATIVE_SWITCH, POSITIVE_SWITCH, HERE, HERE_OLD, OWN_WAY = 17, 18, 37, 35, -1

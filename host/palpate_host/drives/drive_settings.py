@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate_host.common.joint_command import Follows
-from palpate_host.config.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
-from palpate_host.drives.cia402 import DriveScale
+from palpate_host.config.hand_config import HomingConfig, JointConfig
 from palpate_host.drives.cia402_modes import COMMAND_MAPPING, OperationMode
+from palpate_host.drives.cia402_scale import FULL_SCALE_PER_MILLE, DriveScale
+from palpate_host.drives.drive import DriveNeeds
 
-FULL_SCALE_PER_MILLE = 1000
 RPDO_1, RPDO_1_MAPPING, RPDO_ID, INVALID = 0x1400, 0x1600, 0x200, 1 << 31
 _DOWNLOAD = {1: 0x2F, 2: 0x2B, 4: 0x23}  # expedited download request by size, CiA 301, 7.2.4.3.3
 
@@ -36,25 +36,6 @@ class Write:
         """The SDO request."""
         data = (self.value & (1 << 8 * self.size) - 1).to_bytes(4, "little")
         return struct.pack("<BHB", _DOWNLOAD[self.size], self.index, self.subindex) + data
-
-
-@dataclass(frozen=True, slots=True)
-class DriveNeeds:
-    """What the hand asks of one drive."""
-
-    node_id: int
-    joint: JointConfig
-    control: ControlConfig
-    homing: HomingConfig | None
-
-    @property
-    def follows(self) -> Follows:
-        return self.control.drives_follow
-
-
-def needs_of(config: HandConfig) -> list[DriveNeeds]:
-    """Joint by joint, in the order of q."""
-    return [DriveNeeds(joint.drive_node, joint, config.control, config.homing) for joint in config.joints]
 
 
 def settings(needs: DriveNeeds, scale: DriveScale, mode: OperationMode) -> Iterator[Write]:

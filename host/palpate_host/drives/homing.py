@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate_bus.eds.cia402 import DriveState
 from palpate_host.config.hand_config import HomingConfig
-from palpate_host.drives.cia402 import Cia402Drive, Homing
+from palpate_host.drives.drive import Drive, HomingState
 
 
 class HomingRun:
     """Which drive has its turn; `step` once a tick in the mode HOME."""
 
-    def __init__(self, config: HomingConfig | None, drives: Sequence[Cia402Drive]) -> None:
+    def __init__(self, config: HomingConfig | None, drives: Sequence[Drive]) -> None:
         self._config = config
         self._drives = drives
         self._homed = [config is None] * len(drives)
@@ -51,15 +50,14 @@ class HomingRun:
         drive = self._drives[turn]
         if self._since_us is None:
             self._since_us, self._was_enabled = now_us, False
-        is_enabled = drive.state is DriveState.OPERATION_ENABLED
-        if is_enabled and drive.homing is Homing.ATTAINED:
+        is_enabled = drive.is_enabled
+        if is_enabled and drive.homing is HomingState.ATTAINED:
             self._homed[turn] = True
             self._since_us = None
-        elif drive.homing is Homing.ERROR:
+        elif drive.homing is HomingState.ERROR:
             self.problem = f"{drive.name}: homing error (method {self._config.method}): see to its way home"
         elif self._was_enabled and not is_enabled:
-            state = "no status" if drive.state is None else drive.state.value
-            self.problem = f"{drive.name}: {state} while homing"
+            self.problem = f"{drive.name}: {drive.state_name} while homing"
         elif now_us - self._since_us > self._config.timeout_s * 1e6:
             self.problem = f"{drive.name}: not home within homing.timeout_s = {self._config.timeout_s:g} s"
         self._was_enabled = self._was_enabled or is_enabled

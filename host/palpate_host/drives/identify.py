@@ -11,9 +11,10 @@ from collections import deque
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
-from palpate_host.drives.cia402 import DriveScale
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
-from palpate_host.drives.drive_settings import DriveNeeds, Write, settings
+from palpate_host.drives.cia402_scale import DriveScale
+from palpate_host.drives.drive import DriveNeeds
+from palpate_host.drives.drive_settings import Write, settings
 
 SUPPORTED_MODES = (0x6502, 0)
 RATED_TORQUE = (0x6076, 0)
@@ -33,11 +34,11 @@ WRITTEN = 0x60
 class DriveIdentification:
     """The transfers with one drive; `scale` and `mode` are there once all are done."""
 
-    def __init__(self, node_id: int, name: str, needs: DriveNeeds) -> None:
-        self.reply_id = SDO_REPLY_ID + node_id
+    def __init__(self, needs: DriveNeeds) -> None:
+        self.reply_id = SDO_REPLY_ID + needs.node_id
         self.mode = OperationMode.CYCLIC_TORQUE
-        self._node_id = node_id
-        self._name = f"{name} (node 0x{node_id:02X})"
+        self._node_id = needs.node_id
+        self._name = f"{needs.name} (node 0x{needs.node_id:02X})"
         self._needs = needs
         self.restart()
 

@@ -29,10 +29,10 @@ class JointOrders:
         self._limit_Nm = [joint.torque_limit_Nm for joint in joints]
         self._min_rad = np.array([joint.min_rad for joint in joints])
         self._max_rad = np.array([joint.max_rad for joint in joints])
-        self.rest()
+        self.stop()
 
-    def rest(self) -> None:
-        """No joint is moved: the next orders begin from standstill, where the joints are then."""
+    def stop(self) -> None:
+        """Forget the last orders: the next ones begin from standstill, wherever the joints are then."""
         self._last = np.zeros(len(self._limit_Nm))
         self._position_rad: Array | None = None
 

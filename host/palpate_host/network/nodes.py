@@ -53,13 +53,14 @@ class Nodes:
         self._config = config
         self._hand = hand
         self._tick_us = 1_000_000 // config.control.tick_Hz
+        self.drives = DriveGroup(config)
+        without_nmt = {drive.node_id for drive in self.drives.drives if not drive.uses_nmt}
         self.network = Network(
-            config.node_names,
+            {node: name for node, name in config.node_names.items() if node not in without_nmt},
             network.host_node,
             network.heartbeat_ms * 1000,
             network.heartbeat_timeout_ms * 1000,
         )
-        self.drives = DriveGroup(config)
         self.fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
         self._finger_by_id = {
             can_id: i for i, finger in enumerate(self.fingers) for can_id in finger.tip.receive_ids
@@ -95,15 +96,15 @@ class Nodes:
         drives, asked_us = self.drives, self._last_sync_us
         if asked_us is not None:
             if tick_us > (due_us := asked_us + self._tick_us):
-                drives.not_asked(due_us, tick_us)
+                drives.excuse(due_us, tick_us)
             angles = drives.angles() if drives.sampled_after(asked_us) else None
             if angles is not None:
                 self._history.add(asked_us, angles[0])
         self._last_sync_us = tick_us
-        is_up = [self.network.is_up(drive.node_id) for drive in drives.drives]
+        is_up = [not drive.uses_nmt or self.network.is_up(drive.node_id) for drive in drives.drives]
         ready = [*drives.identified(), *(finger.node_id for finger in self.fingers)]
         frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, ready)]
-        return [*frames, *drives.questions(tick_us, is_up), SYNC]
+        return [*frames, *drives.requests(tick_us, is_up), SYNC]
 
     def fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
         """Why the hand must stop in a mode that moves joints; empty: it need not. Homing takes a step."""

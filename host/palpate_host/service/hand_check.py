@@ -19,6 +19,7 @@ from palpate_edge.common.errors import BusError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.hand_config import HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
+from palpate_host.drives.registry import CIA402
 from palpate_host.service.hand_devices import devices_of_hand
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
@@ -53,7 +54,10 @@ def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iter
         yield _missing(tip, who) if tip.node_id in silent else _fingertip(tip, who, read)
         for joint in finger.joints:
             drive = devices[joint.drive_node]
-            if drive.node_id in silent:
+            if joint.drive != CIA402:
+                found = f"{joint.drive} drive: not checked over SDO"
+                yield NodeReport(drive.node_id, f"drive of {joint.name}", found, ())
+            elif drive.node_id in silent:
                 yield _missing(drive, f"drive of {joint.name}")
             else:
                 yield _drive(config, drive, joint, read)

@@ -26,8 +26,9 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus, Matrix
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
-from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.drives.drive import needs_of
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import first_beat_us, steps
 from palpate_twin.demo.distribution import Distribution, distribution
@@ -94,23 +95,23 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
 
     Raises BusError for a frame that is not the EDS's, ConfigError when a drive was never identified.
     """
-    group = DriveGroup(config)
+    drives = [Cia402Drive(needs) for needs in needs_of(config)]
+    drive_of = {can_id: drive for drive in drives for can_id in drive.receive_ids}
     codecs = [
         pdo_codec(load_eds(CIA402_EDS, joint.drive_node), PdoDirection.RECEIVE, 1) for joint in config.joints
     ]
     joint_of = {codec.cob_id: index for index, codec in enumerate(codecs)}
-    wanted = set(group.receive_ids)
     commands: list[list[tuple[int, int]]] = [[] for _ in codecs]
     for record in records:
         can_id = record.frame.can_id
-        if can_id in wanted:
-            group.receive(record.stamp_us, record.frame)
+        if can_id in drive_of:
+            drive_of[can_id].receive(record.stamp_us, record.frame)
         elif can_id in joint_of:
             index = joint_of[can_id]
             per_mille = codecs[index].decode(record.frame.data)[TARGET_TORQUE]
             commands[index].append((record.stamp_us, per_mille))
     result = []
-    for joint, drive, told in zip(config.joints, group.drives, commands, strict=True):
+    for joint, drive, told in zip(config.joints, drives, commands, strict=True):
         if drive.scale is None:
             raise ConfigError(f"the log has no rated torque of the {drive.name}: record a run from its start")
         torque = [joint.direction * drive.scale.to_Nm(per_mille) for _, per_mille in told]

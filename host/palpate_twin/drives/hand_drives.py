@@ -9,11 +9,14 @@ from palpate_host.config.hand_config import HandConfig
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 
+SIMULATED = "cia402"
+"""The key in hand.toml of the drives that are simulated."""
+
 
 def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive]:
     """One drive for each joint of a hand, at rest in the grasp pose (the same for every finger).
 
-    Raises ConfigError when the pose does not have one angle for each joint of a finger.
+    Raises ConfigError when the pose does not have one angle for each joint of a finger, or for another drive.
     """
     drives = []
     for finger in config.fingers:
@@ -23,6 +26,11 @@ def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[Simul
                 "give --pose-rad one angle for each joint of a finger"
             )
         for joint, angle_rad in zip(finger.joints, grasp_pose_rad, strict=True):
+            if joint.drive != SIMULATED:
+                raise ConfigError(
+                    f"{joint.name} has drive = {joint.drive!r}, only {SIMULATED} drives are simulated:"
+                    " start that drive's own simulation, or leave the key out"
+                )
             # q = direction * angle of the drive + offset, hence for the drive's own angle:
             ends_rad = [joint.direction * (q - joint.zero_offset_rad) for q in (joint.min_rad, joint.max_rad)]
             parameters = JointParameters(

@@ -15,9 +15,10 @@ from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HomingConfig
 from palpate_host.config.packaged import MODELS
-from palpate_host.drives.cia402 import Cia402Drive, DriveScale, controlword_for
+from palpate_host.drives.cia402 import Cia402Drive, controlword_for
 from palpate_host.drives.cia402_modes import OperationMode
-from palpate_host.drives.drive_settings import DriveNeeds
+from palpate_host.drives.cia402_scale import DriveScale
+from palpate_host.drives.drive import DriveNeeds
 from palpate_host.drives.identify import DriveIdentification
 from palpate_host.network.nmt_master import Network
 
@@ -78,8 +79,8 @@ def test_torque_never_passes_what_was_asked_nor_the_rating(torque_Nm):
 
 
 def enabled_drive(direction=1, zero_offset_rad=0.0):
-    drive = Cia402Drive(4, "drive of abduction_2", direction, zero_offset_rad)
-    drive.scale = TABLE_4_SCALE
+    drive = Cia402Drive(needs(direction=direction, zero_offset_rad=zero_offset_rad))
+    answer(drive.identification, TABLE_4_DRIVE)
     drive.receive(1, CanFrame(0x284, struct.pack("<Hbh", 0x0237, 10, 100)))
     return drive
 
@@ -92,9 +93,10 @@ def test_frames_of_an_enabled_drive():
     assert drive.joint.stamp_us == 77
     assert drive.joint.position_rad == pytest.approx(0.5 - math.pi / 2)
     assert drive.joint.velocity_rad_s == pytest.approx(math.pi)
-    frame = drive.command(JointCommand(DriveGoal.TORQUE, 0.19))
+    (frame,) = drive.command(JointCommand(DriveGoal.TORQUE, 0.19))
     assert (frame.can_id, frame.data) == (0x204, struct.pack("<Hbh", 0x0F, 10, -100))
-    assert drive.command(JointCommand(DriveGoal.QUICK_STOP, 0.19)).data == struct.pack("<Hbh", 0x02, 10, 0)
+    (frame,) = drive.command(JointCommand(DriveGoal.QUICK_STOP, 0.19))
+    assert frame.data == struct.pack("<Hbh", 0x02, 10, 0)
 
 
 def test_wrong_length_names_the_pdo():
@@ -102,10 +104,10 @@ def test_wrong_length_names_the_pdo():
         enabled_drive().receive(1, CanFrame(0x184, bytes(7)))
 
 
-def needs(follows=Follows.TORQUE, homing=None):
+def needs(follows=Follows.TORQUE, homing=None, **joint_keys):
     """Of node 4, the joint abduction_2 of Table 4's hand."""
     config = hand_config.load(MODELS / "table4.toml")
-    joint = msgspec.structs.replace(config.joints[3], home_rad=0.25 * math.pi)
+    joint = msgspec.structs.replace(config.joints[3], home_rad=0.25 * math.pi, **joint_keys)
     control = msgspec.structs.replace(config.control, drives_follow=follows)
     return DriveNeeds(4, joint, control, homing)
 
@@ -135,7 +137,7 @@ TABLE_4_DRIVE = {0x6502: 0x3A5, 0x6076: 1900, 0x6092: 360_000}
 
 
 def test_identification_asks_and_scales():
-    identification = DriveIdentification(4, "drive of abduction_2", needs())
+    identification = DriveIdentification(needs())
     asked, written = answer(identification, {0x6502: 0x280, 0x6076: 1900, 0x6092: 360_000})
     assert asked == [(0x604, 0x40, 0x6502, 0), (0x604, 0x40, 0x6076, 0), (0x604, 0x40, 0x6092, 1)]
     assert written == []
@@ -143,7 +145,7 @@ def test_identification_asks_and_scales():
 
 
 def test_a_drive_that_limits_its_current_alone_gets_that_limit():
-    identification = DriveIdentification(4, "d", needs(Follows.VELOCITY))
+    identification = DriveIdentification(needs(Follows.VELOCITY))
     _, written = answer(identification, TABLE_4_DRIVE, refused=(0x6072,))
     assert written[0] == (0x6072, 0, 2, math.floor(1000 * needs().joint.torque_limit_Nm / 1.9))
     assert [(index, value) for index, _, _, value in written][1] == (0x6073, written[0][3])
@@ -151,7 +153,7 @@ def test_a_drive_that_limits_its_current_alone_gets_that_limit():
 
 def test_a_drive_that_follows_velocity_gets_another_mapping():
     """The five steps of CiA 301: invalid, no objects, the objects, how many, valid."""
-    identification = DriveIdentification(4, "d", needs(Follows.VELOCITY))
+    identification = DriveIdentification(needs(Follows.VELOCITY))
     _, written = answer(identification, TABLE_4_DRIVE)
     assert identification.mode is OperationMode.CYCLIC_VELOCITY
     assert written[1:] == [
@@ -178,7 +180,7 @@ def test_a_drive_that_follows_velocity_gets_another_mapping():
     ],
 )
 def test_the_mode_is_the_best_that_6502_has(follows, bits, mode):
-    identification = DriveIdentification(4, "d", needs(follows))
+    identification = DriveIdentification(needs(follows))
     answer(identification, {**TABLE_4_DRIVE, 0x6502: bits})
     assert identification.mode == mode
 
@@ -187,7 +189,7 @@ def test_homing_writes_its_objects():
     homing = HomingConfig(
         method=17, search_rad_s=math.pi / 180, zero_rad_s=math.pi / 360, acceleration_rad_s2=1
     )
-    _, written = answer(DriveIdentification(4, "d", needs(homing=homing)), TABLE_4_DRIVE)
+    _, written = answer(DriveIdentification(needs(homing=homing)), TABLE_4_DRIVE)
     degrees = needs().joint.direction * (45_000 - 1000 * math.degrees(needs().joint.zero_offset_rad))
     assert written[1:] == [
         (0x6098, 0, 1, 17),
@@ -213,13 +215,13 @@ def test_homing_writes_its_objects():
     ],
 )  # fmt: skip
 def test_identification_refuses(follows, homing, values, refused, says):
-    identification = DriveIdentification(4, "drive of abduction_2", needs(Follows(follows), homing))
+    identification = DriveIdentification(needs(Follows(follows), homing))
     with pytest.raises(BusError, match=f"drive of abduction_2 .node 0x04.*{says}"):
         answer(identification, {**TABLE_4_DRIVE, **values}, refused)
 
 
 def test_an_unanswered_question_is_asked_again_after_200_ms():
-    identification = DriveIdentification(4, "d", needs())
+    identification = DriveIdentification(needs())
     assert identification.due(0) is not None
     assert identification.due(199_999) is None
     assert identification.due(200_000) is not None

@@ -17,11 +17,10 @@ from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ForceLaw, HomingConfig, RunConfig, StartMode
-from palpate_host.drives.cia402 import Cia402Drive, Homing
+from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_modes import OperationMode
-from palpate_host.drives.drive_settings import DriveNeeds
-from palpate_host.drives.identify import DriveIdentification
+from palpate_host.drives.drive import DriveNeeds, HomingState
 from palpate_host.drives.joint_orders import LEAD_RAD, JointOrders
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 from palpate_twin.drives.simulated_drives import PlantMotor, SimulatedDrive
@@ -59,25 +58,21 @@ class Pair:
         )
         joint = msgspec.structs.replace(joint, home_rad=-0.5 if direction == 1 else 0.5)
         control = msgspec.structs.replace(config.control, drives_follow=follows)
-        self.identification = DriveIdentification(5, "drive", DriveNeeds(5, joint, control, homing))
-        self.drive = Cia402Drive(5, "drive", direction, 0.0, follows)
+        self.drive = Cia402Drive(DriveNeeds(5, joint, control, homing))
         self.now_us = 0
         self.tell([CanFrame(0, b"\x01\x05")])
-        while (frame := self.identification.due(self.now_us)) is not None:
+        while (frame := self.drive.request(self.now_us)) is not None:
             self.tell([frame])
-        self.drive.scale, self.drive.mode = self.identification.scale, self.identification.mode
 
     def tell(self, frames):
         self.now_us += 1000
         for frame in self.device.process(self.now_us, frames).frames_out:
-            if frame.can_id == self.identification.reply_id:
-                self.identification.receive(frame)
-            elif frame.can_id in self.drive.receive_ids:
+            if frame.can_id in self.drive.receive_ids:
                 self.drive.receive(self.now_us, frame)
 
     def run(self, duration_s, order):
         for _ in range(round(duration_s * 1e6 / TICK_US)):
-            self.tell([SYNC, self.drive.command(order)])
+            self.tell([SYNC, *self.drive.command(order)])
             for _ in range(9):
                 self.tell([])
         return self.drive.joint
@@ -128,9 +123,9 @@ def test_homing_finds_the_lower_switch_and_makes_it_the_home_position(table_4, f
     pair = Pair(table_4[0], follows, homing, parameters=shifted, direction=direction)
     home = JointCommand(DriveGoal.HOME)
     pair.run(0.2, home)
-    assert pair.drive.homing is Homing.MISSING
+    assert pair.drive.homing is HomingState.MISSING
     pair.run(1.0, home)
-    assert pair.drive.homing is Homing.ATTAINED
+    assert pair.drive.homing is HomingState.ATTAINED
     assert pair.plant.position_rad == pytest.approx(-0.3, abs=0.003)
     assert pair.drive.joint.position_rad == pytest.approx(-0.5 * direction, abs=0.003)
     pair.run(0.5, home)  # homed: nothing moves again
@@ -143,7 +138,7 @@ def test_homing_by_method_18_seeks_the_upper_switch(table_4, direction):
     shifted = JointParameters(load_stiffness_Nm_rad=0.0, min_rad=-0.7, max_rad=0.3)
     pair = Pair(table_4[0], Follows.TORQUE, homing, parameters=shifted, direction=direction)
     pair.run(1.5, JointCommand(DriveGoal.HOME))
-    assert pair.drive.homing is Homing.ATTAINED
+    assert pair.drive.homing is HomingState.ATTAINED
     assert pair.plant.position_rad == pytest.approx(0.3, abs=0.003)
     assert pair.drive.joint.position_rad == pytest.approx(-0.5 * direction, abs=0.003)
 
@@ -154,7 +149,7 @@ def test_homing_where_the_joint_is_moves_nothing(table_4, method, direction):
     pair = Pair(table_4[0], Follows.TORQUE, HomingConfig(method=method), direction=direction)
     pair.plant.position_rad = 0.2
     pair.run(0.3, JointCommand(DriveGoal.HOME))
-    assert pair.drive.homing is Homing.ATTAINED
+    assert pair.drive.homing is HomingState.ATTAINED
     assert pair.plant.position_rad == pytest.approx(0.2, abs=0.003)
     assert pair.drive.joint.position_rad == pytest.approx(-0.5 * direction, abs=0.003)
 
@@ -164,7 +159,7 @@ def test_the_wrong_switch_is_a_homing_error(table_4, method, reach_rad):
     at_other_end = JointParameters(load_stiffness_Nm_rad=0.0, min_rad=reach_rad[0], max_rad=reach_rad[1])
     pair = Pair(table_4[0], Follows.TORQUE, HomingConfig(method=method), parameters=at_other_end)
     pair.run(0.3, JointCommand(DriveGoal.HOME))
-    assert pair.drive.homing is Homing.ERROR
+    assert pair.drive.homing is HomingState.ERROR
 
 
 def orders(table_4, follows, **control):

@@ -1,0 +1,31 @@
+"""Conversion between a CiA 402 drive's integers and SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+FULL_SCALE_PER_MILLE = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class DriveScale:
+    """The drive's units: 6076h in mN m, 6092h:01 in increments a turn of the joint."""
+
+    rated_torque_mNm: int
+    increments_per_turn: int
+
+    def to_rad(self, increments: int) -> float:
+        return increments * math.tau / self.increments_per_turn
+
+    def to_increments(self, angle_rad: float) -> int:
+        return round(angle_rad * self.increments_per_turn / math.tau)
+
+    def to_per_mille(self, torque_Nm: float) -> int:
+        """Return the per mille of the rated torque, rounded towards zero so that no limit is exceeded, at
+        most 1000."""
+        per_mille = math.trunc(torque_Nm * 1000.0 * FULL_SCALE_PER_MILLE / self.rated_torque_mNm)
+        return max(-FULL_SCALE_PER_MILLE, min(FULL_SCALE_PER_MILLE, per_mille))
+
+    def to_Nm(self, per_mille: int) -> float:
+        return per_mille * self.rated_torque_mNm / (1000.0 * FULL_SCALE_PER_MILLE)
