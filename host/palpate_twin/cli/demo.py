@@ -1,4 +1,4 @@
-"""``palpate-host demo``."""
+"""Command ``palpate-host demo``."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from palpate_host.common.mode import Mode
 from palpate_twin.demo import orchestrator
 from palpate_twin.demo.analysis import analyse, summary_lines, write_summary
 from palpate_twin.demo.film import make_film
-from palpate_twin.demo.live_view import Scale, plain_line, render
+from palpate_twin.demo.live_view import ViewScale, plain_line, render
 from palpate_twin.demo.lockstep import run as run_in_lockstep
 from palpate_twin.demo.monitor import MonitorSample
-from palpate_twin.demo.orchestrator import DemoInterruptedError, Show
+from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample
 from palpate_twin.demo.run_folder import RunFolder, make_run_folder
 
-FORCE_SCALE_N = 5.0  # of the bars in the live view
+FORCE_SCALE_N = 5.0  # full scale of the force bars in the live view
 CHECKOUT = Path(__file__).resolve().parents[3]
 FOLDER = click.Path(path_type=Path, file_okay=False)
-INTERRUPTED_EXIT_STATUS = 130  # as a shell says for SIGINT
+INTERRUPTED_EXIT_STATUS = 130  # the shell's status for SIGINT
 PLAIN_PERIOD_S = 1.0
-WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to need no network
+WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # removed so that the picture needs no network
 
 
 @click.command()
@@ -38,31 +38,44 @@ WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # the picture is to nee
     type=click.FloatRange(min=1),
     default=21.0,
     show_default=True,
-    help="Seconds to run, once the hand operates.",
+    help="Seconds to run, counted from the moment the hand operates.",
 )
 @click.option(
     "--recording",
     type=FOLDER,
-    help="Play this in place of the twin: a folder with press/ (to calibrate with) and a recording a finger.",
+    help="Play recorded frames instead of the simulated cameras: a folder with press/ (for the calibration) "
+    "and one recording per finger.",
 )
 @click.option(
     "--output",
     type=FOLDER,
     default=CHECKOUT / "demo",
     show_default="demo",
-    help="Takes run/ and report.html.",
+    help="Folder for run/ and report.html.",
 )
-@click.option("--no-view", is_flag=True, help="One line a second instead of the live view.")
+@click.option("--no-view", is_flag=True, help="Print one line per second instead of the live view.")
 @click.option(
-    "--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True, help="bit/s."
+    "--bitrate",
+    type=click.IntRange(10_000, 1_000_000),
+    default=1_000_000,
+    show_default=True,
+    help="Bit rate of the bus in bit/s.",
 )
 @click.option(
-    "--lockstep", is_flag=True, help="In one process on a virtual clock: for any machine, the same each time."
+    "--lockstep",
+    is_flag=True,
+    help="Run in one process on simulated time: the same bytes on every run, on any machine.",
 )
 @click.option(
-    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise, in lock step."
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Random seed of sensors and noise; only with --lockstep.",
 )
-@click.option("--report-only", is_flag=True, help="Make the report of the last run again, from its bus log.")
+@click.option(
+    "--report-only", is_flag=True, help="Make the report of the last run again from its bus log; run nothing."
+)
 def demo(
     duration_s: float,
     recording: Path | None,
@@ -73,21 +86,25 @@ def demo(
     seed: int,
     report_only: bool,
 ) -> None:
-    """A whole hand on this machine, in real time: it grasps an object and turns it by what it feels.
+    """Run a simulated hand with the real programs: it grasps an object and turns it.
 
-    The twin moves hand, object and nine drives and renders what three fingertips see; the fingertips, the
-    bus and the host are the real programs, each a process. On a machine that is too slow the hand waits, and
-    says so.
+    The twin simulates hand, object and nine drives and renders the images of three fingertip cameras. Three
+    fingertips, the bus and the host run as separate processes in real time. On a slow machine the simulation
+    slows down; no deadline is missed.
+
+    The command writes OUTPUT/report.html and OUTPUT/run/summary.json. Exit status: 0 done, 1 a process
+    failed, 130 interrupted by Ctrl-C.
 
     \b
-    palpate-host demo
-    palpate-host demo --duration 60 --no-view
-    palpate-host demo --lockstep
-    palpate-host demo --recording demo/recording
-    palpate-host demo --report-only
+    Examples:
+      palpate-host demo
+      palpate-host demo --duration 60 --no-view
+      palpate-host demo --lockstep
+      palpate-host demo --recording demo/recording
+      palpate-host demo --report-only
     """
     if lockstep and recording is not None:
-        raise click.UsageError("--lockstep has the twin's contacts: leave --recording out")
+        raise click.UsageError("--lockstep and --recording exclude each other: give one of them")
     if report_only:
         folder = RunFolder((output / "run").resolve())
     else:
@@ -101,7 +118,7 @@ def demo(
                 plain=no_view or not sys.stdout.isatty(),
             )
         except DemoInterruptedError:
-            click.echo("stopped; palpate-host demo --report-only makes the report of what was recorded")
+            click.echo("interrupted; for a report of the recorded part: palpate-host demo --report-only")
             sys.exit(INTERRUPTED_EXIT_STATUS)
     _report(folder, output / "report.html")
 
@@ -109,7 +126,7 @@ def demo(
 def _run(
     folder: RunFolder, recording: Path | None, duration_s: float, seed: int | None, *, plain: bool
 ) -> None:
-    """seed: in lock step; None: in real time."""
+    """Run the demo with its view. seed: runs in lock step; None: runs in real time."""
     hand = folder.hand()
     largest_N = FORCE_SCALE_N
     if recording is not None:
@@ -118,43 +135,43 @@ def _run(
         ]
         largest_N = max((press.normal_force_N for press in presses), default=largest_N)
 
-    def run(say: Callable[[str], None], show: Show) -> None:
+    def run(report_progress: Callable[[str], None], show: ShowSample) -> None:
         if seed is None:
-            orchestrator.run(folder, recording, duration_s, say, show)
+            orchestrator.run(folder, recording, duration_s, report_progress, show)
         else:
-            run_in_lockstep(folder, duration_s, seed, say, show)
+            run_in_lockstep(folder, duration_s, seed, report_progress, show)
 
     scale = orchestrator.view_scale(hand, duration_s, largest_N)
-    picture = _Picture(scale)
+    snapshot = _Snapshot(scale)
     if plain:
-        lines = _PlainView()
+        print_line = _PlainView()
 
-        def show_line(sight: MonitorSample, elapsed_s: float) -> None:
-            picture.see(sight, elapsed_s)
-            lines(sight, elapsed_s)
+        def show_line(sample: MonitorSample, elapsed_s: float) -> None:
+            snapshot.update(sample, elapsed_s)
+            print_line(sample, elapsed_s)
 
         run(click.echo, show_line)
     else:
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
 
-            def show(sight: MonitorSample, elapsed_s: float) -> None:
-                picture.see(sight, elapsed_s)
-                live.update(render(sight, scale, elapsed_s), refresh=True)
+            def show(sample: MonitorSample, elapsed_s: float) -> None:
+                snapshot.update(sample, elapsed_s)
+                live.update(render(sample, scale, elapsed_s), refresh=True)
 
             run(lambda line: live.update(line, refresh=True), show)
-    picture.save(folder.picture)
+    snapshot.save(folder.picture)
 
 
-class _Picture:
-    """The live view as it was when the hand last manipulated, as an SVG."""
+class _Snapshot:
+    """SVG picture of the live view at the last sample in mode MANIPULATE."""
 
-    def __init__(self, scale: Scale) -> None:
+    def __init__(self, scale: ViewScale) -> None:
         self._scale = scale
         self._last: tuple[MonitorSample, float] | None = None
 
-    def see(self, sight: MonitorSample, elapsed_s: float) -> None:
-        if sight.status is not None and sight.status.mode is Mode.MANIPULATE:
-            self._last = (sight, elapsed_s)
+    def update(self, sample: MonitorSample, elapsed_s: float) -> None:
+        if sample.status is not None and sample.status.mode is Mode.MANIPULATE:
+            self._last = (sample, elapsed_s)
 
     def save(self, path: Path) -> None:
         if self._last is None:
@@ -166,15 +183,15 @@ class _Picture:
 
 
 class _PlainView:
-    """One line a second of what it is shown."""
+    """Prints the state as one line per second."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
 
-    def __call__(self, sight: MonitorSample, elapsed_s: float) -> None:
+    def __call__(self, sample: MonitorSample, elapsed_s: float) -> None:
         if elapsed_s >= self._next_s:
             self._next_s += PLAIN_PERIOD_S
-            click.echo(plain_line(sight, elapsed_s))
+            click.echo(plain_line(sample, elapsed_s))
 
 
 def _report(folder: RunFolder, path: Path) -> None:
@@ -185,7 +202,7 @@ def _report(folder: RunFolder, path: Path) -> None:
     film = make_film(folder) if analysis.recording is None else None
     write_report(path, analysis, folder, film)
     if film is not None and not film.is_there:
-        click.echo(f"no film: {film.told}")
+        click.echo(f"no film: {film.description}")
     for line in (*summary_lines(analysis.summary), f"report:  {path}", f"figures: {folder.summary}"):
         click.echo(line)
     click.echo(f"bus log: {folder.log}")

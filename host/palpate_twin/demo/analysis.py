@@ -1,4 +1,4 @@
-"""All figures of a run, from its bus log, its configuration files and the truth alone."""
+"""Compute all figures of a demo run from its bus log, its configuration files and the recorded truth."""
 
 from __future__ import annotations
 
@@ -18,32 +18,35 @@ from palpate_host.service.host import load_hand
 from palpate_host.service.replay import check_contract
 from palpate_twin.demo.hand_motion import (
     HandFigures,
+    HostTick,
     JointTorque,
-    Moment,
     hand_figures,
     joint_torques,
     replay_modes,
 )
 from palpate_twin.demo.live_view import mode_name
-from palpate_twin.demo.programme import read_given
+from palpate_twin.demo.programme import read_commands
 from palpate_twin.demo.run_folder import RunFolder
 from palpate_twin.demo.traffic import Traffic, traffic
 from palpate_twin.demo.truth import (
     FingerFigures,
     Pair,
     finger_figures,
-    of_recording,
-    of_twin,
     read_pairs,
+    truth_of_recording,
+    truth_of_twin,
 )
-from palpate_twin.demo.turn import Turn, TurnFigures, turn_of
+from palpate_twin.demo.turn import TurnFigures, TurnSeries, analyse_turns
 from palpate_twin.hand.motion import TrueMotion, read_motion
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What summary.json holds. origin: the lines of the log's header. turn: None without the twin, or when
-    the object was never turned."""
+    """Contents of summary.json.
+
+    origin: header entries of the bus log. turn: None if a recording was played, or if the host never turned
+    the object.
+    """
 
     started_at: str
     duration_s: float
@@ -57,52 +60,56 @@ class Summary:
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """The summary and the series behind it. begin_us: stamp of the log's first frame. recording: its folder;
-    None with the twin, whose motion and turn are then known."""
+    """Summary of a run and the time series it was computed from.
+
+    begin_us: time stamp of the log's first frame. recording: folder of the recording that was played; None
+    if the contacts came from the simulated hand, in which case motion and turn are known.
+    """
 
     summary: Summary
     begin_us: int
     config: HandConfig
     recording: Path | None
     pairs: tuple[list[Pair], ...]
-    moments: list[Moment]
+    ticks: list[HostTick]
     torques: list[JointTorque]
     motion: TrueMotion | None
-    turn: Turn | None
+    turn: TurnSeries | None
 
 
 def analyse(folder: RunFolder) -> Analysis:
-    """Read a run folder.
+    """Analyse the run in a folder.
 
-    Raises LogError, ConfigError or DatasetError for what is missing, damaged or of another contract.
+    Raises LogError, ConfigError or DatasetError if a file is missing, damaged or was recorded with a
+    different EDS or hand.toml.
     """
     config, hand = load_hand(folder.hand_toml)
     log = read_log(folder.log)
     check_contract(folder.log, log.header, config)
     if len(log.records) < 2:
-        raise DatasetError(f"{folder.log}: holds no traffic: run the demo again")
+        raise DatasetError(f"{folder.log}: contains fewer than two CAN frames: run the demo again")
     fingers, all_pairs = [], []
     recording = None
     for fingertip in folder.fingertips():
         if fingertip.capture.source == "shared_memory":
-            truth = of_twin(folder.truth / f"{fingertip.name}.csv")
+            truth = truth_of_twin(folder.truth / f"{fingertip.name}.csv")
         else:
             path = Path(fingertip.capture.path)
             recording = path.parent
             presses = read_dataset(path).presses
             if not presses:
-                raise DatasetError(f"{path}: has no truth.csv: use a recording with its truth")
-            truth = of_recording(presses)
+                raise DatasetError(f"{path}/truth.csv: no such file: give a recording that has one")
+            truth = truth_of_recording(presses)
         pairs, incomplete = read_pairs(log.records, fingertip.node.id, truth)
         all_pairs.append(pairs)
         fingers.append(finger_figures(fingertip.name, pairs, incomplete))
     begin_us = log.records[0].stamp_us
-    given = read_given(folder.commands)
-    moments = replay_modes(log.records, config, hand, given)
+    sent = read_commands(folder.commands)
+    ticks = replay_modes(log.records, config, hand, sent)
     torques = joint_torques(log.records, config)
     motion = None if recording is not None else read_motion(folder.motion)
-    asked = [(begin_us, config.target.rpy_deg), *((g.after_us, g.rotate.rpy_deg) for g in given)]
-    turned = None if motion is None else turn_of(moments, motion, begin_us, asked)
+    requests = [(begin_us, config.target.rpy_deg), *((s.after_us, s.rotate.rpy_deg) for s in sent)]
+    turned = None if motion is None else analyse_turns(ticks, motion, begin_us, requests)
     turn, turn_figures = turned or (None, None)
     bus = traffic(log.records, config.bus.bitrate, config)
     summary = Summary(
@@ -112,43 +119,42 @@ def analyse(folder: RunFolder) -> Analysis:
         origin=log.header.entries,
         fingers=tuple(fingers),
         bus=bus,
-        hand=hand_figures(moments, torques, begin_us),
+        hand=hand_figures(ticks, torques, begin_us),
         turn=turn_figures,
     )
-    return Analysis(summary, begin_us, config, recording, tuple(all_pairs), moments, torques, motion, turn)
+    return Analysis(summary, begin_us, config, recording, tuple(all_pairs), ticks, torques, motion, turn)
 
 
 def write_summary(path: Path, summary: Summary) -> None:
-    """Write summary.json."""
+    """Write the summary as JSON."""
     path.write_bytes(msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n")
 
 
 def summary_lines(summary: Summary) -> list[str]:
-    """The short summary for the terminal."""
-    lines = []
-    for finger in summary.fingers:
-        error, latency = finger.position_error_mm, finger.latency_us
-        parts = [f"{finger.frames} frames, {finger.dropped} dropped, {finger.refused} refused"]
-        if finger.contact_right_percent is not None:
-            parts.append(f"contact flag right {finger.contact_right_percent:.1f} %")
-        if error is not None:
-            parts.append(f"position error mean {error.mean:.2f} mm, p95 {error.p95:.2f}")
-        if finger.force_rmse_N is not None and finger.force_rmse_percent is not None:
-            parts.append(f"force RMSE {finger.force_rmse_N:.3f} N ({finger.force_rmse_percent:.1f} %)")
-        if latency is not None:
-            parts.append(f"to bus {latency.median / 1000:.1f} ms median, {latency.p99 / 1000:.1f} p99")
-        lines.append(f"{finger.name}: " + "; ".join(parts))
-    for step in summary.turn.steps if summary.turn is not None else ():
-        asked = ", ".join(f"{angle:g}" for angle in step.rpy_deg)
-        slip = ", ".join(f"{path:.2f}" for path in step.slip_mm)
-        lines.append(
-            f"turned by roll, pitch, yaw {asked} deg: {step.error_deg:.2f} deg off; tips slid by {slip} mm"
-            + (f": {step.verdict}" if step.verdict else "")
-        )
+    """Return the summary as lines of text for the terminal."""
+    lines = [_finger_line(finger) for finger in summary.fingers]
     if summary.turn is not None:
-        lines.append(f"the hand's time went at {summary.turn.pace:.2f} of the machine's")
+        lines += [f"{step.name}: {step.outcome}" for step in summary.turn.steps]
+        lines.append(f"simulation speed: {summary.turn.pace:.2f} of real time")
     modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
-    lines.append(f"bus load {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")
-    lines.append(f"modes: {modes}; torque commands over the limit: {over}")
+    lines.append(f"bus load: {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")
+    lines.append(f"modes: {modes}")
+    lines.append(f"torque commands above the limit: {over}")
     return lines
+
+
+def _finger_line(finger: FingerFigures) -> str:
+    error, latency = finger.position_error_mm, finger.latency_us
+    parts = [f"{finger.frames} frames, {finger.dropped} dropped, {finger.refused} rejected"]
+    if finger.contact_right_percent is not None:
+        parts.append(f"contact flag correct in {finger.contact_right_percent:.1f} %")
+    if error is not None:
+        parts.append(f"position error {error.mean:.2f} mm mean, {error.p95:.2f} mm p95")
+    if finger.force_rmse_N is not None and finger.force_rmse_percent is not None:
+        percent = f"{finger.force_rmse_percent:.1f} % of the largest force"
+        parts.append(f"force RMSE {finger.force_rmse_N:.3f} N ({percent})")
+    if latency is not None:
+        median_ms, p99_ms = latency.median / 1000, latency.p99 / 1000
+        parts.append(f"exposure to bus {median_ms:.1f} ms median, {p99_ms:.1f} ms p99")
+    return f"{finger.name}: " + "; ".join(parts)

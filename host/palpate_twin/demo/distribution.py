@@ -1,4 +1,4 @@
-"""How the values of a figure are spread."""
+"""Mean, median and percentiles of a list of values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """In the unit of the values; percentiles are interpolated linearly between ranks."""
+    """Statistics in the unit of the values; percentiles are interpolated linearly between ranks."""
 
     count: int
     mean: float
@@ -21,7 +21,7 @@ class Distribution:
 
 
 def distribution(values: Sequence[float]) -> Distribution | None:
-    """None when there is no value."""
+    """Return the statistics of the values, or None if there are none."""
     if not values:
         return None
     median, p95, p99 = (float(value) for value in np.percentile(values, (50, 95, 99)))

@@ -1,6 +1,7 @@
-"""The dome from above as characters: its rim, circles at 30 and 60 degrees, and the contact as a dot.
+"""A text map of the dome seen from above: base edge, circles at 30 and 60 degrees, the contact as a dot.
 
-Drawn in Unicode's braille patterns (U+2800: 2 x 4 dots a character, bits as the Unicode chart numbers them).
+It is drawn with Unicode braille patterns (U+2800: 2 x 4 dots per character, bits numbered as in the Unicode
+chart).
 """
 
 from __future__ import annotations
@@ -10,16 +11,16 @@ import math
 from rich.text import Text
 
 _DOT_BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))  # column, then row
-_CIRCLES = ((90.0, 1), (60.0, 3), (30.0, 3))  # angle from the pole in deg, every how many dots
+_CIRCLES = ((90.0, 1), (60.0, 3), (30.0, 3))  # angle from the pole in deg, spacing in dots
 CONTACT_DOT = "●"
 
 
 def dome_map(
     width: int, height: int, radius_mm: float, position_mm: tuple[float, float, float] | None
 ) -> Text:
-    """A map of `height` lines of `width` characters, frame F's x to the right and y up.
+    """Return a map of `height` lines of `width` characters, with x of frame F to the right and y up.
 
-    radius_mm: of the dome's outer sphere; position_mm: the contact on it, None without one.
+    radius_mm: radius of the dome's outer sphere. position_mm: contact position on it, None without contact.
     """
     columns, rows = 2 * width, 4 * height
     radius_dots = (min(columns, rows) - 1) / 2

@@ -1,4 +1,4 @@
-"""The film of a run: drawn by MuJoCo where OpenGL works without a display, plainly where it does not."""
+"""Make the film of a demo run: by MuJoCo if OpenGL works without a display, else by the plain renderer."""
 
 from __future__ import annotations
 
@@ -12,46 +12,51 @@ from dataclasses import dataclass
 from palpate_twin.demo.processes import Program
 from palpate_twin.demo.run_folder import RunFolder
 
-OFFSCREEN = ("egl", "osmesa")  # MUJOCO_GL; each is tried in a process of its own, for it binds at import
+OFFSCREEN = ("egl", "osmesa")  # values of MUJOCO_GL; it is read at import, so each is tried in a new process
 TIMEOUT_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """What became of it. is_there: folder.film and the stills beside it are written; told: how they were
-    drawn and how much of the run they show, or why there are none and what makes them."""
+    """Result of making the film.
+
+    is_there: the film and its stills were written. description: how they were drawn and what part of the run
+    they show; if there are none, the reason and the command that makes them.
+    """
 
     is_there: bool
-    told: str
+    description: str
 
 
 def film_arguments(folder: RunFolder) -> list[str]:
-    """Of the command that draws it."""
+    """Return the arguments of palpate-host that draw the film."""
     paths = ["--config", str(folder.hand_toml), "--motion", str(folder.motion)]
     return ["simulate", "film", *paths, "-o", str(folder.film)]
 
 
 def film_command(folder: RunFolder) -> str:
-    """The same for a person's shell."""
+    """Return the shell command that draws the film."""
     return shlex.join(["palpate-host", *film_arguments(folder)])
 
 
 def make_film(folder: RunFolder, timeout_s: float = TIMEOUT_S) -> Film:
-    """Write folder.film and the stills beside it, within `timeout_s`; a run is worth its report without."""
+    """Write the film and its stills within `timeout_s`. A failure is returned, not raised."""
     _remove(folder)
     try:
         done, backend = _draw(folder, timeout_s)
     except subprocess.TimeoutExpired:
-        return _none(folder, f"was not drawn within {timeout_s:g} s")
+        return _failed(folder, f"was not drawn within {timeout_s:g} s")
     if done.returncode != 0:
-        return _none(folder, f"could not be drawn: {' '.join(done.stderr.split())}")
-    by = f"({backend})" if backend else "(no OpenGL without a display here: neither EGL nor OSMesa)"
-    return Film(is_there=True, told=f"{done.stdout.strip().removeprefix(f'{folder.film}: ')} {by}")
+        return _failed(folder, f"could not be drawn: {' '.join(done.stderr.split())}")
+    renderer = f"({backend})" if backend else "(neither EGL nor OSMesa works on this machine)"
+    description = f"{done.stdout.strip().removeprefix(f'{folder.film}: ')} {renderer}"
+    return Film(is_there=True, description=description)
 
 
-def _none(folder: RunFolder, why: str) -> Film:
-    _remove(folder)  # what a process that was ended has begun
-    return Film(is_there=False, told=f"the film {why}; to draw it: {film_command(folder)}")
+def _failed(folder: RunFolder, reason: str) -> Film:
+    _remove(folder)  # partial files of a process that was killed
+    description = f"the film {reason}; to draw it: {film_command(folder)}"
+    return Film(is_there=False, description=description)
 
 
 def _remove(folder: RunFolder) -> None:
@@ -63,17 +68,20 @@ Done = subprocess.CompletedProcess[str]
 
 
 def _draw(folder: RunFolder, timeout_s: float) -> tuple[Done, str | None]:
-    """By the first way that succeeds, else the last one's failure, and MUJOCO_GL. All have `timeout_s`."""
-    wanted = os.environ.get("MUJOCO_GL")
+    """Draw with the first backend that works, last the plain renderer, all within `timeout_s`.
+
+    Returns the finished process and its MUJOCO_GL, which is None for the plain renderer.
+    """
+    configured = os.environ.get("MUJOCO_GL")
     end_s = time.monotonic() + timeout_s
-    for backend in (wanted,) if wanted else OFFSCREEN:
-        done = _draw_by(folder, backend, end_s)
+    for backend in (configured,) if configured else OFFSCREEN:
+        done = _draw_with(folder, backend, end_s)
         if done.returncode == 0:
             return done, backend
-    return _draw_by(folder, None, end_s), None
+    return _draw_with(folder, None, end_s), None
 
 
-def _draw_by(folder: RunFolder, backend: str | None, end_s: float) -> Done:
+def _draw_with(folder: RunFolder, backend: str | None, end_s: float) -> Done:
     arguments = film_arguments(folder) + (["--plain"] if backend is None else [])
     return subprocess.run(
         [sys.executable, "-m", Program.HOST.value, *arguments],

@@ -1,9 +1,9 @@
-"""What the hand did, from its bus log: modes and orientation error, torques and their limits.
+"""Reconstruct the hand's modes, orientation error and joint torques from a bus log.
 
-Modes are not on the bus. The host's core is a function of its frames and ticks alone, so they are what it
-answers when the log is replayed through it, with ticks in the phase the host had; where the host's own tick
-was late, the replay is a tick or two off. Torques are those of the log: target torque of each RPDO 1, scaled
-by what the drive said of itself.
+Modes are not on the bus. The host core depends only on its frames and ticks, so replaying the log through it
+reproduces them. Replayed ticks have the phase of the host's heartbeat; where a tick of the host was late, the
+replay differs by one or two ticks. Torques are the target torques of RPDO 1 in the log, scaled by the rated
+torque that the drive reported.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from palpate_host.drives.drive import needs_of
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import first_beat_us, steps
 from palpate_twin.demo.distribution import Distribution, distribution
-from palpate_twin.demo.programme import Given
+from palpate_twin.demo.programme import SentCommand
 
 STEP_TOLERANCE_NM = 1e-9
-HALF_TICK_US = 500  # of the fastest host: a replayed tick may lie a little before or after the real one
+HALF_TICK_US = 500  # half a period of the fastest host: tolerance between replayed and real ticks
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """One tick of the replayed host. R_c, R_d: where it believes the object and where it wants it."""
+class HostTick:
+    """One tick of the replayed host. R_c: estimated orientation of the object, R_d: desired orientation."""
 
     time_us: int
     mode: Mode
@@ -52,7 +52,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class TimedMode:
-    """A mode as entered, `time_s` after the log's first frame."""
+    """A change of mode, `time_s` after the log's first frame."""
 
     time_s: float
     mode: Mode
@@ -61,7 +61,7 @@ class TimedMode:
 
 @dataclass(frozen=True, slots=True)
 class JointTorque:
-    """What was asked of one joint over the run: stamps_us (n,), torque_Nm (n,)."""
+    """Torque commands of one joint over the run: stamps_us (n,), torque_Nm (n,)."""
 
     name: str
     limit_Nm: float
@@ -71,7 +71,7 @@ class JointTorque:
 
 @dataclass(frozen=True, slots=True)
 class JointFigures:
-    """largest_Nm: of all commands, without sign; over_limit: commands beyond the limit."""
+    """Torque figures of one joint. largest_Nm: largest absolute command; over_limit: count above limit_Nm."""
 
     name: str
     limit_Nm: float
@@ -82,7 +82,7 @@ class JointFigures:
 
 @dataclass(frozen=True, slots=True)
 class HandFigures:
-    """orientation_error_deg: while the hand turns the object by contacts (mode MANIPULATE)."""
+    """Figures of the hand over a run. orientation_error_deg: error in mode MANIPULATE."""
 
     mode_s: dict[str, float]
     changes: tuple[TimedMode, ...]
@@ -91,9 +91,10 @@ class HandFigures:
 
 
 def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[JointTorque]:
-    """Every joint's commanded torque in the log.
+    """Return the commanded torques of every joint in the log.
 
-    Raises BusError for a frame that is not the EDS's, ConfigError when a drive was never identified.
+    Raises BusError for a frame that does not match the EDS, ConfigError if the log lacks the rated torque of
+    a drive.
     """
     drives = [Cia402Drive(needs) for needs in needs_of(config)]
     drive_of = {can_id: drive for drive in drives for can_id in drive.receive_ids}
@@ -111,48 +112,51 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
             per_mille = codecs[index].decode(record.frame.data)[TARGET_TORQUE]
             commands[index].append((record.stamp_us, per_mille))
     result = []
-    for joint, drive, told in zip(config.joints, drives, commands, strict=True):
+    for joint, drive, stamped in zip(config.joints, drives, commands, strict=True):
         if drive.scale is None:
             raise ConfigError(f"the log has no rated torque of the {drive.name}: record a run from its start")
-        torque = [joint.direction * drive.scale.to_Nm(per_mille) for _, per_mille in told]
-        stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.float64)
+        torque = [joint.direction * drive.scale.to_Nm(per_mille) for _, per_mille in stamped]
+        stamps = np.array([stamp_us for stamp_us, _ in stamped], dtype=np.float64)
         result.append(JointTorque(joint.name, joint.torque_limit_Nm, stamps, np.array(torque)))
     return result
 
 
 def replay_modes(
-    records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics, given: Sequence[Given] = ()
-) -> list[Moment]:
-    """The host's ticks over the log, from its first heartbeat to the end of the stop. given: the commands
-    that it obeyed meanwhile.
+    records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics, sent: Sequence[SentCommand] = ()
+) -> list[HostTick]:
+    """Replay the log through a host core; return its ticks from the first heartbeat to the end of the stop.
 
-    Raises ConfigError when the log has no heartbeat of the host.
+    sent: commands that the host accepted during the run. Raises ConfigError if the log has no heartbeat of
+    the host.
     """
     if first_beat_us(records, config) is None:
         raise ConfigError("the log has no heartbeat of the host: record a run from its start")
     core = HostCore(config, hand)
     stop_us = _operator_stop_us(records, config)
-    commands = deque(given)
+    commands = deque(sent)
 
-    def tell(now_us: int) -> None:
+    def apply_commands(now_us: int) -> None:
         if now_us >= stop_us:
             core.request_stop()
         while commands and commands[0].after_us < now_us - HALF_TICK_US:
             core.command(commands.popleft().rotate)
 
-    taken = steps(records, config, hand, core, tell)
-    return [_moment(step.now_us, step.output.status) for step in taken if step.output.status is not None]
+    replayed = steps(records, config, hand, core, apply_commands)
+    return [
+        _host_tick(step.now_us, step.output.status) for step in replayed if step.output.status is not None
+    ]
 
 
-def _moment(now_us: int, status: HostStatus) -> Moment:
+def _host_tick(now_us: int, status: HostStatus) -> HostTick:
     error_deg = status.orientation_error_deg
-    return Moment(now_us, status.mode, status.reason, error_deg, status.R_c, status.R_d)
+    return HostTick(now_us, status.mode, status.reason, error_deg, status.R_c, status.R_d)
 
 
 def _operator_stop_us(records: Sequence[LogRecord], config: HandConfig) -> float:
-    """When the host first commanded a quick stop; infinity when it never did.
+    """Return the time of the host's first quick stop, or infinity.
 
-    It does so for the operator, whose wish is not on the bus, or for a fault, which the replay finds itself.
+    The operator's stop command is not on the bus, so it is inferred from the quick stop. If a fault caused
+    the stop, the replay detects the fault by itself.
     """
     codec = pdo_codec(load_eds(CIA402_EDS, config.joints[0].drive_node), PdoDirection.RECEIVE, 1)
     for record in records:
@@ -163,34 +167,34 @@ def _operator_stop_us(records: Sequence[LogRecord], config: HandConfig) -> float
     return math.inf
 
 
-def hand_figures(moments: Sequence[Moment], torques: Sequence[JointTorque], begin_us: int) -> HandFigures:
-    """The figures of the hand; `begin_us` is the log's first stamp."""
+def hand_figures(ticks: Sequence[HostTick], torques: Sequence[JointTorque], begin_us: int) -> HandFigures:
+    """Return the figures of the hand. begin_us: time stamp of the log's first frame."""
     errors = [
-        moment.orientation_error_deg
-        for moment in moments
-        if moment.mode is Mode.MANIPULATE and moment.orientation_error_deg is not None
+        tick.orientation_error_deg
+        for tick in ticks
+        if tick.mode is Mode.MANIPULATE and tick.orientation_error_deg is not None
     ]
     return HandFigures(
-        mode_s=_seconds_in_modes(moments),
-        changes=_changes(moments, begin_us),
+        mode_s=_seconds_in_modes(ticks),
+        changes=_changes(ticks, begin_us),
         orientation_error_deg=distribution(errors),
         joints=tuple(_joint_figures(torque) for torque in torques),
     )
 
 
-def _seconds_in_modes(moments: Sequence[Moment]) -> dict[str, float]:
+def _seconds_in_modes(ticks: Sequence[HostTick]) -> dict[str, float]:
     seconds: dict[str, float] = {}
-    for moment, following in pairwise(moments):
-        mode = moment.mode.value
-        seconds[mode] = seconds.get(mode, 0.0) + (following.time_us - moment.time_us) / 1e6
+    for tick, following in pairwise(ticks):
+        mode = tick.mode.value
+        seconds[mode] = seconds.get(mode, 0.0) + (following.time_us - tick.time_us) / 1e6
     return seconds
 
 
-def _changes(moments: Sequence[Moment], begin_us: int) -> tuple[TimedMode, ...]:
+def _changes(ticks: Sequence[HostTick], begin_us: int) -> tuple[TimedMode, ...]:
     changes: list[TimedMode] = []
-    for moment in moments:
-        if not changes or changes[-1].mode is not moment.mode:
-            changes.append(TimedMode((moment.time_us - begin_us) / 1e6, moment.mode, moment.reason))
+    for tick in ticks:
+        if not changes or changes[-1].mode is not tick.mode:
+            changes.append(TimedMode((tick.time_us - begin_us) / 1e6, tick.mode, tick.reason))
     return tuple(changes)
 
 

@@ -1,4 +1,4 @@
-"""The live view in the terminal: one panel a finger, the hand's state above, from 80 x 24 characters on."""
+"""Live view in the terminal: the hand's state on top, one panel per finger; needs 80 x 24 characters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate_twin.demo.dome_map import dome_map
 from palpate_twin.demo.monitor import MonitorSample
 
 HEADER_LINES = 4
-WIDE = 30  # characters inside a finger's panel from which names are written in full
+WIDE = 30  # panel width in characters from which joint names are written in full
 QUALITY_FULL = 255
 
 _MODE_STYLE = {
@@ -35,8 +35,8 @@ _MODE_NAME = {Mode.MANIPULATE: "PROPOSED"}  # the paper's name for the law with 
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
-    """What the bars and maps are drawn against: one force for all fingers, one limit a joint."""
+class ViewScale:
+    """Full-scale values of bars and maps: one force for all fingers, one torque limit per joint."""
 
     duration_s: float
     bitrate: int
@@ -46,16 +46,16 @@ class Scale:
 
 
 def mode_name(mode: Mode) -> str:
-    """The mode as the view and the report call it."""
+    """Return the mode's name in the view and the report."""
     return _MODE_NAME.get(mode, mode.value.upper())
 
 
-def render(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Layout:
-    """The whole screen."""
+def render(sample: MonitorSample, scale: ViewScale, elapsed_s: float) -> Layout:
+    """Return the whole screen."""
     layout = Layout()
-    header = Layout(Panel(_header(sight, scale, elapsed_s), title="palpate demo"), size=HEADER_LINES)
+    header = Layout(Panel(_header(sample, scale, elapsed_s), title="palpate demo"), size=HEADER_LINES)
     fingers = Layout()
-    status = sight.status
+    status = sample.status
     if status is None:
         fingers.update(Panel("starting"))
     else:
@@ -67,7 +67,7 @@ def render(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Layout:
                 Layout(
                     FingerPanel(
                         finger,
-                        sight.latency_us[index],
+                        sample.latency_us[index],
                         status.joints[mine],
                         scale.torque_limit_Nm[mine],
                         scale,
@@ -79,21 +79,21 @@ def render(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Layout:
     return layout
 
 
-def plain_line(sight: MonitorSample, elapsed_s: float) -> str:
-    """The same in one line, for a file or a pipe."""
-    status = sight.status
+def plain_line(sample: MonitorSample, elapsed_s: float) -> str:
+    """Return the state as one line of text, for a file or a pipe; values not measured are left out."""
+    status = sample.status
     if status is None:
         return f"{elapsed_s:5.1f} s  starting"
-    parts = [f"{elapsed_s:5.1f} s  {mode_name(status.mode)} ({status.reason}), bus {_percent(sight.load)}"]
-    for finger, latency_us in zip(status.fingers, sight.latency_us, strict=True):
-        parts.append(
-            f"{finger.name} {_force_text(finger)} {finger.frames_per_s:.0f}/s {_latency_text(latency_us)}"
-        )
+    load = "" if sample.load is None else f", bus load {_percent(sample.load)}"
+    parts = [f"{elapsed_s:5.1f} s  {mode_name(status.mode)} ({status.reason}){load}"]
+    for finger, latency_us in zip(status.fingers, sample.latency_us, strict=True):
+        latency = "" if latency_us is None else f", {_latency_text(latency_us)}"
+        parts.append(f"{finger.name} {_force_text(finger)}, {finger.frames_per_s:.0f} fps{latency}")
     return " | ".join(parts)
 
 
-def _header(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Text:
-    status = sight.status
+def _header(sample: MonitorSample, scale: ViewScale, elapsed_s: float) -> Text:
+    status = sample.status
     text = Text(no_wrap=True, overflow="ellipsis")
     if status is None:
         text.append("waiting for the host")
@@ -101,7 +101,8 @@ def _header(sight: MonitorSample, scale: Scale, elapsed_s: float) -> Text:
         text.append(f" {mode_name(status.mode)} ", _MODE_STYLE[status.mode])
         text.append(f" {'; '.join(part for part in (status.reason, status.warning) if part)}")
     rate = f"{scale.bitrate / 1000:g} kbit/s"
-    text.append(f"\n{elapsed_s:.1f} of {scale.duration_s:g} s   bus {_percent(sight.load)} of {rate}   ")
+    load = f"bus load {_percent(sample.load)} of {rate}"
+    text.append(f"\n{elapsed_s:.1f} of {scale.duration_s:g} s   {load}   ")
     text.append(_turn_text(status))
     return text
 
@@ -114,13 +115,13 @@ def _turn_text(status: HostStatus | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FingerPanel:
-    """One finger, drawn as large as its place allows."""
+    """Panel of one finger, drawn as large as its layout cell."""
 
     finger: FingerStatus
     latency_us: float | None
     joints: tuple[JointStatus, ...]
     limits_Nm: tuple[float, ...]
-    scale: Scale
+    scale: ViewScale
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = options.max_width - 2
@@ -143,7 +144,7 @@ class FingerPanel:
         if self.finger.sequence is None:
             return "no frame"
         if not self.finger.valid:
-            return "[bold red]refused[/]"
+            return "[bold red]rejected[/]"
         return "[bold green]contact[/]" if self.finger.in_contact else "free"
 
     def _lines(self, width: int) -> list[Text]:
@@ -159,22 +160,22 @@ class FingerPanel:
         return [
             Text(place),
             force,
-            Text(f"{finger.frames_per_s:.0f}/s, {_latency_text(self.latency_us)} to bus"),
+            Text(f"{finger.frames_per_s:.0f} fps, latency {_latency_text(self.latency_us)}"),
             Text(f"quality {finger.quality / QUALITY_FULL:.0%}, age {age}"),
             *(_torque(*pair, width) for pair in zip(self.joints, self.limits_Nm, strict=True)),
         ]
 
 
 def _torque(joint: JointStatus, limit_Nm: float, width: int) -> Text:
-    """Name, torque and a bar from the middle; its ends are the limit."""
+    """Return a joint's name, its torque and a bar from the middle; the bar's ends are the torque limit."""
     name_width = 12 if width >= WIDE else 5
     share = max(-1.0, min(1.0, joint.command_Nm / limit_Nm))
     text = Text(f"{joint.name[: name_width - 1]:<{name_width}}{joint.command_Nm:+.2f} ")
     half = max(0, (width - len(text) - 3) // 2)
-    full, rest = divmod(round(abs(share) * half * 2), 2)
+    full, partial = divmod(round(abs(share) * half * 2), 2)
     style = "bright_red" if full == half else "bright_green"
-    left = ("╺" * rest + "━" * full) if share < 0 else ""
-    right = "" if share < 0 else ("━" * full + "╸" * rest)
+    left = ("╺" * partial + "━" * full) if share < 0 else ""
+    right = "" if share < 0 else ("━" * full + "╸" * partial)
     text.append("[").append(f"{left:>{half}}", style).append("│").append(f"{right:<{half}}", style).append(
         "]"
     )
@@ -182,14 +183,14 @@ def _torque(joint: JointStatus, limit_Nm: float, width: int) -> Text:
 
 
 def _bar(share: float, width: int) -> str:
-    """A bar from the left in eighths of a character (U+2588 to U+258F)."""
+    """Return a bar from the left in eighths of a character (U+2588 to U+258F)."""
     eighths = round(max(0.0, min(1.0, share)) * max(0, width) * 8)
-    full, rest = divmod(eighths, 8)
-    return "█" * full + (chr(0x2590 - rest) if rest else "")
+    full, partial = divmod(eighths, 8)
+    return "█" * full + (chr(0x2590 - partial) if partial else "")
 
 
 def _force_text(finger: FingerStatus) -> str:
-    return "refused" if not finger.valid else f"{finger.normal_force_N or 0.0:.2f} N"
+    return "rejected" if not finger.valid else f"{finger.normal_force_N or 0.0:.2f} N"
 
 
 def _latency_text(latency_us: float | None) -> str:

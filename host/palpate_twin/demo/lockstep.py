@@ -1,7 +1,8 @@
-"""The demo in lock step: the same hand, turns, bus log and truth, in one process on a virtual clock.
+"""The demo in lock step: the same hand, turns, bus log and truth, in one process on simulated time.
 
-Hub, processes and shared memory are left out; hand, pictures, estimators, nodes, drives and the host's core
-are those of the demo (`twin/hand/lockstep.py`). Nothing depends on how fast the machine is.
+Hand, rendered frames, estimators, nodes, drives and host core are those of the real-time demo
+(`closed_loop/lockstep.py`). There is no hub, no other process and no shared memory, so the result does not
+depend on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.picture_file import PictureFile
 from palpate_twin.demo.monitor import MonitorSample
-from palpate_twin.demo.orchestrator import DemoInterruptedError, Show, log_header
+from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample, log_header
 from palpate_twin.demo.programme import Programme
 from palpate_twin.demo.run_folder import RunFolder
 from palpate_twin.dome.library import load_library
@@ -29,26 +30,33 @@ from palpate_twin.hand.motion import PERIOD_US, MotionFile
 from palpate_twin.paper.trial import make_engine
 
 ORIGIN = "palpate demo --lockstep"
-START_S, STOP_S = 5.0, 3.0
-"""Of virtual time: what the hand has to operate in, and to stop."""
-LOOK_S = 0.01
+START_TIMEOUT_S, STOP_TIMEOUT_S = 5.0, 3.0
+"""Simulated time within which the hand has to operate, and to stop."""
+POLL_PERIOD_S = 0.01
 SHOW_EVERY = 12
-"""Looks from picture to picture, as often as in real time."""
+"""Polls per update of the live view: the rate of the real-time demo."""
 
 
-def run(folder: RunFolder, duration_s: float, seed: int, say: Callable[[str], None], show: Show) -> None:
-    """The whole demo; the same seed and duration give the same bytes.
+def run(
+    folder: RunFolder,
+    duration_s: float,
+    seed: int,
+    report_progress: Callable[[str], None],
+    show: ShowSample,
+) -> None:
+    """Run the whole demo; the same seed and duration give the same bytes.
 
-    say, show: as `orchestrator.run`. Raises DemoInterruptedError after Ctrl-C, ConfigError as the parts do.
+    report_progress, show: as in `orchestrator.run`. Raises DemoInterruptedError after Ctrl-C and ConfigError
+    for an unusable configuration.
     """
     config, hand = load_hand(folder.hand_toml)
     names = [finger.name for finger in config.fingers]
     radius_mm = 1e3 * config.control.tip_radius_m
     folder.truth.mkdir()
     folder.sensors.mkdir(parents=True, exist_ok=True)
-    say("making and calibrating the sensors")
+    report_progress("making and calibrating the sensors")
     library = load_library()
-    sensors = fingertip_sensors(folder.sensors, names, radius_mm, seed, library, say)
+    sensors = fingertip_sensors(folder.sensors, names, radius_mm, seed, library, report_progress)
     engine = make_engine(config, "mujoco", has_B=False)
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_event())
@@ -66,27 +74,27 @@ def run(folder: RunFolder, duration_s: float, seed: int, say: Callable[[str], No
 
         loop = LockstepLoop(config, hand, engine, feel, on_frame=log_frame, on_step=note_motion)
 
-        def go_on(seconds: float) -> Iterator[float]:
-            """Virtual seconds since the call, after each look."""
-            for look in range(1, round(seconds / LOOK_S) + 1):
+        def advance(seconds: float) -> Iterator[float]:
+            """Run the loop for `seconds` and yield the elapsed simulated time after each poll."""
+            for poll in range(1, round(seconds / POLL_PERIOD_S) + 1):
                 if stopped.is_set():
                     raise DemoInterruptedError
-                loop.run(LOOK_S)
-                yield look * LOOK_S
+                loop.run(POLL_PERIOD_S)
+                yield poll * POLL_PERIOD_S
 
-        def ask(rotate: Rotate) -> HostStatus | None:
+        def send_command(rotate: Rotate) -> HostStatus | None:
             loop.host.command(rotate)
             return loop.status
 
-        for _ in go_on(START_S):
+        for _ in advance(START_TIMEOUT_S):
             if loop.status is not None and loop.status.mode not in STARTING:
                 break
-        programme = Programme(ask, folder.commands, duration_s)
-        for looks, elapsed_s in enumerate(go_on(duration_s)):
-            programme.look(loop.status)
-            if looks % SHOW_EVERY == 0:
+        programme = Programme(send_command, folder.commands, duration_s)
+        for polls, elapsed_s in enumerate(advance(duration_s)):
+            programme.update(loop.status)
+            if polls % SHOW_EVERY == 0:
                 show(MonitorSample(loop.status, (None,) * len(names), None), elapsed_s)
         loop.host.request_stop()
-        for _ in go_on(STOP_S):
+        for _ in advance(STOP_TIMEOUT_S):
             if loop.is_over:
                 break

@@ -1,6 +1,6 @@
-"""What the demo sees while it runs: a listener on the bus, the host's status stream and the hub's counters.
+"""Monitor of the running demo: a listener on the bus, the host's status stream and the hub's counters.
 
-Everything is read when `poll` is called and nothing waits, so that watching costs little of the machine.
+`poll` reads what has arrived and never blocks, so monitoring takes little processor time.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ CHUNK_BYTES = 256 * 1024
 
 @dataclass(frozen=True, slots=True)
 class MonitorSample:
-    """One look at the running hand.
+    """State of the running hand at one poll.
 
-    status: the host's newest, None before the first. latency_us: median over the last second from exposure to
-    the contact's last frame winning the bus, a finger; None without frames. load: share of the bit rate used.
+    status: newest status of the host, None before the first. latency_us: per finger, median over the last
+    second from exposure to the arbitration of the contact's last CAN frame; None without frames. load: share
+    of the bit rate in use.
     """
 
     status: HostStatus | None
@@ -45,10 +46,10 @@ class MonitorSample:
 
 
 class Monitor:
-    """Listens on the hub of `hand.bus`; the host connects to `status_socket`."""
+    """Listener on the hub of `hand.bus` and on `status_socket`, to which the host connects."""
 
     def __init__(self, hand: HandConfig, status_socket: Path, now_us: Callable[[], int]) -> None:
-        """now_us: Unix time as the bus stamps it. Raises BusError when there is no hub."""
+        """Connect to the hub. now_us: returns Unix time on the bus's clock. Raises BusError without a hub."""
         self._now_us = now_us
         self._hub = Path(hand.bus.channel)
         self._fingertips = [Fingertip(finger.fingertip_node, finger.name) for finger in hand.fingers]
@@ -58,9 +59,9 @@ class Monitor:
         self._latencies: list[deque[tuple[int, int]]] = [deque() for _ in self._fingertips]
         self.not_booted = dict(hand.node_names)
         self._load: float | None = None
-        self._asked_us: int | None = None
+        self._statistics_us: int | None = None
         self._decoder = msgspec.json.Decoder(HostStatus)
-        self._rest = b""
+        self._partial_line = b""
         self._line = b""
         self._stream: socket.socket | None = None
         boot_ups = [HEARTBEAT_ID + node for node in hand.node_names]
@@ -82,7 +83,7 @@ class Monitor:
         self._resources.close()
 
     def poll(self) -> MonitorSample:
-        """Take in all that came since the last call. Raises BusError when the bus is gone."""
+        """Process all that was received since the last call. Raises BusError if the hub is gone."""
         now_us = self._now_us()
         while frames := self._bus.receive(0):
             for stamp_us, frame in frames:
@@ -90,8 +91,8 @@ class Monitor:
                     self._note_contact(self._finger_of[frame.can_id], stamp_us, frame)
                 elif frame.data == bytes([NmtState.INITIALISING]):
                     self.not_booted.pop(frame.can_id - HEARTBEAT_ID, None)
-        if self._asked_us is None or now_us - self._asked_us >= STATISTICS_PERIOD_US:
-            self._asked_us = now_us
+        if self._statistics_us is None or now_us - self._statistics_us >= STATISTICS_PERIOD_US:
+            self._statistics_us = now_us
             reply = ask(self._hub, AskStatistics())
             self._load = reply.load if isinstance(reply, Statistics) else None
         self._read_status()
@@ -118,9 +119,9 @@ class Monitor:
                 data = self._stream.recv(CHUNK_BYTES)
             except BlockingIOError:
                 return
-            if not data:  # the host has left; whether it should have is for the watch on processes to say
+            if not data:  # the host exited: the process monitor reports that
                 return
-            *lines, self._rest = (self._rest + data).split(b"\n")
+            *lines, self._partial_line = (self._partial_line + data).split(b"\n")
             if lines:
                 self._line = lines[-1]
 

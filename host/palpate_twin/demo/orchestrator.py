@@ -1,4 +1,4 @@
-"""One run of the demo: calibrate, bring everything up, watch for the duration, stop in order."""
+"""Run the demo as processes: calibrate, start everything, monitor it for the duration, stop in order."""
 
 from __future__ import annotations
 
@@ -20,42 +20,44 @@ from palpate_host.common.mode import STARTING
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service.host import bus_time
 from palpate_host.service.replay import contract_header
-from palpate_twin.demo.live_view import Scale
+from palpate_twin.demo.live_view import ViewScale
 from palpate_twin.demo.monitor import Monitor, MonitorSample
-from palpate_twin.demo.processes import Children, DemoError, Program, Urgency
-from palpate_twin.demo.programme import Programme, ask_by_socket
+from palpate_twin.demo.processes import Children, DemoError, Program, RealTimePriority
+from palpate_twin.demo.programme import Programme, socket_commander
 from palpate_twin.demo.run_folder import RunFolder
 
 START_TIMEOUT_S = 60.0
-PREPARE_TIMEOUT_S = 900.0  # sensors are rendered and calibrated in 10 s; a slow machine shows its progress
-LOOK_PERIOD_S = 0.125
+PREPARE_TIMEOUT_S = 900.0  # rendering and calibrating the sensors takes 10 s on an idle machine
+POLL_PERIOD_S = 0.125
 
-Show = Callable[[MonitorSample, float], None]
+ShowSample = Callable[[MonitorSample, float], None]
 
 
 class DemoInterruptedError(Exception):
-    """SIGINT or SIGTERM came; everything has been stopped by the time this leaves `run`."""
+    """SIGINT or SIGTERM interrupted the demo; `run` stops all processes before it raises this."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessCommand:
-    """One process of the demo, by name, with what a person would type."""
+    """Name, program and arguments of one process of the demo."""
 
     name: str
     program: Program
     arguments: tuple[str, ...]
-    urgency: Urgency = Urgency.NONE
+    priority: RealTimePriority = RealTimePriority.NONE
 
     @property
     def text(self) -> str:
+        """The command as typed in a shell."""
         return shlex.join((self.program.command, *self.arguments))
 
 
 def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> list[ProcessCommand]:
-    """Everything the demo starts, in order; the first one ends by itself. recording: None with the twin.
+    """Return the processes of the demo in the order of their start; the first one exits by itself.
 
-    Beside a recording they run in the real-time class, as on boards. The twin's pictures cost more than all
-    else: ahead of them, the others would only wait longer for the next one.
+    recording: folder that is played in place of the twin. With a recording, the processes get real-time
+    priorities as on boards. With the twin they do not: rendering takes most of the processor time, so
+    prioritised processes would only wait longer for the next frame.
     """
     header = log_header(hand, "palpate demo")
     entries = [text for key, value in header.items() for text in ("--header", f"{key}={value}")]
@@ -64,21 +66,21 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
     config = ("--config", str(folder.hand_toml))
     sockets = ("--status", str(folder.status_socket), "--socket", str(folder.control_socket))
     if recording is None:
-        bus = fingertip = host = Urgency.NONE
-        made = ("simulate", "fingertips", "--hand", str(folder.hand_toml), "-o", str(folder.sensors))
+        bus = fingertip = host = RealTimePriority.NONE
+        sensors = ("simulate", "fingertips", "--hand", str(folder.hand_toml), "-o", str(folder.sensors))
         rings = [text for finger in hand.fingers for text in ("--ring", str(folder.ring(finger.name)))]
         paths = ("--sensors", str(folder.sensors), "--truth", str(folder.truth))
-        first = ProcessCommand("fingertips", Program.HOST, made)
-        moves = ProcessCommand("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
+        first = ProcessCommand("fingertips", Program.HOST, sensors)
+        plant = ProcessCommand("twin", Program.HOST, ("simulate", "live", *config, *paths, *rings))
     else:
-        bus, fingertip, host = Urgency.BUS, Urgency.FINGERTIP, Urgency.HOST
+        bus, fingertip, host = RealTimePriority.BUS, RealTimePriority.FINGERTIP, RealTimePriority.HOST
         calibrate = ("calibrate", str(recording / "press"), "-o", str(folder.calibration))
         first = ProcessCommand("calibrate", Program.EDGE, calibrate)
-        moves = ProcessCommand("drives", Program.HOST, ("drives", *config), Urgency.DRIVES)
+        plant = ProcessCommand("drives", Program.HOST, ("drives", *config), RealTimePriority.DRIVES)
     return [
         first,
         ProcessCommand("hub", Program.HOST, (*hub, *clock, "--log", str(folder.log), *entries), bus),
-        moves,
+        plant,
         *(
             ProcessCommand(
                 finger.name,
@@ -93,13 +95,13 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
 
 
 def log_header(hand: HandConfig, origin: str) -> dict[str, str]:
-    """Of the bus log: what its frames mean, and what they come from."""
+    """Return the header of the bus log: the versions of EDS and hand.toml, and the machine and program."""
     return {**contract_header(hand).entries, "origin": origin, "palpate": __version__, **_machine()}
 
 
-def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> Scale:
-    """What the live view is drawn against."""
-    return Scale(
+def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> ViewScale:
+    """Return the full-scale values of the live view."""
+    return ViewScale(
         duration_s=duration_s,
         bitrate=hand.bus.bitrate,
         dome_radius_mm=1e3 * hand.control.tip_radius_m,
@@ -109,41 +111,46 @@ def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> Scale:
 
 
 def run(
-    folder: RunFolder, recording: Path | None, duration_s: float, say: Callable[[str], None], show: Show
+    folder: RunFolder,
+    recording: Path | None,
+    duration_s: float,
+    report_progress: Callable[[str], None],
+    show: ShowSample,
 ) -> None:
-    """Run the whole demo; bus.log in `folder` tells the rest.
+    """Run the whole demo; the figures are computed from the files in `folder` afterwards.
 
-    say: takes one line for each step of the start. show: takes each look and the seconds since the hand
-    operates.
-    Raises DemoError naming the process that failed, DemoInterruptedError after Ctrl-C; no process is left
-    either way.
+    report_progress: called with one line of text for each step of the start. show: called with each sample
+    and the seconds since the hand began to operate. Raises DemoError naming the process that failed,
+    DemoInterruptedError after Ctrl-C; all processes have ended in either case.
     """
     hand = folder.hand()
-    prepare, hub, moves, *tips, host = commands(folder, hand, recording)
+    prepare, hub, plant, *tips, host = commands(folder, hand, recording)
     with stop_event() as stopped, Children(folder.path) as children:
         watch = _ProcessWatch(children, stopped)
-        say("making and calibrating the sensors" if recording is None else "calibrating the sensor")
-        watch.finish(prepare, say)
-        say("starting the hub, nine drives, three fingertips and the host")
+        report_progress(
+            "making and calibrating the sensors" if recording is None else "calibrating the sensor"
+        )
+        watch.finish(prepare, report_progress)
+        report_progress("starting the hub, nine drives, three fingertips and the host")
         watch.start(hub)
-        watch.until(lambda: _answers(folder.hub_socket), "the hub to answer")
+        watch.until(lambda: _responds(folder.hub_socket), "a response of the hub")
         now_us = bus_time(hand.bus)
         with Monitor(hand, folder.status_socket, now_us) as monitor:
-            watch.start(moves)
+            watch.start(plant)
             if recording is None:
                 rings = [folder.ring(finger.name) for finger in hand.fingers]
                 watch.until(lambda: all(ring.exists() for ring in rings), "the twin's cameras")
             for command in tips:
                 watch.start(command)
-            watch.look_until(monitor, lambda _sight: not monitor.not_booted, "the boot-up of every node")
+            watch.poll_until(monitor, lambda _sample: not monitor.not_booted, "the boot-up of every node")
             watch.start(host)
-            watch.look_until(monitor, _is_operating, "the hand to operate")
+            watch.poll_until(monitor, _is_operating, "the hand to operate")
             programme = None
             if recording is None:
-                programme = Programme(ask_by_socket(folder.control_socket), folder.commands, duration_s)
+                programme = Programme(socket_commander(folder.control_socket), folder.commands, duration_s)
             _watch_for(duration_s, now_us, watch, monitor, show, programme)
             children.stop(host.name)
-        children.stop(moves.name, *(command.name for command in tips))
+        children.stop(plant.name, *(command.name for command in tips))
         children.stop(hub.name)
 
 
@@ -152,38 +159,38 @@ def _watch_for(
     now_us: Callable[[], int],
     watch: _ProcessWatch,
     monitor: Monitor,
-    show: Show,
+    show: ShowSample,
     programme: Programme | None,
 ) -> None:
     begin_us = now_us()
     while (elapsed_s := 1e-6 * (now_us() - begin_us)) < duration_s:
-        sight = watch.look(monitor)
+        sample = watch.poll(monitor)
         if programme is not None:
-            programme.look(sight.status)
-        show(sight, elapsed_s)
-        watch.pause(min(LOOK_PERIOD_S, max(0.0, duration_s - elapsed_s)))
+            programme.update(sample.status)
+        show(sample, elapsed_s)
+        watch.pause(min(POLL_PERIOD_S, max(0.0, duration_s - elapsed_s)))
 
 
 class _ProcessWatch:
-    """Waits that end with an error when a process dies and with DemoInterruptedError when the user stops."""
+    """Waiting with supervision: raises DemoError if a process ends and DemoInterruptedError on Ctrl-C."""
 
     def __init__(self, children: Children, stopped: threading.Event) -> None:
         self._children = children
         self._stopped = stopped
 
     def start(self, command: ProcessCommand) -> None:
-        self._children.start(command.name, command.program, command.arguments, command.urgency)
+        self._children.start(command.name, command.program, command.arguments, command.priority)
 
-    def finish(self, command: ProcessCommand, say: Callable[[str], None]) -> None:
-        """Run a process to its end and pass on what it says."""
+    def finish(self, command: ProcessCommand, report_progress: Callable[[str], None]) -> None:
+        """Run a process to its end and report each new line of its stderr."""
         child = self._children.start(command.name, command.program, command.arguments)
-        said = ""
+        reported = ""
 
         def has_ended() -> bool:
-            nonlocal said
-            if (words := child.last_words()) != said:
-                said = words
-                say(words)
+            nonlocal reported
+            if (line := child.last_line()) != reported:
+                reported = line
+                report_progress(line)
             return child.process.poll() is not None
 
         self.until(has_ended, command.name, PREPARE_TIMEOUT_S, watch_children=False)
@@ -193,13 +200,13 @@ class _ProcessWatch:
         if self._stopped.wait(seconds):
             raise DemoInterruptedError
 
-    def look(self, monitor: Monitor) -> MonitorSample:
-        """One look at the hand, all processes being alive."""
+    def poll(self, monitor: Monitor) -> MonitorSample:
+        """Return a sample of the hand's state. Raises DemoError if a process has ended."""
         self._children.check()
         try:
             return monitor.poll()
         except BusError:
-            self._children.blame()
+            self._children.find_cause()
             raise
 
     def until(
@@ -215,14 +222,17 @@ class _ProcessWatch:
             if watch_children:
                 self._children.check()
             if time.monotonic() > end_s:
-                raise DemoError(f"waited {timeout_s:.0f} s in vain for {what}: see the run folder")
+                raise DemoError(
+                    f"timed out after {timeout_s:.0f} s waiting for {what}: "
+                    "read the .stderr files in the run folder"
+                )
             self.pause(0.02)
 
-    def look_until(self, monitor: Monitor, condition: Callable[[MonitorSample], bool], what: str) -> None:
-        self.until(lambda: condition(self.look(monitor)), what)
+    def poll_until(self, monitor: Monitor, condition: Callable[[MonitorSample], bool], what: str) -> None:
+        self.until(lambda: condition(self.poll(monitor)), what)
 
 
-def _answers(socket_path: Path) -> bool:
+def _responds(socket_path: Path) -> bool:
     try:
         ask(socket_path, AskStatistics())
     except BusError:
@@ -230,12 +240,12 @@ def _answers(socket_path: Path) -> bool:
     return True
 
 
-def _is_operating(sight: MonitorSample) -> bool:
-    return sight.status is not None and sight.status.mode not in STARTING
+def _is_operating(sample: MonitorSample) -> bool:
+    return sample.status is not None and sample.status.mode not in STARTING
 
 
 def _machine() -> dict[str, str]:
-    """What the figures were measured on."""
+    """Return a description of the machine for the log header."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

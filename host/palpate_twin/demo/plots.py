@@ -1,4 +1,4 @@
-"""The report's pictures, each as PNG bytes; one time axis, seconds since the log's first frame."""
+"""The report's plots as PNG bytes; time axes are in seconds since the log's first frame."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 
 from palpate_host.common.mode import Mode
 from palpate_twin.demo.analysis import Analysis
-from palpate_twin.demo.hand_motion import Moment
+from palpate_twin.demo.hand_motion import HostTick
 from palpate_twin.demo.live_view import mode_name
 from palpate_twin.demo.traffic import BIN_US
 from palpate_twin.demo.truth import Pair
-from palpate_twin.demo.turn import Turn
+from palpate_twin.demo.turn import TurnSeries
 
 WIDTH_IN = 10.0
 DPI = 130
@@ -43,7 +43,7 @@ _MODE_COLOUR = {
 
 
 def contact_plot(pairs: Sequence[Pair], begin_us: int) -> bytes:
-    """Contact position x, y, z in mm and normal force in N of one finger against the truth."""
+    """Plot contact position x, y, z in mm and normal force in N of one finger with the truth."""
     figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
     rows = figure.subplots(4, 1, sharex=True)
     times_s = [(pair.contact.exposed_at_us - begin_us) / 1e6 for pair in pairs]
@@ -65,7 +65,7 @@ def contact_plot(pairs: Sequence[Pair], begin_us: int) -> bytes:
 
 
 def latency_plot(analysis: Analysis) -> bytes:
-    """Histogram of the time from exposure to the bus, one row a finger, median and 99 % marked."""
+    """Plot histograms of the time from exposure to the bus, one row per finger, median and p99 marked."""
     figure = Figure(figsize=(WIDTH_IN, 4.2), layout="constrained")
     fingers = analysis.summary.fingers
     rows = figure.subplots(len(fingers), 1, sharex=True, squeeze=False)[:, 0]
@@ -87,7 +87,7 @@ def latency_plot(analysis: Analysis) -> bytes:
 
 
 def load_plot(analysis: Analysis) -> bytes:
-    """Bus load over time in bins of 0.1 s."""
+    """Plot the bus load over time in bins of 0.1 s."""
     figure = Figure(figsize=(WIDTH_IN, 2.2), layout="constrained")
     axes = figure.subplots()
     load = analysis.summary.bus.bin_percent
@@ -100,17 +100,17 @@ def load_plot(analysis: Analysis) -> bytes:
     return _png(figure)
 
 
-def turn_plot(turn: Turn) -> bytes:
-    """Roll, pitch and yaw of the object against the target, and the angle between both."""
+def turn_plot(turn: TurnSeries) -> bytes:
+    """Plot roll, pitch and yaw of the object with the target, and the angle between truth and target."""
     figure = Figure(figsize=(WIDTH_IN, 6.2), layout="constrained")
     rows = figure.subplots(4, 1, sharex=True)
     for axis, row in enumerate(rows[:3]):
         row.plot(turn.times_s, turn.true_deg[:, axis], **TRUTH)
-        row.plot(turn.times_s, turn.believed_deg[:, axis], color="tab:red", linewidth=0.9, label="felt")
+        row.plot(turn.times_s, turn.estimated_deg[:, axis], color="tab:red", linewidth=0.9, label="estimated")
         row.plot(turn.times_s, turn.target_deg[:, axis], "--", color="black", linewidth=0.9, label="target")
         row.set_ylabel(f"{('roll', 'pitch', 'yaw')[axis]} (deg)")
     rows[3].plot(turn.times_s, turn.error_deg, linewidth=1)
-    rows[3].set_ylabel("target to\ntruth (deg)")
+    rows[3].set_ylabel("error to\ntarget (deg)")
     rows[3].set_ylim(bottom=0)
     rows[3].set_xlabel("time (s)")
     rows[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize="small")
@@ -123,10 +123,10 @@ def hand_plot(analysis: Analysis) -> bytes:
     figure = Figure(figsize=(WIDTH_IN, 2.4 + 1.5 * len(fingers)), layout="constrained")
     ratios = [0.35, 1.0, *([1.0] * len(fingers))]
     rows = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
-    moments = analysis.moments
-    times_s = [(moment.time_us - analysis.begin_us) / 1e6 for moment in moments]
-    _draw_modes(rows[0], moments, times_s)
-    errors = [math.nan if m.orientation_error_deg is None else m.orientation_error_deg for m in moments]
+    ticks = analysis.ticks
+    times_s = [(tick.time_us - analysis.begin_us) / 1e6 for tick in ticks]
+    _draw_modes(rows[0], ticks, times_s)
+    errors = [math.nan if m.orientation_error_deg is None else m.orientation_error_deg for m in ticks]
     rows[1].plot(times_s, errors, linewidth=1)
     rows[1].set_ylabel("orientation\nerror (deg)")
     rows[1].set_ylim(bottom=0)
@@ -144,14 +144,14 @@ def hand_plot(analysis: Analysis) -> bytes:
     return _png(figure)
 
 
-def _draw_modes(axes: Axes, moments: Sequence[Moment], times_s: Sequence[float]) -> None:
-    """A band in the colour of the mode; the legend names those that occur."""
+def _draw_modes(axes: Axes, ticks: Sequence[HostTick], times_s: Sequence[float]) -> None:
+    """Draw a band in the colour of the mode, with a legend of the modes that occur."""
     named: set[Mode] = set()
     begin = 0
-    for index in range(1, len(moments) + 1):
-        if index < len(moments) and moments[index].mode is moments[begin].mode:
+    for index in range(1, len(ticks) + 1):
+        if index < len(ticks) and ticks[index].mode is ticks[begin].mode:
             continue
-        mode = moments[begin].mode
+        mode = ticks[begin].mode
         label = None if mode in named else mode_name(mode)
         end_s = times_s[min(index, len(times_s) - 1)]
         axes.axvspan(times_s[begin], end_s, color=_MODE_COLOUR[mode], label=label, linewidth=0)

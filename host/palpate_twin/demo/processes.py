@@ -1,7 +1,7 @@
-"""The processes of the demo: started one by one, watched, stopped in order, never left behind.
+"""Child processes of the demo: started one by one, supervised, and stopped in order.
 
-Each process has a session of its own, so that Ctrl-C reaches the demo alone and the demo stops them in order,
-and asks the kernel for SIGTERM should the demo itself be killed.
+Each process has its own session, so Ctrl-C reaches only the demo, which then stops the others in order. Each
+process also registers for SIGTERM in case the demo itself is killed, so none is left running.
 """
 
 from __future__ import annotations
@@ -30,24 +30,27 @@ _libc = ctypes.CDLL(None)
 
 
 class DemoError(PalpateError):
-    """A process of the demo ended early, would not stop, or stopped with an error."""
+    """A process of the demo ended early, did not stop, or stopped with an error."""
 
 
 class Program(Enum):
-    """Which command a process runs, by the module behind it."""
+    """The two commands, each with the module that is run by `python -m`."""
 
     EDGE = "palpate_edge.cli.main"
     HOST = "palpate_host.cli.main"
 
     @property
     def command(self) -> str:
-        """The name it has in a shell."""
-        return self.value.removesuffix(".cli").replace("_", "-")
+        """The command's name in a shell."""
+        return self.value.partition(".")[0].replace("_", "-")
 
 
-class Urgency(IntEnum):
-    """Who goes ahead where all share a machine, as a priority of SCHED_RR: the bus, as all wait for it; the
-    fingertips, boards of their own elsewhere; the host; last the drives, which have until the next SYNC."""
+class RealTimePriority(IntEnum):
+    """SCHED_RR priorities on a shared machine.
+
+    The bus is highest because every process waits for it. The fingertips follow, which have their own boards
+    on a real hand, then the host, then the drives, which have time until the next SYNC.
+    """
 
     NONE = 0
     DRIVES = 10
@@ -58,27 +61,27 @@ class Urgency(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Child:
-    """One running process. stderr: the file that takes what it says."""
+    """One running process. stderr: the file to which its standard error is written."""
 
     name: str
     process: subprocess.Popen[bytes]
     stderr: Path
 
-    def last_words(self) -> str:
-        """The last line it wrote to stderr; empty when it said nothing."""
+    def last_line(self) -> str:
+        """Return the last non-empty line of its standard error, or an empty string."""
         lines = self.stderr.read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     def failure(self, what: str) -> DemoError:
-        said = self.last_words() or "it said nothing"
-        return DemoError(f"{self.name} {what}: {said} (all it said: {self.stderr})")
+        last_line = self.last_line() or "no output"
+        return DemoError(f"{self.name} {what}: {last_line} (full output: {self.stderr})")
 
 
 class Children:
-    """The running processes in the order of their start; leaving the context ends every one that is left."""
+    """Running processes in the order of their start; leaving the context ends all that still run."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` takes one NAME.stderr a process."""
+        """Create an empty set. folder: for NAME.stderr of each process."""
         self._folder = folder
         self._running: list[Child] = []
 
@@ -93,9 +96,13 @@ class Children:
         self._running.clear()
 
     def start(
-        self, name: str, program: Program, arguments: Sequence[str], urgency: Urgency = Urgency.NONE
+        self,
+        name: str,
+        program: Program,
+        arguments: Sequence[str],
+        priority: RealTimePriority = RealTimePriority.NONE,
     ) -> Child:
-        """Start `program` with `arguments`, in the real-time class where it has an urgency and may."""
+        """Start `program` with `arguments`, with a real-time priority if one is given and permitted."""
         path = self._folder / f"{name}.stderr"
         with path.open("wb") as stderr:
             process = subprocess.Popen(
@@ -104,35 +111,35 @@ class Children:
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
                 start_new_session=True,
-                preexec_fn=partial(_before_the_program, urgency),  # noqa: PLW1509 - one thread
+                preexec_fn=partial(_before_the_program, priority),  # noqa: PLW1509 - one thread
             )
         child = Child(name, process, path)
         self._running.append(child)
         return child
 
     def check(self) -> None:
-        """Raises DemoError, naming the first in the order of start, when a process has ended."""
+        """Raise DemoError if a process has ended, naming the first one in the order of start."""
         for child in self._running:
             status = child.process.poll()
             if status is not None:
                 raise child.failure(f"ended early ({_status_text(status)})")
 
-    def blame(self) -> None:
-        """As `check`, for use when the bus fails: gives the process that is behind it a moment to end."""
+    def find_cause(self) -> None:
+        """Check for 1 s whether a process ends: called after a bus error, to name the process behind it."""
         end_s = time.monotonic() + 1.0
         while time.monotonic() < end_s:
             self.check()
             time.sleep(POLL_S)
 
     def stop(self, *names: str) -> None:
-        """SIGTERM to the named processes at once, then wait for each.
+        """Send SIGTERM to the named processes, then wait for each.
 
-        Raises DemoError for one that does not end in time or ends with an error.
+        Raises DemoError for a process that does not end in time or ends with an error.
         """
-        leaving = [child for child in self._running if child.name in names]
-        for child in leaving:
+        stopping = [child for child in self._running if child.name in names]
+        for child in stopping:
             child.process.send_signal(signal.SIGTERM)
-        for child in leaving:
+        for child in stopping:
             try:
                 status = child.process.wait(STOP_TIMEOUT_S)
             except subprocess.TimeoutExpired:
@@ -143,7 +150,7 @@ class Children:
 
 
 def _end(child: Child) -> None:
-    """End a process and all that it may have started."""
+    """End a process and its own children."""
     child.process.send_signal(signal.SIGTERM)
     try:
         child.process.wait(STOP_TIMEOUT_S)
@@ -156,9 +163,12 @@ def _status_text(status: int) -> str:
     return f"signal {-status}" if status < 0 else f"exit status {status}"
 
 
-def _before_the_program(urgency: Urgency) -> None:
-    """End with the parent; urgent ones of a kind take turns, as several share a core here."""
+def _before_the_program(priority: RealTimePriority) -> None:
+    """Set up a child before it runs its program: end with the parent, real-time priority.
+
+    SCHED_RR rather than SCHED_FIFO, so that processes of one priority share a core.
+    """
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-    if urgency:
+    if priority:
         with suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(urgency))
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))

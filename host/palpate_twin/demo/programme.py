@@ -1,7 +1,7 @@
-"""What the demo asks of the hand: turns by 30 deg and back, about one axis after the other.
+"""Sequence of turns in the demo: 30 deg and back, about one axis after the other.
 
-The first one is hand.toml's [target]; the others are commands to the host. They are kept as JSON
-lines, for modes and targets come from a replay of the bus log, where they are not.
+The first turn is [target] of hand.toml; the others are commands to the host. Commands are not on the bus, so
+they are also written as JSON lines: replaying the bus log needs them.
 """
 
 from __future__ import annotations
@@ -28,52 +28,57 @@ TURNS_DEG = (
     (0.0, 0.0, -30.0),
 )
 PERIOD_US = 4_000_000
-"""From turn to turn: 2 s of ramp, and as long to settle."""
+"""Time between turns: 2 s of ramp and 2 s to settle."""
 ARRIVED_DEG = 2.0
-"""As the host feels it; a hand that a slow machine slows down gets the time it needs for that."""
+"""Orientation error, as estimated by the host, below which the next turn may start."""
 LONGEST_US = 3 * PERIOD_US
+"""Time after which the next turn starts even if the last one has not arrived."""
 
 
-class Given(msgspec.Struct, frozen=True):
-    """A command and the host's last tick before it."""
+class SentCommand(msgspec.Struct, frozen=True):
+    """A command to the host and the time of the host's last tick before it."""
 
     after_us: int
     rotate: Rotate
 
 
 class Programme:
-    """Gives the turns, each when its time has come; `look` is to be called often."""
+    """Sends each turn when it is due; `update` has to be called often."""
 
-    def __init__(self, ask: Callable[[Rotate], HostStatus | None], given: Path, duration_s: float) -> None:
-        """ask: gives the host a command, returns its last tick. given: the file that takes what was asked
-        for. A turn that would not be over is left out."""
+    def __init__(
+        self, send_command: Callable[[Rotate], HostStatus | None], command_file: Path, duration_s: float
+    ) -> None:
+        """Create an empty command file; turns that would not end within `duration_s` are not sent.
+
+        send_command: sends a command to the host and returns the host's last tick.
+        """
         self._last_us = 1e6 * duration_s - PERIOD_US
-        self._ask, self._given = ask, given
+        self._send_command, self._command_file = send_command, command_file
         self._begin_us: int | None = None
-        self._asked_us = 0
+        self._sent_us = 0
         self._turn = 0
-        given.write_bytes(b"")
+        command_file.write_bytes(b"")
 
-    def look(self, status: HostStatus | None) -> None:
-        """Raises CommandError when the host refuses or is gone."""
+    def update(self, status: HostStatus | None) -> None:
+        """Send the next turn if it is due. Raises CommandError if the host rejects it or does not respond."""
         if status is None:
             return
         if self._begin_us is None:
             if status.mode is Mode.MANIPULATE:
-                self._begin_us = self._asked_us = status.time_us
+                self._begin_us = self._sent_us = status.time_us
             return
-        taken_us = status.time_us - self._asked_us
-        if taken_us < PERIOD_US or status.time_us - self._begin_us >= self._last_us:
+        elapsed_us = status.time_us - self._sent_us
+        if elapsed_us < PERIOD_US or status.time_us - self._begin_us >= self._last_us:
             return
-        if taken_us < LONGEST_US and not _has_arrived(status):
+        if elapsed_us < LONGEST_US and not _has_arrived(status):
             return
         self._turn += 1
-        self._asked_us = status.time_us
+        self._sent_us = status.time_us
         rotate = Rotate(TURNS_DEG[self._turn % len(TURNS_DEG)])
-        answer = self._ask(rotate)
-        if answer is not None:
-            with self._given.open("ab") as file:
-                file.write(msgspec.json.encode(Given(answer.time_us, rotate)) + b"\n")
+        last_tick = self._send_command(rotate)
+        if last_tick is not None:
+            with self._command_file.open("ab") as file:
+                file.write(msgspec.json.encode(SentCommand(last_tick.time_us, rotate)) + b"\n")
 
 
 def _has_arrived(status: HostStatus) -> bool:
@@ -82,20 +87,23 @@ def _has_arrived(status: HostStatus) -> bool:
     return rotation.angle_deg(np.array(status.R_d) @ np.array(status.R_c).T) <= ARRIVED_DEG
 
 
-def ask_by_socket(control_socket: Path) -> Callable[[Rotate], HostStatus | None]:
-    """Commands for the host's process."""
+def socket_commander(control_socket: Path) -> Callable[[Rotate], HostStatus | None]:
+    """Return a function that sends commands to a host process over its control socket."""
 
-    def ask(rotate: Rotate) -> HostStatus | None:
+    def send_command(rotate: Rotate) -> HostStatus | None:
         with OperatorClient(control_socket) as client:
             return client.ask(rotate)
 
-    return ask
+    return send_command
 
 
-def read_given(path: Path) -> list[Given]:
-    """What was asked for, in order; nothing where there is no file. Raises DatasetError for a damaged one."""
+def read_commands(path: Path) -> list[SentCommand]:
+    """Read the commands in the order they were sent; none if there is no file.
+
+    Raises DatasetError for a damaged file.
+    """
     try:
         lines = path.read_bytes().splitlines() if path.exists() else []
-        return [msgspec.json.decode(line, type=Given) for line in lines]
+        return [msgspec.json.decode(line, type=SentCommand) for line in lines]
     except (OSError, msgspec.DecodeError) as error:
         raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None

@@ -1,4 +1,4 @@
-"""demo/report.html: one file with every picture in it; no network and no script is needed to read it."""
+"""Write report.html: one file with all pictures embedded, readable without network and without scripts."""
 
 from __future__ import annotations
 
@@ -32,8 +32,10 @@ img { width: 100%; } p.note { color: #555; } pre { background: #f5f5f5; padding:
 
 
 def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film | None) -> None:
-    """Write the report. film: of a run with the twin, None of one without. Raises ConfigError when `path`
-    cannot be written."""
+    """Write the report. film: None if a recording was played.
+
+    Raises ConfigError if `path` cannot be written.
+    """
     summary = analysis.summary
     parts = [
         "<h1>palpate demo</h1>",
@@ -55,7 +57,7 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
         "<h2>Bus load</h2>",
         _picture(plots.load_plot(analysis), "bus load"),
         _traffic_table(summary),
-        "<h2>Making it again</h2>",
+        "<h2>How to reproduce this report</h2>",
         _commands(analysis, folder),
     ]
     page = (
@@ -73,14 +75,14 @@ def _header_table(summary: Summary, analysis: Analysis) -> str:
         ("started", summary.started_at),
         ("duration", f"{summary.duration_s:.1f} s of bus log, {summary.bus.frames} frames"),
         ("bit rate", f"{summary.bitrate} bit/s"),
-        ("contacts", str(analysis.recording or "of the twin: rendered fingertips on a simulated hand")),
+        ("contacts from", str(analysis.recording or "rendered fingertips of the simulated hand")),
         *((key, value) for key, value in summary.origin.items() if not key.startswith("node.")),
     ]
     return _table(("", ""), rows, text=True)
 
 
 def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> list[str]:
-    """Film, stills, target against truth; nothing without the twin."""
+    """Return film, stills and the comparison of target and truth; nothing if a recording was played."""
     if film is None:
         return []
     parts = ["<h2>The object</h2>", *_film_parts(folder, film)]
@@ -89,44 +91,47 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> lis
         return [*parts, _note("The host never turned the object.")]
     rows = [
         (
-            ", ".join(f"{angle:g}" for angle in step.rpy_deg),
+            step.name,
             f"{step.begin_s:.1f} to {step.end_s:.1f}",
             f"{step.error_deg:.2f}",
             f"{step.believed_error_deg:.2f}",
             ", ".join(f"{path:.2f}" for path in step.slip_mm),
             f"{step.friction_ratio:.2f}",
             f"{step.pace:.2f}",
-            step.verdict or "held",
+            step.verdict or "ok",
         )
         for step in figures.steps
     ]
     head = (
-        "turn (deg)",
-        "s",
-        "target to truth (deg)",
-        "felt to truth (deg)",
-        "slip (mm)",
+        "turn",
+        "time (s)",
+        "error to target (deg)",
+        "error of the estimate (deg)",
+        "slip of each tip (mm)",
         "friction/normal",
-        "pace",
-        "",
+        "speed",
+        "result",
     )
     note = (
-        "Turns about the hand's roll, pitch and yaw axes; errors at the end of each. Normal forces of the "
-        f"tips: {figures.smallest_N:.2f} to {figures.largest_N:.2f} N. The object ends "
-        f"{figures.sunk_mm:.1f} mm lower. Pace: the hand's time over the clock's, less than 1 where it "
-        "waited for a picture, a contact or a command. "
-        "Target and contacts: the log replayed through the host's core; truth: the twin's motion.csv."
+        "Turns about the roll, pitch and yaw axes of the hand; errors at the end of each turn. Error to "
+        "target: angle between the object's true and desired orientation. Error of the estimate: angle "
+        "between its true orientation and the one the host estimates from the contacts. Normal forces of the "
+        f"fingertips: {figures.smallest_N:.2f} to {figures.largest_N:.2f} N. The object's final height is "
+        f"{figures.sunk_mm:.1f} mm below its initial one. Speed: simulated time over real time; it is below "
+        "1 while the simulation waits for a frame, a contact or a command. "
+        "Target and estimate come from replaying the log through the host core, the truth from the twin's "
+        "motion.csv."
     )
     return [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
 
 
 def _film_parts(folder: RunFolder, film: Film) -> list[str]:
     if not film.is_there:
-        return [_note(f"No film: {film.told}")]
+        return [_note(f"No film: {film.description}")]
     return [
         _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
-        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six moments"),
-        _note(f"Hand and object as they really moved: {film.told}."),
+        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six times"),
+        _note(f"True motion of hand and object: {film.description}."),
     ]
 
 
@@ -137,7 +142,7 @@ def _finger_table(summary: Summary, analysis: Analysis) -> str:
         rows.append(
             (
                 finger.name,
-                *_spread(error),
+                *_mean_median_p95(error),
                 _number(finger.force_rmse_N, 3),
                 _number(finger.force_rmse_percent, 1),
                 _number(finger.contact_right_percent, 1),
@@ -154,20 +159,22 @@ def _finger_table(summary: Summary, analysis: Analysis) -> str:
         "p95",
         "force RMSE (N)",
         "% of largest",
-        "flag right (%)",
+        "flag correct (%)",
         "frames",
         "dropped",
-        "refused",
+        "rejected",
         "incomplete",
     )
     note = (
-        "Position error: distance on the bus to the truth, where both say contact. Force: published normal "
-        "force, 0 without contact, over all valid frames. Dropped: gaps in the sequence numbers. "
+        "Position error: distance between published and true contact, in frames where both have a contact. "
+        "Force: published normal force (0 without contact) compared with the truth over all valid frames. "
+        "Dropped: gaps in the sequence numbers. Rejected: frames without a valid contact. Incomplete: frames "
+        "with a missing, duplicate or late TPDO. "
     )
     if analysis.recording is not None:
-        note += "Frame n on the bus is row n modulo the recording's length of its truth.csv."
+        note += "Frame n on the bus belongs to row (n modulo length) of the recording's truth.csv."
     else:
-        note += "The truth is what the twin rendered in that frame."
+        note += "The truth is the contact that the twin rendered into that frame."
     return _table(head, rows) + _note(note)
 
 
@@ -179,8 +186,9 @@ def _latency_table(summary: Summary) -> str:
             numbers = (value.median, value.mean, value.p95, value.p99, value.largest)
             rows.append((finger.name, *(f"{number / 1000:.2f}" for number in numbers)))
     note = (
-        "Exposure time on the bus clock, from TPDO 3, to the hub's stamp of that TPDO 3 winning the wire. "
-        "It holds the rendering of the frame, or a video's decoding, which a camera does not need."
+        "Time from the exposure, as TPDO 3 gives it on the bus clock, to the hub's time stamp of that TPDO 3 "
+        "when it wins arbitration. It includes rendering the frame or decoding a video, which a camera does "
+        "not need."
     )
     return _table(("finger", "median (ms)", "mean", "p95", "p99", "largest"), rows) + _note(note)
 
@@ -191,22 +199,23 @@ def _hand_tables(summary: Summary, analysis: Analysis) -> str:
         ("mode", "s"), [(mode_name(Mode(mode)), f"{seconds:.2f}") for mode, seconds in hand.mode_s.items()]
     )
     joints = _table(
-        ("joint", "limit (N m)", "largest (N m)", "commands", "over the limit"),
+        ("joint", "limit (N m)", "largest (N m)", "commands", "above the limit"),
         [(j.name, f"{j.limit_Nm:.3f}", f"{j.largest_Nm:.3f}", j.commands, j.over_limit) for j in hand.joints],
     )
     error = hand.orientation_error_deg
-    turn = "The contacts never turned the object."
+    turn = "The host never turned the object with contacts."
     if error is not None:
         turn = (
-            f"Orientation error while contacts turn the object: median {error.median:.2f} deg, "
+            f"Orientation error in mode {mode_name(Mode.MANIPULATE)}: median {error.median:.2f} deg, "
             f"p95 {error.p95:.2f}, largest {error.largest:.2f}."
         )
     if analysis.recording is not None:
         turn += (
-            " The contacts are of a recording and do not follow the hand, so this shows the controller at "
-            "work, not how well it manipulates."
+            " The contacts come from a recording and do not follow the hand, so this shows that the "
+            "controller runs, not how well it manipulates."
         )
-    note = turn + " Modes and orientation error: the log replayed through the host's core. Torques: RPDO 1."
+    note = turn + " Modes and orientation error come from replaying the log through the host core, torques"
+    note += " from RPDO 1."
     changes = [(f"{c.time_s:.2f}", mode_name(c.mode), c.reason) for c in hand.changes[:MOST_MODE_CHANGES]]
     more = len(hand.changes) - len(changes)
     return (
@@ -225,7 +234,7 @@ def _traffic_table(summary: Summary) -> str:
     ]
     bus = summary.bus
     total = ("all", "", bus.frames, f"{bus.frames / bus.duration_s:.1f}", f"{bus.mean_percent:.3f}")
-    return _table(("identifier", "what", "frames", "frames/s", "load (%)"), [*rows, total])
+    return _table(("identifier", "service", "frames", "frames/s", "load (%)"), [*rows, total])
 
 
 def _commands(analysis: Analysis, folder: RunFolder) -> str:
@@ -242,16 +251,16 @@ def _commands(analysis: Analysis, folder: RunFolder) -> str:
         f"tshark -r {folder.path / 'bus.pcap'} -d can.subdissector,canopen",
     ]
     return (
-        _note("What ran, each line a process:")
+        _note("Processes of this run, one per line:")
         + _code(started)
-        + _note("Every figure again from the bus log and the truth, into report.html and run/summary.json:")
+        + _note("Compute all figures again from bus log and truth (writes report.html and run/summary.json):")
         + _code(again)
-        + _note("The log through the host's core, and for a foreign decoder:")
+        + _note("Replay the log through the host core; decode it with Wireshark:")
         + _code(checks)
     )
 
 
-def _spread(value: Distribution | None) -> tuple[str, str, str]:
+def _mean_median_p95(value: Distribution | None) -> tuple[str, str, str]:
     if value is None:
         return ABSENT, ABSENT, ABSENT
     mean, median, p95 = (f"{number:.2f}" for number in (value.mean, value.median, value.p95))

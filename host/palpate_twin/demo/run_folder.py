@@ -1,4 +1,4 @@
-"""The run folder: everything one run of the demo reads and writes, as the commands want it."""
+"""Run folder of the demo: paths and configuration files of one run."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from palpate_twin.demo.programme import TURNS_DEG
 MODEL = MODELS / "table4-wide.toml"
 SHARED_MEMORY = Path("/dev/shm")
 TWIN_KEYS = {
-    "start_pose_rad": "[0.0, 0.06, 1.509]",  # open by 4 mm: the hand closes on the object first
+    "start_pose_rad": "[0.0, 0.06, 1.509]",  # 4 mm away from the object: the hand has to grasp it first
     "rpy_deg": str(list(TURNS_DEG[0])),
 }
 TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
-"""Where the demo's hand differs from the packaged one, and what it has in [control] besides."""
-MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7), less the closing zero
+"""Keys in which the demo's hand.toml differs from the packaged one, and keys added to its [control]."""
+MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7) without the terminating zero
 
 _BUS_SECTION = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)
 
@@ -49,12 +49,12 @@ class RunFolder:
 
     @property
     def clock(self) -> Path:
-        """The time of the twin's hand."""
+        """File with the simulated time."""
         return self.path / "clock"
 
     @property
     def control_socket(self) -> Path:
-        """Where the host takes commands."""
+        """The host's control socket."""
         return self.path / "host.sock"
 
     @property
@@ -71,7 +71,7 @@ class RunFolder:
 
     @property
     def truth(self) -> Path:
-        """What the twin's hand and fingertips really did."""
+        """Folder with the true motion and the true contacts of the simulated hand."""
         return self.path / "truth"
 
     @property
@@ -80,12 +80,12 @@ class RunFolder:
 
     @property
     def sensors(self) -> Path:
-        """The twin's fingertips, kept from run to run."""
+        """Folder with the simulated fingertip sensors, kept between runs."""
         return self.path.parent / "sensors"
 
     @property
     def commands(self) -> Path:
-        """What was asked of the host over its control socket."""
+        """Commands that were sent to the host's control socket, as JSON lines."""
         return self.path / "commands.jsonl"
 
     @property
@@ -97,7 +97,7 @@ class RunFolder:
         return self.path / "view.svg"
 
     def ring(self, finger: str) -> Path:
-        """Where the twin writes a fingertip's frames: in memory, by a name of this folder's own."""
+        """Return the path of a fingertip's frame ring: in shared memory, named after this folder."""
         number = zlib.crc32(str(self.path).encode())
         return (SHARED_MEMORY if SHARED_MEMORY.is_dir() else self.path) / f"palpate-{number:08x}-{finger}"
 
@@ -105,29 +105,32 @@ class RunFolder:
         return self.path / f"{name}.toml"
 
     def hand(self) -> HandConfig:
-        """hand.toml as read back. Raises ConfigError."""
+        """Read hand.toml. Raises ConfigError."""
         return hand_config.load(self.hand_toml)
 
     def fingertips(self) -> tuple[FingertipConfig, ...]:
-        """Each fingertip's TOML as read back, in the hand's order. Raises ConfigError."""
+        """Read the TOML file of each fingertip, in the hand's order. Raises ConfigError."""
         return tuple(read_config(self.finger_toml(finger.name)) for finger in self.hand().fingers)
 
 
 def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFolder:
-    """An empty folder at `path` with hand.toml, its model and one TOML a fingertip.
+    """Create an empty folder at `path` with hand.toml and one TOML file per fingertip.
 
-    recording: holds press/ and one folder for each finger of the hand; None: the fingertips see the twin.
-    Raises ConfigError when it does not, or when `path` cannot be made.
+    recording: a folder with press/ and one folder per finger of the hand; None to use the twin's cameras.
+    Raises ConfigError if the recording is incomplete or `path` cannot be created.
     """
     folder = RunFolder(path.resolve())
     if len(str(folder.status_socket).encode()) > MAX_SOCKET_PATH_BYTES:
-        raise ConfigError(f"{folder.path}: too long a path for a Unix socket: give a shorter --output")
+        raise ConfigError(
+            f"{folder.path}: path too long for a Unix socket ({MAX_SOCKET_PATH_BYTES} bytes): "
+            "give a shorter --output"
+        )
     try:
         if path.exists():
             shutil.rmtree(path)
         path.mkdir(parents=True)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be made anew ({error.strerror}): give another --output") from error
+        raise ConfigError(f"{path}: cannot be replaced ({error.strerror}): give another --output") from error
     folder.hand_toml.write_text(_hand_toml(folder, bitrate, is_twin=recording is None), encoding="utf-8")
     hand = folder.hand()
     if recording is not None:
@@ -155,8 +158,8 @@ def _check_recording(recording: Path, hand: HandConfig) -> None:
     for part in ("press", *(finger.name for finger in hand.fingers)):
         if not (recording / part / "sensor.toml").is_file():
             raise ConfigError(
-                f"{recording / part}: no recording there (no sensor.toml): give the folder with press/ and "
-                "one folder a finger as --recording"
+                f"{recording / part}/sensor.toml: no such file: --recording needs a folder with press/ and "
+                "one folder per finger"
             )
 
 
@@ -167,11 +170,11 @@ def _bus_section(folder: RunFolder, bitrate: int, is_twin: bool) -> str:
 
 
 def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
-    """The packaged hand on this run's bus; with the twin, turning its object."""
+    """Return the packaged hand.toml with this run's bus and, for the twin, the demo's keys."""
     section = _bus_section(folder, bitrate, is_twin)
     text, count = _BUS_SECTION.subn(lambda _match: section, MODEL.read_text(encoding="utf-8"))
     if count != 1:
-        raise ConfigError(f"{MODEL}: has {count} [bus] sections: restore it, it must have one")
+        raise ConfigError(f"{MODEL}: {count} [bus] sections instead of one: reinstall palpate")
     if is_twin:
         for key, value in TWIN_KEYS.items():
             text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
@@ -180,5 +183,5 @@ def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
 
 
 def _quoted(value: Path | str) -> str:
-    """A TOML basic string: its escapes are those of JSON."""
+    """Return a TOML basic string; its escapes are those of JSON."""
     return json.dumps(str(value), ensure_ascii=False)

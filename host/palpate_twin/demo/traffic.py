@@ -1,4 +1,4 @@
-"""The load of a bus from its log: over time and for each identifier."""
+"""Compute the bus load of a log, over time and per identifier."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate_host.config.hand_config import HandConfig
 
 BIN_US = 100_000
 
-# CiA 301, predefined connection set: function by the identifier less the node id.
+# CiA 301, predefined connection set: function by identifier minus node id.
 _BROADCASTS = {0x000: "NMT", 0x080: "SYNC"}
 _FUNCTIONS = {
     0x080: "EMCY",
@@ -23,7 +23,7 @@ _FUNCTIONS = {
     0x400: "RPDO 3",
     0x480: "TPDO 4",
     0x500: "RPDO 4",
-    0x580: "SDO answer",
+    0x580: "SDO response",
     0x600: "SDO request",
     0x700: "heartbeat",
 }
@@ -31,7 +31,7 @@ _FUNCTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class IdLoad:
-    """One identifier. load_percent: of the bit rate over the whole log."""
+    """Load of one identifier. load_percent: share of the bit rate over the whole log."""
 
     can_id: int
     name: str
@@ -42,8 +42,11 @@ class IdLoad:
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """The whole log. bin_percent: load in each BIN_US from the first frame on, the last one cut short left
-    out; peak_percent: largest of them."""
+    """Load of the whole log.
+
+    bin_percent: load in each interval of BIN_US from the first frame, without the incomplete last one;
+    peak_percent: the largest of them.
+    """
 
     frames: int
     bits: int
@@ -55,7 +58,7 @@ class Traffic:
 
 
 def traffic(records: Sequence[LogRecord], bitrate: int, hand: HandConfig) -> Traffic:
-    """The load of `records`, which are in the order of time and at least two."""
+    """Return the load of `records`, at least two in the order of time."""
     begin_us = records[0].stamp_us
     duration_us = records[-1].stamp_us - begin_us
     bins = [0] * max(1, duration_us // BIN_US)
@@ -92,7 +95,7 @@ def traffic(records: Sequence[LogRecord], bitrate: int, hand: HandConfig) -> Tra
 
 
 def id_name(can_id: int, hand: HandConfig) -> str:
-    """Function and node of an identifier."""
+    """Return function and node of an identifier as text."""
     if can_id in _BROADCASTS:
         return _BROADCASTS[can_id]
     node = can_id & 0x7F

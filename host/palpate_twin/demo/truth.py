@@ -1,7 +1,7 @@
-"""Contacts of a bus log against what really touched.
+"""Compare the contacts of a bus log with the true contacts.
 
-A fingertip that plays a recording plays it in a loop, so frame `sequence` is row `sequence` modulo the
-recording's length of its truth.csv. The twin writes the truth of each frame that it renders.
+A fingertip plays a recording in a loop, so frame `sequence` belongs to row (`sequence` modulo length) of the
+recording's truth.csv. The twin writes the true contact of each frame that it renders.
 """
 
 from __future__ import annotations
@@ -26,82 +26,82 @@ from palpate_twin.demo.distribution import Distribution, distribution
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
-    """What was true of one frame. position_mm: on the dome, in F; None when nothing touched."""
+class TrueContact:
+    """True contact of one frame. position_mm: on the dome in frame F, None without contact."""
 
     position_mm: Vector3 | None
     normal_force_N: float
 
 
-TruthOf = Callable[[int], Touch | None]
-"""By the frame's sequence number; None for a frame that the truth does not know."""
+TruthOf = Callable[[int], TrueContact | None]
+"""Maps a sequence number to the true contact; None if the truth has no such frame."""
 
 
-def of_recording(presses: Sequence[Press]) -> TruthOf:
-    """The truth of a recording that is played in a loop."""
-    touches = [Touch(press.position_mm, press.normal_force_N) for press in presses]
-    return lambda sequence: touches[sequence % len(touches)]
+def truth_of_recording(presses: Sequence[Press]) -> TruthOf:
+    """Return the truth of a recording that is played in a loop."""
+    contacts = [TrueContact(press.position_mm, press.normal_force_N) for press in presses]
+    return lambda sequence: contacts[sequence % len(contacts)]
 
 
-def of_twin(path: Path) -> TruthOf:
-    """The truth that the twin's cameras wrote. Raises DatasetError when it is missing or damaged."""
+def truth_of_twin(path: Path) -> TruthOf:
+    """Read the truth written by the twin's cameras. Raises DatasetError if it is missing or damaged."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()[1:]
         rows = [line.split(",") for line in lines]
-        touches = {int(row[0]): _touch(row[2:]) for row in rows if len(row) == TWIN_COLUMNS}
+        contacts = {int(row[0]): _true_contact(row[2:]) for row in rows if len(row) == TWIN_COLUMNS}
     except (OSError, ValueError) as error:
         raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None
-    return touches.get
+    return contacts.get
 
 
 TWIN_COLUMNS = 8  # palpate_twin.camera.live.COLUMNS
 
 
-def _touch(cells: Sequence[str]) -> Touch:
-    """From x, y, z in mm, empty without contact, and the force on the dome in N."""
+def _true_contact(cells: Sequence[str]) -> TrueContact:
+    """Parse x, y, z in mm (empty without contact) and the force on the dome in N."""
     force_N = np.array([float(cell) for cell in cells[3:]])
     if not cells[0]:
-        return Touch(None, 0.0)
+        return TrueContact(None, 0.0)
     x, y, z = (float(cell) for cell in cells[:3])
     outward = np.array([x, y, z]) / math.hypot(x, y, z)
-    return Touch((x, y, z), max(0.0, float(-force_N @ outward)))
+    return TrueContact((x, y, z), max(0.0, float(-force_N @ outward)))
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """One published frame and what was true when it was exposed. sequence: without the wrap of 16 bits."""
+    """One published contact and the true one at its exposure. sequence: without the 16-bit wrap-around."""
 
     sequence: int
     contact: TipContact
-    truth: Touch
+    truth: TrueContact
 
     @property
     def latency_us(self) -> int:
-        """From exposure to TPDO 3 winning the bus, which ends the contact's transmission but for its bits."""
+        """Time from exposure to the arbitration of TPDO 3, the contact's last CAN frame."""
         return self.contact.received_at_us - self.contact.exposed_at_us
 
     @property
     def position_error_mm(self) -> float | None:
-        """None unless both the bus and the truth say contact."""
+        """Distance between published and true position; None unless both have a contact."""
         if not self.contact.in_contact or self.truth.position_mm is None:
             return None
         return math.dist(self.contact.position_mm, self.truth.position_mm)
 
     @property
     def force_error_N(self) -> float:
-        """Published normal force, 0 without contact, less the true one."""
+        """Published normal force (0 without contact) minus the true one."""
         published_N = self.contact.normal_force_N if self.contact.in_contact else 0.0
         return published_N - self.truth.normal_force_N
 
 
 @dataclass(frozen=True, slots=True)
 class FingerFigures:
-    """One fingertip's figures.
+    """Figures of one fingertip.
 
-    frames: contacts on the bus; dropped: gaps in their sequence; refused: not valid, left out of all errors;
-    incomplete: frames of which a TPDO is missing, doubled or late. contact_right_percent: valid frames whose
-    contact flag is the truth's. position_error_mm: where both say contact. force_rmse_N: over valid frames;
-    force_rmse_percent: of the largest true force.
+    frames: contacts on the bus. dropped: gaps in their sequence numbers. refused: rejected frames, excluded
+    from all errors. incomplete: frames with a missing, duplicate or late TPDO. contact_right_percent: share
+    of valid frames with the correct contact flag. position_error_mm: over frames in which both bus and truth
+    have a contact. force_rmse_N: over valid frames; force_rmse_percent: relative to the largest true force.
     """
 
     name: str
@@ -117,9 +117,9 @@ class FingerFigures:
 
 
 def read_pairs(records: Iterable[LogRecord], node_id: int, truth: TruthOf) -> tuple[list[Pair], int]:
-    """Every coherent contact of a node whose truth is known, and how many frames were not coherent.
+    """Return every complete contact of a node whose truth is known, and the number of incomplete frames.
 
-    Raises BusError for a TPDO that is not the EDS's.
+    Raises BusError for a TPDO that does not match the EDS.
     """
     tip = Fingertip(node_id, f"node 0x{node_id:02X}")
     boot_up_id, boot_up = HEARTBEAT_ID + node_id, bytes([NmtState.INITIALISING])
@@ -134,15 +134,15 @@ def read_pairs(records: Iterable[LogRecord], node_id: int, truth: TruthOf) -> tu
     sequences = unwrapped([contact.sequence for contact in contacts])
     counters = tip.counters
     pairs = [
-        Pair(sequence, contact, touch)
+        Pair(sequence, contact, true_contact)
         for sequence, contact in zip(sequences, contacts, strict=True)
-        if (touch := truth(sequence)) is not None
+        if (true_contact := truth(sequence)) is not None
     ]
     return pairs, counters.incomplete + counters.out_of_order + counters.duplicates + counters.late
 
 
 def unwrapped(sequences: Sequence[int]) -> list[int]:
-    """Sequence numbers of 16 bits, counted on beyond the wrap; the first is taken as it is."""
+    """Return 16-bit sequence numbers without their wrap-around; the first one stays as it is."""
     result = list(sequences[:1])
     for before, after in pairwise(sequences):
         result.append(result[-1] + (after - before) % SEQUENCE_WRAP)
@@ -150,9 +150,9 @@ def unwrapped(sequences: Sequence[int]) -> list[int]:
 
 
 def finger_figures(name: str, pairs: Sequence[Pair], incomplete: int) -> FingerFigures:
-    """The figures of one finger; see `FingerFigures`."""
+    """Return the figures of one finger."""
     valid = [pair for pair in pairs if pair.contact.valid]
-    right = sum(pair.contact.in_contact == (pair.truth.position_mm is not None) for pair in valid)
+    correct = sum(pair.contact.in_contact == (pair.truth.position_mm is not None) for pair in valid)
     errors_mm = [error for pair in valid if (error := pair.position_error_mm) is not None]
     rmse_N = math.sqrt(sum(pair.force_error_N**2 for pair in valid) / len(valid)) if valid else None
     largest_N = max((pair.truth.normal_force_N for pair in valid), default=0.0)
@@ -162,7 +162,7 @@ def finger_figures(name: str, pairs: Sequence[Pair], incomplete: int) -> FingerF
         dropped=sum(after.sequence - before.sequence - 1 for before, after in pairwise(pairs)),
         refused=len(pairs) - len(valid),
         incomplete=incomplete,
-        contact_right_percent=100.0 * right / len(valid) if valid else None,
+        contact_right_percent=100.0 * correct / len(valid) if valid else None,
         position_error_mm=distribution(errors_mm),
         force_rmse_N=rmse_N,
         force_rmse_percent=100.0 * rmse_N / largest_N if rmse_N is not None and largest_N else None,

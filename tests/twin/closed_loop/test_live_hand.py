@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -20,8 +21,8 @@ from palpate_twin.cli.hand import PACKAGED
 from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.closed_loop.live_hand import LiveHand
-from palpate_twin.demo.hand_motion import Moment
-from palpate_twin.demo.turn import turn_of
+from palpate_twin.demo.hand_motion import HostTick
+from palpate_twin.demo.turn import analyse_turns
 from palpate_twin.hand.film import draw_states, write_film
 from palpate_twin.hand.motion import MotionFile, TrueMotion, read_motion
 from palpate_twin.paper.trial import make_engine
@@ -117,8 +118,8 @@ def test_the_plain_camera_is_mujocos():
     assert view.pixel(np.array(camera.lookat)) == (160, 120)
 
 
-def test_turns_are_told_apart_by_what_was_asked():
-    """1 deg behind the target, slipping 1.1 mm in the second of two turns, at half the clock's time."""
+def test_turns_are_separated_by_their_commands():
+    """Two turns 1 deg behind the target at half the speed of real time; the second slips by 1.1 mm."""
     begin_us, tick_us = 1_700_000_000_000_000, 40_000
     roll_rad = np.radians([0.0, 5.0, 10.0, 10.0, 10.0, 5.0, 0.0, 0.0])
     stamps_us = begin_us + tick_us * np.arange(len(roll_rad))
@@ -126,8 +127,8 @@ def test_turns_are_told_apart_by_what_was_asked():
     def about_x(angles):
         return [rotation.exp(np.array([angle, 0.0, 0.0])) for angle in angles]
 
-    moments = [
-        Moment(int(stamp), Mode.MANIPULATE, "", 0.0, np.eye(3), R)
+    ticks = [
+        HostTick(int(stamp), Mode.MANIPULATE, "", 0.0, np.eye(3), R)
         for stamp, R in zip(stamps_us, about_x(roll_rad), strict=True)
     ]
     behind = roll_rad - np.radians(1.0) * (np.arange(len(roll_rad)) > 0)
@@ -139,14 +140,22 @@ def test_turns_are_told_apart_by_what_was_asked():
     motion = TrueMotion(
         stamps_us.astype(float), np.zeros(8), np.zeros((8, 9)), pose, slip_mm, force_N, 0.2 * force_N
     )
-    asked = [(begin_us, (10.0, 0.0, 0.0)), (begin_us + 4 * tick_us - 10, (-10.0, 0.0, 0.0))]
-    turned = turn_of(moments, motion, begin_us, asked)
+    requests = [(begin_us, (10.0, 0.0, 0.0)), (begin_us + 4 * tick_us - 10, (-10.0, 0.0, 0.0))]
+    turned = analyse_turns(ticks, motion, begin_us, requests)
     assert turned is not None
     there, back = turned[1].steps
-    assert (there.rpy_deg, back.rpy_deg) == (asked[0][1], asked[1][1])
+    assert (there.rpy_deg, back.rpy_deg) == (requests[0][1], requests[1][1])
     assert (there.begin_s, there.end_s, back.end_s) == pytest.approx((0.0, 0.16, 0.28))
     assert there.error_deg == pytest.approx(1.0) and back.error_deg == pytest.approx(1.0)
-    assert (there.verdict, back.verdict) == ("", "SLIPPED by more than 1 mm")
+    assert (there.name, there.outcome) == ("roll +10 deg", "reached within 1.00 deg, no slip (0.00 mm)")
+    slipped = "reached within 1.00 deg, SLIPPED by 1.10 mm (limit 1 mm)"
+    assert (back.name, back.outcome) == ("roll -10 deg", slipped)
+    missed = replace(back, error_deg=3.01, rpy_deg=(5.0, 0.0, -7.5), slip_mm=(0.0, 0.0, 0.0))
+    assert (missed.name, missed.outcome) == (
+        "roll +5, yaw -7.5 deg",
+        "MISSED by 3.01 deg (limit 3 deg), no slip (0.00 mm)",
+    )
+    assert (there.verdict, back.verdict, missed.verdict) == ("", "SLIPPED", "MISSED")
     assert (there.pace, turned[1].pace) == pytest.approx((0.5, 0.5))
     assert there.friction_ratio == pytest.approx(0.2)
 

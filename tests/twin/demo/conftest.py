@@ -1,4 +1,4 @@
-"""What the demo's tests share: hand-made TPDOs, the packaged hand, processes found by their arguments."""
+"""Fixtures of the demo's tests: hand-made TPDOs, the packaged hand, processes found by their arguments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def hand_config() -> HandConfig:
 
 @pytest.fixture(scope="session")
 def tpdos() -> Callable[..., list[LogRecord]]:
-    """TPDO 1 to 3 of one frame, packed by hand as the design of the bus says."""
+    """Return a function that packs TPDO 1 to 3 of one frame by hand, as docs/bus.md describes them."""
 
     def make(
         node_id: int,
@@ -56,7 +56,7 @@ def tpdos() -> Callable[..., list[LogRecord]]:
 
 @pytest.fixture(scope="session")
 def processes_of() -> Callable[[Path], dict[int, str]]:
-    """Running processes that name a file below a folder, by process id: their command lines."""
+    """Return a function that finds running processes whose command line contains a folder, by process id."""
 
     def find(folder: Path) -> dict[int, str]:
         found = {}
@@ -76,12 +76,12 @@ def processes_of() -> Callable[[Path], dict[int, str]]:
 
 @pytest.fixture(scope="session")
 def eventually() -> Callable[[Callable[[], object]], None]:
-    """Waits until something holds; fails after a time that no healthy machine needs."""
+    """Return a function that waits until a condition holds, and fails after 60 s."""
 
     def wait(condition: Callable[[], object]) -> None:
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < end_s, "waited in vain"
+            assert time.monotonic() < end_s, "timed out"
             time.sleep(0.02)
 
     return wait

@@ -1,4 +1,4 @@
-"""The whole demo as a person starts it: every process real, nothing left behind."""
+"""The whole demo as a user starts it: all processes are real, and none is left running."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def finished(arguments: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 class Links(HTMLParser):
-    """Collects what a page loads or runs."""
+    """Collects the targets and tags of everything that a page loads or runs."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ def check_report(path: Path, pictures: int, texts: tuple[str, ...]) -> None:
 
 
 def check_with_tshark(log: Path, folder: Path) -> None:
-    """A foreign decoder finds nothing malformed, and the TPDO 3 of every fingertip."""
+    """Wireshark's CANopen decoder finds no malformed frame, and the TPDO 3 of every fingertip."""
     tshark = shutil.which("tshark")
     if tshark is None:
         pytest.skip("tshark is missing: install the package tshark")
@@ -113,17 +113,17 @@ def check_common(summary: dict, run: subprocess.CompletedProcess[str]) -> None:
 
 
 def check_that_a_film_may_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a time limit that no film can keep the report says so, and holds all else."""
+    """If the film takes longer than its time limit, the report gives the reason and all other figures."""
     monkeypatch.setattr(demo_cli, "make_film", partial(make_film, timeout_s=0.2))
     again = CliRunner().invoke(demo_cli.demo, ["--report-only", "--output", str(tmp_path)])
     assert again.exit_code == 0, again.output
     why = "the film was not drawn within 0.2 s; to draw it: palpate-host simulate film"
     assert f"no film: {why}" in again.output
-    check_report(tmp_path / "report.html", len(FINGERS) + 4, (f"No film: {why}", "target to truth"))
+    check_report(tmp_path / "report.html", len(FINGERS) + 4, (f"No film: {why}", "error to target"))
 
 
 def test_the_closed_loop(tmp_path, processes_of):
-    """The hand grasps, turns the object by 30 deg in roll, and back: as the twin knows, not as it is felt."""
+    """The hand grasps, turns the object by 30 deg in roll, and back, by the twin's truth."""
     run = finished(command(tmp_path, "--duration", "9"))
     assert (run.returncode, run.stderr) == (0, "")
     assert processes_of(tmp_path) == {}
@@ -150,7 +150,7 @@ def test_the_closed_loop(tmp_path, processes_of):
         assert finger["position_error_mm"]["mean"] < 1
 
     report = tmp_path / "report.html"
-    texts = ("palpate-host simulate live", "palpate-host simulate film", "target to truth")
+    texts = ("palpate-host simulate live", "palpate-host simulate film", "error to target")
     check_report(report, len(FINGERS) + 6, texts)
     before = folder.summary.read_bytes()
     report.unlink()
@@ -162,7 +162,7 @@ def test_the_closed_loop(tmp_path, processes_of):
 
 
 def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
-    """The same demo on a virtual clock: a turn within its bound, and the same bytes a second time."""
+    """The same demo on simulated time: a turn within its limit, and the same bytes a second time."""
     kept = ("bus.log", "commands.jsonl", "summary.json", "truth/motion.csv", "truth/finger-2.csv")
     runs = []
     for _ in range(2):
@@ -174,12 +174,14 @@ def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     check_common(summary, run)
     (step,) = summary["turn"]["steps"]
+    reached = f"reached within {step['error_deg']:.2f} deg, no slip ({max(step['slip_mm']):.2f} mm)"
+    assert f"roll +30 deg: {reached}\nsimulation speed: 1.00 of real time\n" in run.stdout
     assert step["rpy_deg"] == [30, 0, 0]
     assert step["error_deg"] < 3
     assert max(step["slip_mm"]) < 0.1
     assert step["pace"] == 1
     assert all(finger["dropped"] == 0 for finger in summary["fingers"])
-    texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "target to truth")
+    texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "error to target")
     check_report(tmp_path / "report.html", len(FINGERS) + 6, texts)
     check_with_tshark(tmp_path / "run" / "bus.log", tmp_path)
     check_that_a_film_may_fail(tmp_path, monkeypatch)
@@ -199,7 +201,7 @@ def test_recorded_contacts(tmp_path, processes_of):
 
 @pytest.fixture
 def operating_demo(tmp_path, made_fingertips):
-    """A demo that shows its first line, hence operates; killed at the end if it is still there."""
+    """Start a demo and wait for its first status line; kill it at the end if it still runs."""
     with subprocess.Popen(
         command(tmp_path, "--duration", "600"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as demo:
@@ -215,10 +217,10 @@ def test_a_dying_fingertip_ends_the_demo_and_is_named(tmp_path, operating_demo, 
     running = processes_of(tmp_path)
     (victim,) = (pid for pid, line in running.items() if "palpate_edge" in line and "finger-2.toml" in line)
     os.kill(victim, signal.SIGKILL)
-    _, said = operating_demo.communicate(timeout=TIMEOUT_S)
+    _, stderr = operating_demo.communicate(timeout=TIMEOUT_S)
     assert operating_demo.returncode not in (0, None)
-    assert said.startswith("error: finger-2 ended early (signal 9): finger-2: node 0x11")
-    assert len(said.splitlines()) == 1
+    assert stderr.startswith("error: finger-2 ended early (signal 9): finger-2: node 0x11")
+    assert len(stderr.splitlines()) == 1
     assert processes_of(tmp_path) == {}
     assert list(tmp_path.rglob("*.sock")) == []
 
@@ -226,19 +228,19 @@ def test_a_dying_fingertip_ends_the_demo_and_is_named(tmp_path, operating_demo, 
 def test_a_dying_hub_is_named_and_not_those_that_miss_it(tmp_path, operating_demo, processes_of):
     (victim,) = (pid for pid, line in processes_of(tmp_path).items() if "bus hub" in line)
     os.kill(victim, signal.SIGKILL)
-    _, said = operating_demo.communicate(timeout=TIMEOUT_S)
-    assert said.startswith("error: hub ended early (signal 9)")
+    _, stderr = operating_demo.communicate(timeout=TIMEOUT_S)
+    assert stderr.startswith("error: hub ended early (signal 9)")
     assert operating_demo.returncode not in (0, None)
     assert processes_of(tmp_path) == {}
 
 
 def test_ctrl_c_stops_everything(tmp_path, operating_demo, processes_of):
     operating_demo.send_signal(signal.SIGINT)
-    _, said = operating_demo.communicate(timeout=TIMEOUT_S)
-    assert (operating_demo.returncode, said) == (130, "")
+    _, stderr = operating_demo.communicate(timeout=TIMEOUT_S)
+    assert (operating_demo.returncode, stderr) == (130, "")
     assert processes_of(tmp_path) == {}
     assert list(tmp_path.rglob("*.sock")) == []
-    # The log is whole: the drives were stopped before the bus went (CiA 301, NMT stop: 02h, node).
+    # The log is complete: the drives were stopped before the bus (CiA 301, NMT stop: 02h, node).
     stops = {
         r.frame.data[1]
         for r in read_log(tmp_path / "run" / "bus.log").records

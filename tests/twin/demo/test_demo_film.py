@@ -1,4 +1,4 @@
-"""The film of a run: of bounded length, and nothing that a run's report depends on."""
+"""The film of a run: its length is limited, and the report of a run does not depend on it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROW_S = PERIOD_US / 1e6
 
 
 def write_motion(path: Path, seconds: float, still_s: float = 0.0) -> None:
-    """The packaged hand's first joint goes at 0.1 rad/s from `still_s` on."""
+    """Write a motion in which the packaged hand's first joint moves at 0.1 rad/s from `still_s` on."""
     config, _ = load_hand(MODEL)
     engine = make_engine(config, "eqs")
     at = engine.twin.q_address[0]
@@ -35,7 +35,7 @@ def write_motion(path: Path, seconds: float, still_s: float = 0.0) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunFolder:
-    """A run that moved for 3 s."""
+    """Return the folder of a run that moved for 3 s."""
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     folder = RunFolder(tmp_path)
     folder.truth.mkdir()
@@ -73,7 +73,7 @@ def test_the_command_says_what_it_leaves_out(folder, options, pictures, said):
 def test_the_demo_tells_how_its_film_was_drawn(folder):
     made = make_film(folder)
     assert made.is_there
-    assert made.told.startswith("30 pictures, drawn ")
+    assert made.description.startswith("30 pictures, drawn ")
     assert folder.film.read_bytes()[8:12] == b"WEBP"
     assert folder.film.with_suffix(".png").is_file()
 
@@ -83,7 +83,7 @@ def test_a_film_that_takes_too_long_is_none_and_its_command_makes_it(folder):
     made = make_film(folder, timeout_s=0.2)  # a Python alone takes longer
     assert not made.is_there
     assert not folder.film.exists()
-    why, _, command = made.told.partition("; to draw it: palpate-host simulate film ")
+    why, _, command = made.description.partition("; to draw it: palpate-host simulate film ")
     assert why == "the film was not drawn within 0.2 s"
     done = CliRunner().invoke(film, [*shlex.split(command), "--plain"])
     assert done.exit_code == 0, done.output
@@ -96,5 +96,5 @@ def test_a_film_that_cannot_be_drawn_is_none_and_says_why(folder):
         read_motion(folder.motion)
     made = make_film(folder)
     assert not made.is_there
-    assert f"the film could not be drawn: error: {expected.value}" in made.told
-    assert made.told.endswith(film_command(folder))
+    assert f"the film could not be drawn: error: {expected.value}" in made.description
+    assert made.description.endswith(film_command(folder))

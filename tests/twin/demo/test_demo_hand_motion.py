@@ -1,4 +1,4 @@
-"""Modes, orientation error and torques read back from a log, against the host that made the log."""
+"""Modes, orientation error and torques reconstructed from a log, against the host that made the log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TICK_S = 0.01
 
 @pytest.fixture(scope="module")
 def stopped_hand():
-    """Two fingers touched all the time, finger 3 let go for 0.3 s; then the operator stops."""
+    """Run a hand with two fingers in contact and finger 3 without for 0.3 s; then the operator stops it."""
     name = "palpate_virtual_bench"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, BENCH)

@@ -1,4 +1,4 @@
-"""The live view as text, at the sizes it promises."""
+"""The live view as text, at the supported window sizes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.console import Console
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import Counters, FingerStatus, HostStatus, JointStatus
 from palpate_twin.demo.dome_map import CONTACT_DOT, dome_map
-from palpate_twin.demo.live_view import Scale, plain_line, render
+from palpate_twin.demo.live_view import ViewScale, plain_line, render
 from palpate_twin.demo.monitor import MonitorSample
 
 FREE = FingerStatus(
@@ -68,21 +68,21 @@ STATUS = HostStatus(
     last_emergency="",
     counters=Counters(),
 )
-SIGHT = MonitorSample(STATUS, (None, 15_432.0, 15_000.0), 0.2345)
-SCALE = Scale(
+SAMPLE = MonitorSample(STATUS, (None, 15_432.0, 15_000.0), 0.2345)
+SCALE = ViewScale(
     duration_s=20.0, bitrate=1_000_000, dome_radius_mm=30.0, force_N=2.5, torque_limit_Nm=(0.5,) * 9
 )
 
 
-def draw(sight, width, height):
+def draw(sample, width, height):
     console = Console(width=width, height=height, record=True, force_terminal=True, file=StringIO())
-    console.print(render(sight, SCALE, 4.2), height=height, end="")
+    console.print(render(sample, SCALE, 4.2), height=height, end="")
     return console.export_text()
 
 
 @pytest.mark.parametrize(("width", "height"), [(100, 30), (80, 24), (160, 50)])
 def test_everything_is_there_and_fits(width, height):
-    text = draw(SIGHT, width, height)
+    text = draw(SAMPLE, width, height)
     lines = text.splitlines()
     assert len(lines) == height
     assert {len(line) for line in lines} == {width}
@@ -91,12 +91,12 @@ def test_everything_is_there_and_fits(width, height):
         "finger-1: no contact",
         "finger-1: free",
         "finger-2: contact",
-        "finger-3: refused",
+        "finger-3: rejected",
         "-12.3 +5.0 +26.9 mm",
         "1.25 N",
-        "30/s, 15.4 ms to bus",
+        "30 fps, latency 15.4 ms",
         "quality 50%, age 12 ms",
-        "bus 23.4% of 1000 kbit/s",
+        "bus load 23.4% of 1000 kbit/s",
         "3.14 deg",
         "limit 0.5 N m",
         "+0.50",
@@ -107,7 +107,7 @@ def test_everything_is_there_and_fits(width, height):
 
 
 def test_a_torque_at_its_limit_fills_its_half_of_the_bar():
-    rows = [line for line in draw(SIGHT, 100, 30).splitlines() if "+0.50" in line]
+    rows = [line for line in draw(SAMPLE, 100, 30).splitlines() if "+0.50" in line]
     bar = rows[0].partition("[")[2].partition("]")[0]
     left, _, right = bar.partition("│")
     assert left.strip() == ""
@@ -115,7 +115,7 @@ def test_a_torque_at_its_limit_fills_its_half_of_the_bar():
 
 
 def test_a_negative_torque_goes_to_the_left_by_its_share():
-    rows = [line for line in draw(SIGHT, 160, 50).splitlines() if "-0.25" in line]
+    rows = [line for line in draw(SAMPLE, 160, 50).splitlines() if "-0.25" in line]
     left, _, right = rows[0].partition("[")[2].partition("]")[0].partition("│")
     assert right.strip() == ""
     assert left.count("━") + 0.5 * left.count("╺") == pytest.approx(len(left) / 2, abs=0.5)
@@ -125,27 +125,32 @@ def test_before_the_first_status_and_in_a_tiny_window():
     nothing = MonitorSample(None, (None, None, None), None)
     assert "waiting for the host" in draw(nothing, 80, 24)
     assert "starting" in plain_line(nothing, 0.0)
-    draw(SIGHT, 40, 10)
+    draw(SAMPLE, 40, 10)
 
 
 def test_the_law_with_contacts_is_called_as_in_the_paper():
-    sight = replace(SIGHT, status=replace(STATUS, mode=Mode.MANIPULATE, reason="every finger in contact"))
-    assert "PROPOSED" in draw(sight, 80, 24)
+    sample = replace(SAMPLE, status=replace(STATUS, mode=Mode.MANIPULATE, reason="every finger in contact"))
+    assert "PROPOSED" in draw(sample, 80, 24)
 
 
 def test_plain_line_is_one_line_with_every_finger():
-    line = plain_line(SIGHT, 4.2)
+    line = plain_line(SAMPLE, 4.2)
     assert "\n" not in line
     for shown in (
         "4.2 s",
         "BLIND",
-        "finger-1 0.00 N",
-        "finger-2 1.25 N",
-        "15.4 ms",
-        "finger-3 refused",
-        "23.4%",
+        "finger-1 0.00 N, 30 fps |",
+        "finger-2 1.25 N, 30 fps, 15.4 ms |",
+        "finger-3 rejected",
+        "bus load 23.4%",
     ):
         assert shown in line
+
+
+def test_values_that_lock_step_does_not_measure_are_left_out_of_the_line():
+    line = plain_line(MonitorSample(STATUS, (None, None, None), None), 4.2)
+    assert "bus load" not in line
+    assert " ms" not in line.partition("|")[2]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Processes that die, that end with an error, and that must not outlive their parent; all of them hubs."""
+"""Processes that die, end with an error, or that must not outlive their parent. All of them are hubs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def folder(tmp_path, processes_of):
 
 
 def is_listening(folder, name="hub"):
-    """The hub says so once its signal handlers are in place; its socket is there a moment earlier."""
+    """Return whether the hub has installed its signal handlers, shown by a line on stderr."""
     path = folder / f"{name}.stderr"
     return path.exists() and "listening" in path.read_text()
 
@@ -70,7 +70,7 @@ def test_the_first_to_be_started_is_blamed(folder, eventually):
             child.process.kill()
             child.process.wait()
         with pytest.raises(DemoError, match=r"^one ended early"):
-            children.blame()
+            children.find_cause()
 
 
 def test_stopping_ends_the_named_and_keeps_the_others(folder, eventually):

@@ -1,4 +1,4 @@
-"""The run folder's files, and what is refused before anything starts."""
+"""Files of the run folder, and configurations that are rejected before anything starts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_the_hand_is_the_packaged_one_on_this_runs_bus(tmp_path):
     packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
     bus = {"interface": "palpate", "channel": str(folder.hub_socket), "bitrate": 500_000}
     assert written == packaged | {"bus": bus}
-    assert "geometry" in written  # whole in itself: no file beside it
+    assert "geometry" in written  # no further model file is needed
 
 
 def test_every_finger_plays_its_recording_on_its_node(tmp_path):
@@ -45,13 +45,13 @@ def test_the_last_run_is_gone(tmp_path):
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"press: no recording there .* --recording"):
+    with pytest.raises(ConfigError, match=r"press/sensor.toml: no such file: --recording needs"):
         make_run_folder(tmp_path / "run", tmp_path, 1_000_000)
 
 
 def test_a_path_too_long_for_a_socket_is_refused_before_anything_is_made(tmp_path):
     path = tmp_path / ("x" * 108)
-    with pytest.raises(ConfigError, match=r"too long .* --output"):
+    with pytest.raises(ConfigError, match=r"path too long .* give a shorter --output"):
         make_run_folder(path, RECORDING, 1_000_000)
     assert not path.exists()
 

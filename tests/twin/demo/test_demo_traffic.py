@@ -45,7 +45,7 @@ def test_identifiers_add_up_to_the_bus(hand_config):
         (0x291, "TPDO 2"),
         (0x392, "TPDO 3"),
         (0x490, "TPDO 4"),
-        (0x581, "SDO answer"),
+        (0x581, "SDO response"),
         (0x601, "SDO request"),
         (0x77F, "heartbeat"),
     ],
@@ -55,7 +55,7 @@ def test_names_are_those_of_the_predefined_connection_set(hand_config, can_id, f
     assert id_name(can_id, hand_config).startswith(function)
 
 
-def test_names_say_who(hand_config):
+def test_names_contain_the_node(hand_config):
     assert "finger-2" in id_name(0x191, hand_config)
     assert "curl_1" in id_name(0x203, hand_config)
     assert id_name(0x77F, hand_config).endswith("host")

@@ -1,4 +1,4 @@
-"""Contacts of a hand-made log against a hand-made truth: every expected figure is worked out on paper."""
+"""Contacts of a hand-made log against a hand-made truth; expected figures are computed by hand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import Press
 from palpate_twin.demo.distribution import distribution
-from palpate_twin.demo.truth import finger_figures, of_recording, of_twin, read_pairs, unwrapped
+from palpate_twin.demo.truth import finger_figures, read_pairs, truth_of_recording, truth_of_twin, unwrapped
 
 NODE = 0x11
 CONTACT, VALID = 1, 4
@@ -32,7 +32,7 @@ def test_latency_is_from_the_exposure_to_the_stamp_of_tpdo_3(tpdos):
     for number, latency_us in enumerate((10_000, 20_000, 60_000)):
         exposed_us = START_US + number * PERIOD_US * 2
         records += tpdos(NODE, exposed_us + latency_us, exposed_us, number)
-    pairs, incomplete = read_pairs(records, NODE, of_recording([press()]))
+    pairs, incomplete = read_pairs(records, NODE, truth_of_recording([press()]))
     assert [pair.latency_us for pair in pairs] == [10_000, 20_000, 60_000]
     latency = finger_figures("f", pairs, incomplete).latency_us
     assert (latency.count, latency.mean, latency.median, latency.largest) == (3, 30_000, 20_000, 60_000)
@@ -40,7 +40,7 @@ def test_latency_is_from_the_exposure_to_the_stamp_of_tpdo_3(tpdos):
 
 def test_latency_survives_the_wrap_of_the_bus_clock(tpdos):
     exposed_us = (START_US // 2**32 + 1) * 2**32 - 5
-    pairs, _ = read_pairs(tpdos(NODE, exposed_us + 7_000, exposed_us, 0), NODE, of_recording([press()]))
+    pairs, _ = read_pairs(tpdos(NODE, exposed_us + 7_000, exposed_us, 0), NODE, truth_of_recording([press()]))
     assert [pair.latency_us for pair in pairs] == [7_000]
 
 
@@ -51,7 +51,7 @@ def test_a_frame_is_paired_with_its_row_of_the_looped_recording(tpdos):
     for count, sequence in enumerate(sequences):
         at_us = START_US + count * PERIOD_US
         records += tpdos(NODE, at_us + 9_000, at_us, sequence)
-    pairs, _ = read_pairs(records, NODE, of_recording(truth))
+    pairs, _ = read_pairs(records, NODE, truth_of_recording(truth))
     assert [pair.truth.position_mm[0] for pair in pairs] == [3, 4, 0, 2, 2]
     assert finger_figures("f", pairs, 0).dropped == 1 + 4
 
@@ -62,7 +62,7 @@ def test_the_pairing_goes_on_beyond_the_wrap_of_the_sequence(tpdos):
     for count, sequence in enumerate((65_534, 65_535, 0, 1)):
         at_us = START_US + count * PERIOD_US
         records += tpdos(NODE, at_us + 9_000, at_us, sequence)
-    pairs, _ = read_pairs(records, NODE, of_recording(truth))
+    pairs, _ = read_pairs(records, NODE, truth_of_recording(truth))
     # 65534 = 273 * 240 + 14, and row 16 follows row 15 although the 16 bits start over
     assert [pair.truth.position_mm[0] for pair in pairs] == [14, 15, 16, 17]
     assert finger_figures("f", pairs, 0).dropped == 0
@@ -81,7 +81,7 @@ def test_errors_flags_and_refusals(tpdos):
     for sequence, (position_mm, normal_N, flags) in enumerate(published):
         at_us = START_US + sequence * PERIOD_US
         records += tpdos(NODE, at_us + 9_000, at_us, sequence, position_mm, normal_N, flags)
-    figures = finger_figures("f", *read_pairs(records, NODE, of_recording(truth)))
+    figures = finger_figures("f", *read_pairs(records, NODE, truth_of_recording(truth)))
     assert (figures.frames, figures.dropped, figures.refused, figures.incomplete) == (5, 0, 1, 0)
     assert figures.contact_right_percent == pytest.approx(75.0)
     assert figures.position_error_mm.count == 2
@@ -95,7 +95,7 @@ def test_parts_that_make_no_frame_are_counted_and_other_nodes_left_out(tpdos):
     records += tpdos(NODE, START_US + 42_000, START_US + PERIOD_US, 1)[:2]  # its TPDO 3 is lost
     records += tpdos(NODE + 1, START_US + 50_000, START_US + PERIOD_US, 77)
     records += tpdos(NODE, START_US + 75_000, START_US + 2 * PERIOD_US, 2)
-    pairs, incomplete = read_pairs(records, NODE, of_recording([press()]))
+    pairs, incomplete = read_pairs(records, NODE, truth_of_recording([press()]))
     assert [pair.sequence for pair in pairs] == [0, 2]
     assert incomplete == 1
 
@@ -104,7 +104,7 @@ def test_a_node_that_boots_anew_begins_a_new_sequence(tpdos):
     records = tpdos(NODE, START_US + 9_000, START_US, 500)
     records.append(LogRecord(START_US + 20_000, CanFrame(0x700 + NODE, struct.pack("B", 0))))
     records += tpdos(NODE, START_US + 42_000, START_US + PERIOD_US, 0)
-    pairs, incomplete = read_pairs(records, NODE, of_recording([press()]))
+    pairs, incomplete = read_pairs(records, NODE, truth_of_recording([press()]))
     assert [pair.contact.sequence for pair in pairs] == [500, 0]
     assert incomplete == 0
 
@@ -133,7 +133,7 @@ def test_percentiles_are_those_of_the_standard_library(values):
 
 
 def test_the_twins_truth_goes_by_the_sequence_number(tpdos, tmp_path):
-    """A line that a sudden end cut short, and a frame that nobody rendered, are no truth."""
+    """A truncated line and a frame that was not rendered are left out of the truth."""
     path = tmp_path / "finger.csv"
     rows = ["sequence,exposed_at_us,x_mm,y_mm,z_mm,fx_N,fy_N,fz_N"]
     rows += ["0,1000,,,,0.0,0.0,0.0", "2,3000,0.0,18.0,24.0,0.0,-0.6,-0.8", "3,40"]
@@ -142,7 +142,7 @@ def test_the_twins_truth_goes_by_the_sequence_number(tpdos, tmp_path):
     for sequence in (0, 1, 2, 3):
         at_us = START_US + sequence * PERIOD_US
         records += tpdos(NODE, at_us + 9_000, at_us, sequence, (0.0, 18.0, 21.0), 1.5, VALID | CONTACT)
-    pairs, incomplete = read_pairs(records, NODE, of_twin(path))
+    pairs, incomplete = read_pairs(records, NODE, truth_of_twin(path))
     assert ([pair.sequence for pair in pairs], incomplete) == ([0, 2], 0)
     assert pairs[0].truth.position_mm is None
     assert pairs[1].position_error_mm == pytest.approx(3.0)
@@ -152,4 +152,4 @@ def test_the_twins_truth_goes_by_the_sequence_number(tpdos, tmp_path):
 
 def test_a_truth_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"finger.csv cannot be read .*run the demo again"):
-        of_twin(tmp_path / "finger.csv")
+        truth_of_twin(tmp_path / "finger.csv")
