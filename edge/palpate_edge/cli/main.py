@@ -186,10 +186,13 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
 @click.option("--config", "config_path", type=INPUT, required=True, help="The fingertip's TOML file.")
 def run(config_path: Path) -> None:
     """Run the fingertip's daemon: frames in, contact and force on the bus, until SIGTERM or Ctrl-C."""
+    from palpate_edge.common.logs import logging_to_stderr  # noqa: PLC0415
     from palpate_edge.daemon.config import read_config  # noqa: PLC0415
     from palpate_edge.daemon.daemon import run as serve  # noqa: PLC0415
 
-    serve(read_config(config_path), lambda line: click.echo(line, err=True))
+    config = read_config(config_path)
+    with logging_to_stderr(config.name):
+        serve(config)
 
 
 cli.add_command(inspect)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 
 import click
 
 from palpate_edge.common.errors import PalpateError
+from palpate_edge.common.logs import with_priority
 
 
 def run_cli(command: click.Command) -> None:
@@ -21,5 +23,5 @@ def run_cli(command: click.Command) -> None:
     try:
         command.main(standalone_mode=True)
     except PalpateError as error:
-        click.echo(f"error: {error}", err=True)
+        click.echo(with_priority(f"error: {error}", logging.ERROR, sys.stderr), err=True)
         sys.exit(error.exit_status)

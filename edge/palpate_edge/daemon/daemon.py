@@ -1,12 +1,13 @@
-"""The fingertip's process: capture -> estimate -> node -> bus, until told to stop.
+"""The fingertip's process: capture frames, estimate contacts, publish them on the bus, until it is stopped.
 
-Two threads: pixels (pixel_thread.py) and this one, which waits for the bus, the pixels and what is due. What
-it decides is in fingertip_core.py; here are the clock, the descriptors, systemd and the health file.
+Two threads: the capture thread (capture_thread.py) and this one, which waits for the bus, for contacts and
+for deadlines. fingertip_core.py decides; this module holds the clock, descriptors, signals and systemd.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import selectors
 import signal
 import threading
@@ -18,7 +19,7 @@ import cv2
 
 from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
-from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
+from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, ReconnectingBus
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import CaptureError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
@@ -29,11 +30,10 @@ from palpate_edge.daemon.capture_factory import open_source
 from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
-from palpate_edge.daemon.health import HealthFile, health_path
-from palpate_edge.daemon.health_report import health_report
+from palpate_edge.daemon.health_report import FingertipParts
+from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.daemon.recording_control import RecordingControl
-from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightController
@@ -49,50 +49,51 @@ from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health, MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5
-HEALTH_EVERY_US = 1_000_000
 METHOD_CODES = {Method.PAPER: MethodCode.PAPER, Method.CORRECTED: MethodCode.CORRECTED}
 
-Report = Callable[[str], None]
+_fingertip_log = logging.getLogger("palpate.fingertip")
+_camera_log = logging.getLogger("palpate.camera")
+_bus_log = logging.getLogger("palpate.bus")
+_parameters_log = logging.getLogger("palpate.parameters")
 
 
-def run(
-    config: FingertipConfig, report: Report = lambda _line: None, clock: LocalClock | None = None
-) -> None:
-    """Run one fingertip until SIGTERM, SIGINT or the end of a recording.
+def run(config: FingertipConfig, clock: LocalClock | None = None) -> None:
+    """Run one fingertip until SIGTERM, SIGINT or the end of a recording; log to ``palpate.*``.
 
-    A camera or a bus that is lost while it runs is opened again. Raises ConfigError, CalibrationError,
-    DatasetError, CaptureError or BusError for what cannot be used, BusError when another node has our id.
+    A camera or a bus that is lost meanwhile is reopened. Raises ConfigError, CalibrationError, DatasetError,
+    CaptureError or BusError for what cannot be used, BusError also when another node has this node's id.
     """
     cv2.setNumThreads(1)
     clock = clock or clock_of(config.bus)
     with ExitStack() as stack:
         notifier = stack.enter_context(closing(Notifier()))
-        daemon = _Daemon(config, report, clock, notifier, stack)
+        daemon = _Daemon(config, clock, notifier, stack)
         stopped = stack.enter_context(stop_event())
-        stack.enter_context(called_by_signals(daemon.calls()))
+        stack.enter_context(called_by_signals(daemon.signal_handlers()))
         stack.enter_context(long_lived())
-        report(f"{config.name}: node 0x{config.node.id:02X} on {config.bus.interface}")
-        notifier.ready(f"node 0x{config.node.id:02X} on {config.bus.interface}")
+        started = f"node 0x{config.node.id:02X} on {config.bus.interface}"
+        _fingertip_log.info(started)
+        notifier.ready(started)
         try:
             daemon.serve(stopped)
         finally:
             notifier.stopping()
-    report(daemon.summary())
+    _fingertip_log.info(daemon.summary())
 
 
 class _Daemon:
-    """What `run` holds open; all of it is closed by `stack`, in the reverse order."""
+    """The parts that `run` holds open; `stack` closes them in reverse order."""
 
     def __init__(
-        self, config: FingertipConfig, report: Report, clock: LocalClock, notifier: Notifier, stack: ExitStack
+        self, config: FingertipConfig, clock: LocalClock, notifier: Notifier, stack: ExitStack
     ) -> None:
-        self._config, self._report, self._clock, self._notifier = config, report, clock, notifier
+        self._clock, self._notifier = clock, notifier
         calibration = load_calibration(Path(config.estimator.calibration))
         chosen = config.estimator.method
         estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
-        source = open_source(config, calibration, clock, report)
-        self.recording = stack.enter_context(closing(RecordingControl(config.record, self._say)))
-        self._pixels = stack.enter_context(closing(CaptureThread(source, estimator, self.recording.offer)))
+        source = open_source(config, calibration, clock, _camera_log.warning)
+        self._recording = stack.enter_context(closing(RecordingControl(config.record)))
+        self._capture = stack.enter_context(closing(CaptureThread(source, estimator, self._recording.offer)))
         self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         self._node = FingertipNode(
             config.node.id,
@@ -107,167 +108,153 @@ class _Daemon:
         if self._light is not None:
             stack.callback(self._light.close)
         accept_ids = self._node.slave.accept_ids
-        self._link = ReconnectingBus(lambda: open_bus(config.bus, config.name, accept_ids()))
-        stack.callback(self._link.close)
+        self._bus = ReconnectingBus(lambda: open_bus(config.bus, config.name, accept_ids()))
+        stack.callback(self._bus.close)
         self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
         self._gate = WatchdogGate(notifier.watchdog_us)
-        self._fps = config.capture.camera.fps or calibration.sensor.camera.fps
-        path = health_path(config.name, config.health)
-        self._health_file = stack.enter_context(closing(HealthFile(path, self._say)))
-        self._health_at_us = 0
-        self._dropped_frames, self._dropped_pdos = DroppedFrames(), SlidingWindow()
-        self._said_of_camera = ""
+        parts = FingertipParts(
+            config=config,
+            core=self._core,
+            bus=self._bus,
+            capture=self._capture,
+            recording=self._recording,
+            light=self._light,
+            wanted_fps=config.capture.camera.fps or calibration.sensor.camera.fps,
+        )
+        self._reporter = stack.enter_context(closing(HealthReporter(parts, notifier)))
+        self._camera_problem = ""
 
-    def calls(self) -> dict[signal.Signals, Callable[[], None]]:
-        """What a person may ask of it: `palpate-edge record` and `identify` send these signals."""
+    def signal_handlers(self) -> dict[signal.Signals, Callable[[], None]]:
+        """Return the handlers of the signals that `palpate-edge record` and `identify` send."""
         return {
-            RECORD: lambda: self.recording.request(True),
-            RECORD_NO_MORE: lambda: self.recording.request(False),
+            RECORD: lambda: self._recording.request(True),
+            RECORD_NO_MORE: lambda: self._recording.request(False),
             IDENTIFY: self._light.blink if self._light is not None else lambda: None,
         }
 
     def serve(self, stopped: threading.Event) -> None:
-        """The bus loop."""
-        self._pixels.start()
+        """Run the bus loop until `stopped` is set or the recording has ended; then withdraw the contact."""
+        self._capture.start()
         if self._light is not None:
             self._light.start()
         with selectors.DefaultSelector() as selector:
-            selector.register(self._pixels.fileno(), selectors.EVENT_READ)
-            on_bus: tuple[int, int] | None = None
+            selector.register(self._capture.fileno(), selectors.EVENT_READ)
+            registered: Descriptor | None = None
             due_us = self._clock.now_us()
-            while not stopped.is_set() and not self._pixels.finished:
-                on_bus = _follow(selector, on_bus, self._link.descriptor())
+            while not stopped.is_set() and not self._capture.finished:
+                registered = _register(selector, registered, self._bus.descriptor())
                 wait_s = (due_us - self._clock.now_us()) / 1e6
                 selector.select(min(LONGEST_WAIT_S, max(0.0, wait_s)))
-                due_us = self._turn()
+                due_us = self._run_once()
         now_us = self._clock.now_us()
         self._core.stop(now_us)
-        self._link.send(now_us, self._core.poll(now_us).frames_out)
+        self._bus.send(now_us, self._core.poll(now_us).frames_out)
 
     def summary(self) -> str:
-        health = self._pixels.estimator.health
+        """Return the counters of this run as one line for the log."""
+        health = self._capture.estimator.health
         return (
-            f"{self._config.name}: {health.frames} frames, {self._pixels.source.dropped} dropped, "
+            f"{health.frames} frames, {self._capture.source.dropped} dropped, "
             f"{health.refused} refused, {health.beads_lost} beads lost, "
             f"{health.searches} whole-image searches, {health.drift_px:.2f} px drift"
         )
 
-    def _turn(self) -> int:
-        """One turn of the loop; returns when the next is due at the latest."""
-        core, link, clock = self._core, self._link, self._clock
-        self._take_pixels()
-        link.poll(clock.now_us())
-        frames = link.receive(clock.now_us())
+    def _run_once(self) -> int:
+        """Serve capture, bus and deadlines once; return the local time in us of the next deadline."""
+        core, bus, clock = self._core, self._bus, self._clock
+        self._publish_contacts()
+        bus.poll(clock.now_us())
+        frames = bus.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
-        for change in link.changes():
-            self._say(f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
+        for change in bus.changes():
+            _log_bus_change(change)
             core.bus_state_changed(change)
-        core.error_passive(link.error_passive)
-        self._see_to_light()
+        core.error_passive(bus.error_passive)
+        self._update_light()
         now_us = clock.now_us()
         step = core.poll(now_us)
-        link.send(now_us, step.frames_out)
-        self._see_to(step.events)
-        if self._gate.may_feed(now_us, core.monitor.frames, link.sent + link.received):
+        bus.send(now_us, step.frames_out)
+        self._handle_events(step.events)
+        if self._gate.may_feed(now_us, core.monitor.frames, bus.sent + bus.received):
             self._notifier.feed_watchdog()
-        self.recording.update()
-        if now_us >= self._health_at_us:
-            self._health_at_us = now_us + HEALTH_EVERY_US
-            self._tell_health(now_us)
-        due = [step.next_due_us, self._health_at_us, link.due_us, self._gate.due_us]
+        self._recording.update()
+        self._reporter.update(now_us)
+        due = [step.next_due_us, self._reporter.due_us, bus.due_us, self._gate.due_us]
         return min(one for one in due if one is not None)
 
-    def _take_pixels(self) -> None:
-        """Contacts go on the bus before all else; what ends the daemon withdraws the last one first."""
+    def _publish_contacts(self) -> None:
+        """Send new contacts before all else; withdraw the contact when an error ends the daemon."""
         now_us = self._clock.now_us()
         try:
-            outcomes = self._pixels.take()
+            outcomes = self._capture.take()
         except (PalpateError, RuntimeError) as error:
             failure = error if isinstance(error, CaptureError) else CaptureError(str(error))
             self._core.capture_failed(now_us, failure)
-            self._link.send(now_us, self._core.poll(now_us).frames_out)
+            self._bus.send(now_us, self._core.poll(now_us).frames_out)
             raise
         for outcome in outcomes:
             if isinstance(outcome, CaptureError):
-                self._tell_of_camera(str(outcome))
+                self._log_camera(str(outcome))
                 self._core.capture_failed(now_us, outcome)
             else:
-                self._link.send(now_us, self._core.contact(now_us, outcome))
+                self._bus.send(now_us, self._core.contact(now_us, outcome))
                 self._core.frame_seen(now_us, outcome, self._board_health())
-                self._tell_of_camera("")
+                self._log_camera("")
 
     def _board_health(self) -> Health:
-        health, link = self._pixels.estimator.health, self._link
+        health, bus = self._capture.estimator.health, self._bus
         light = self._light.latest if self._light else None
         return Health(
             temperature_degC=light.temperature_degC if light else None,
-            frames_dropped=self._pixels.source.dropped,
+            frames_dropped=self._capture.source.dropped,
             led_level=light.level if light else 0,
             skin_drift_px=health.drift_px,
             whole_image_searches=health.searches,
-            transmit_retries=link.retries,
-            bus_restarts=link.restarts,
-            exposure_us=self._pixels.source.exposure_us,
+            transmit_retries=bus.retries,
+            bus_restarts=bus.restarts,
+            exposure_us=self._capture.source.exposure_us,
         )
 
-    def _see_to_light(self) -> None:
-        """2030h goes to the controller, its trouble to the bus; what is told is in the health file."""
+    def _update_light(self) -> None:
+        """Pass the level of 2030h to the controller, and the controller's problems to the node."""
         if self._light is not None:
             self._light.level = self._node.led_set_point
             latest = self._light.latest
             self._core.light(lost=latest.state is None, too_hot=latest.too_hot)
 
-    def _see_to(self, events: tuple[Event, ...]) -> None:
-        """What the bus asks of the board."""
+    def _handle_events(self, events: tuple[Event, ...]) -> None:
+        """Carry out the node's requests: store, tare, receive filter."""
         if self._parameters is not None:
             for line in answer_store_requests(self._node.slave, events, self._parameters):
-                self._say(line)
+                _parameters_log.error(line)
         for event in events:
             if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
-                self._pixels.estimator.tare()
+                self._capture.estimator.tare()
             elif isinstance(event, AcceptIdsChanged):
-                self._link.accept(event.can_ids)
+                self._bus.accept(event.can_ids)
             elif isinstance(event, StoreRequested) and self._parameters is None:
                 self._node.slave.store_finished(stored=False)
-                self._say("a master wants to store parameters: set node.parameters")
+                _parameters_log.warning("a master wants to store parameters: set node.parameters")
             elif isinstance(event, BitRateActivated):
-                self._say(
-                    f"LSS asks for {event.bit_rate_kbit_s} kbit/s: the bit rate is the link's, set BitRate= "
-                    "in its .network file"
+                _bus_log.warning(
+                    "LSS requests %d kbit/s: the link sets the bit rate, BitRate= in its .network file",
+                    event.bit_rate_kbit_s,
                 )
 
-    def _tell_of_camera(self, trouble: str) -> None:
-        """Each trouble once, and its end."""
-        if trouble != self._said_of_camera:
-            self._said_of_camera = trouble
-            self._say(trouble or "camera gives frames again")
+    def _log_camera(self, problem: str) -> None:
+        """Log each camera problem once, and its end (an empty `problem`)."""
+        if problem == self._camera_problem:
+            return
+        self._camera_problem = problem
+        if problem:
+            _camera_log.error(problem)
+        else:
+            _camera_log.info("camera gives frames again")
 
-    def _tell_health(self, now_us: int) -> None:
-        light = self._light.latest if self._light else None
-        frames, dropped = self._core.monitor.frames, self._pixels.source.dropped
-        dropped_share = self._dropped_frames.share(now_us, frames, dropped)
-        (pdos_dropped_lately,) = self._dropped_pdos.growth(now_us, (self._link.dropped,))
-        report = health_report(
-            self._config,
-            self._core,
-            self._link,
-            self._pixels,
-            self._fps,
-            self.recording.folder,
-            light,
-            dropped_share,
-            pdos_dropped_lately,
-            now_us,
-        )
-        trouble = ", ".join(report.emergencies)
-        self._notifier.status(
-            f"{report.nmt_state}, {report.camera.fps:.0f} frames/s, bus {report.bus.state}"
-            + (f"; {trouble}" if trouble else "")
-        )
-        self._health_file.write(report)
 
-    def _say(self, line: str) -> None:
-        self._report(f"{self._config.name}: {line}")
+def _log_bus_change(change: BusStateChange) -> None:
+    level = logging.INFO if change.state is BusState.UP else logging.ERROR
+    _bus_log.log(level, f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
 
 
 def _open_light(config: FingertipConfig, level: int) -> LightController | None:
@@ -276,12 +263,13 @@ def _open_light(config: FingertipConfig, level: int) -> LightController | None:
 
 
 Descriptor = tuple[int, int]
+"""A file descriptor and how often the bus had been opened when it was made."""
 
 
-def _follow(
+def _register(
     selector: selectors.BaseSelector, old: Descriptor | None, new: Descriptor | None
 ) -> Descriptor | None:
-    """Wait for the bus's present descriptor, which changes when the bus is opened again."""
+    """Wait for the bus's present descriptor, which changes when the bus is reopened; return it."""
     if new != old:
         if old is not None:
             selector.unregister(old[0])

@@ -1,4 +1,4 @@
-"""Whether frames come, show the beads, and are worked on in time; pure."""
+"""Supervision of the frames: they come in time, show the beads, and are not dropped; pure."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ OVERRUN_SHARE = 0.2  # of the frames of the last second were dropped
 
 
 class FrameMonitor:
-    """timeout_us: without a frame for so long the camera counts as stalled.
+    """Counts frames and detects a stalled camera, lost beads and overruns.
 
+    timeout_us: the camera counts as stalled after this time without a frame.
     frames, refused: since the start.
     """
 
@@ -30,7 +31,7 @@ class FrameMonitor:
         self._few_beads_since_us: int | None = None
 
     def frame_estimated(self, now_us: int, contact: Contact, dropped: int) -> None:
-        """A frame was estimated. dropped: frames, since the start."""
+        """Take note of an estimated frame. dropped: frames, since the start."""
         self.frames += 1
         self.refused += not contact.valid
         self.last_us, self.last_contact = now_us, contact
@@ -40,26 +41,28 @@ class FrameMonitor:
         self._few_beads_since_us = (self._few_beads_since_us or now_us) if few else None
 
     def is_stalled(self, now_us: int) -> bool:
+        """Return whether no frame came within the time limit."""
         return now_us >= self.stalls_at_us
 
     @property
     def stalls_at_us(self) -> int:
-        """When the camera counts as stalled if no frame comes."""
+        """The time at which the camera counts as stalled unless a frame comes before."""
         if self.last_us is None:
             return self._started_us + max(FIRST_FRAME_US, self._timeout_us)
         return self.last_us + self._timeout_us
 
     def beads_are_lost(self, now_us: int) -> bool:
+        """Return whether frames have shown too few beads for `BEADS_LOST_AFTER_US`."""
         since_us = self._few_beads_since_us
         return since_us is not None and now_us - since_us >= BEADS_LOST_AFTER_US
 
     def fps(self, now_us: int) -> float:
-        """Frames of the last second."""
+        """Return the number of frames in the last second."""
         self._forget(now_us)
         return 1e6 * len(self._recent) / RATE_WINDOW_US
 
     def overruns(self) -> bool:
-        """More than `OVERRUN_SHARE` of the last second's frames were dropped."""
+        """Return whether more than `OVERRUN_SHARE` of the last second's frames were dropped."""
         if len(self._recent) < 2:
             return False
         dropped = self._recent[-1][1] - self._recent[0][1]

@@ -1,10 +1,10 @@
-"""What a running fingertip says of itself: a small file, renewed each second, for ``palpate-edge check``."""
+"""The health report of a running fingertip: a JSON file, renewed each second, for ``palpate-edge check``."""
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -15,11 +15,14 @@ from palpate_edge.common.errors import ConfigError
 STALE_AFTER_S = 5.0
 SYSTEM_FOLDER = Path("/run/palpate")  # RuntimeDirectory= of the service
 
+_log = logging.getLogger("palpate.health")
+
 
 class CameraHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """fps: of the last second; wanted_fps: asked for, None for a recording; age_ms: of the last frame.
+    """The camera. fps: frames of the last second; wanted_fps: configured rate, None for a recording;
+    age_ms: time since the last frame, None before the first.
 
-    dropped: frames since the start; dropped_share: of the last minute's, 0 to 1.
+    dropped: frames since the start; dropped_share: share of the last minute's frames, 0 to 1.
     """
 
     source: str
@@ -31,7 +34,8 @@ class CameraHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BeadHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """Of the last frame; refused: frames since the start; reason: of the last frame, when it was refused."""
+    """The beads of the last frame. refused: frames without a valid contact since the start; reason: why the
+    last frame was refused, empty if it was valid."""
 
     found: int
     expected: int
@@ -40,8 +44,8 @@ class BeadHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """state: up, bus-off, down. dropped: PDOs that a full transmit queue cost since the start;
-    dropped_lately: those of the last minute.
+    """The CAN bus. state: up, bus-off, down. dropped: PDOs dropped by a full transmit queue since the start;
+    dropped_lately: PDOs dropped in the last minute.
     """
 
     interface: str
@@ -56,7 +60,7 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """state: free, synchronised, lost. local_us and bus_us are the same moment on both clocks."""
+    """The bus clock. state: free, synchronised, lost. local_us and bus_us: the same moment on both clocks."""
 
     state: str
     local_us: int
@@ -68,7 +72,7 @@ class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """problem: why the controller does not answer, or empty; faults: names, joined."""
+    """The illumination controller. problem: why it does not answer, or empty; faults: names, joined."""
 
     level: int
     led_degC: float | None
@@ -78,7 +82,8 @@ class LightHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
-    """written_at: CLOCK_MONOTONIC, s. latencies: as 2040h. recording: the folder, or empty."""
+    """All parts of one fingertip. written_at: CLOCK_MONOTONIC, s. latencies: bins of 2040h. recording: folder
+    of the present recording, or empty. light: None without an illumination controller."""
 
     name: str
     pid: int
@@ -99,8 +104,8 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def health_path(name: str, configured: str) -> Path:
-    """Where a fingertip of this name writes: as configured, else under the service's or the user's runtime
-    directory, else under the one for temporary files."""
+    """Return the health file's path: as configured, else in the service's or the user's runtime directory,
+    else in the directory for temporary files."""
     if configured:
         return Path(configured)
     folder = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
@@ -108,36 +113,36 @@ def health_path(name: str, configured: str) -> Path:
 
 
 class HealthFile:
-    """The file of a daemon that runs, removed by `close`. tell: gets each failure to write it once."""
+    """The health file of a running daemon, removed by `close`. A failure to write it is logged once."""
 
-    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._tell = tell
         self._failed = False
 
     def write(self, report: HealthReport) -> None:
-        """A full disk is no reason to stop."""
+        """Write the report; a full disk does not stop the fingertip."""
         try:
             write_health(self._path, report)
         except ConfigError as error:
             if not self._failed:
-                self._tell(str(error))
+                _log.warning(str(error))
             self._failed = True
         else:
             self._failed = False
 
     def close(self) -> None:
+        """Remove the file."""
         self._path.unlink(missing_ok=True)
 
 
 def write_health(path: Path, report: HealthReport) -> None:
-    """Raises ConfigError when the file system refuses."""
+    """Write the file in one step. Raises ConfigError when the file system refuses."""
     with whole_file(path, ConfigError) as temporary:
         temporary.write_bytes(msgspec.json.encode(report))
 
 
 def read_health(name: str, configured: str, now_s: float) -> HealthReport | None:
-    """What a daemon of this name says now; None when none runs. now_s: CLOCK_MONOTONIC."""
+    """Return the report of the running daemon of this name; None when none runs. now_s: CLOCK_MONOTONIC."""
     paths = [health_path(name, configured)]
     if not configured:
         paths.append(SYSTEM_FOLDER / f"palpate-{name}.json")

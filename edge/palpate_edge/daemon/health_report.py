@@ -1,9 +1,10 @@
-"""From the parts of a running fingertip to its `HealthReport`."""
+"""The `HealthReport` of a running fingertip, made from its parts."""
 
 from __future__ import annotations
 
 import os
 import time
+from dataclasses import dataclass
 
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
@@ -18,24 +19,32 @@ from palpate_edge.daemon.health import (
     HealthReport,
     LightHealth,
 )
-from palpate_edge.illumination.controller_thread import LightState
+from palpate_edge.daemon.recording_control import RecordingControl
+from palpate_edge.illumination.controller_thread import LightController, LightState
 from palpate_edge.illumination.registers import Fault
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FingertipParts:
+    """The parts of a running fingertip that are reported. light: None without an illumination controller.
+
+    wanted_fps: the rate that the camera is asked for.
+    """
+
+    config: FingertipConfig
+    core: FingertipCore
+    bus: ReconnectingBus
+    capture: CaptureThread
+    recording: RecordingControl
+    light: LightController | None
+    wanted_fps: float
+
+
 def health_report(
-    config: FingertipConfig,
-    core: FingertipCore,
-    link: ReconnectingBus,
-    pixels: CaptureThread,
-    fps: float,
-    recording: str,
-    light: LightState | None,
-    dropped_share: float,
-    pdos_dropped_lately: int,
-    now_us: int,
+    parts: FingertipParts, dropped_share: float, pdos_dropped_lately: int, now_us: int
 ) -> HealthReport:
-    """fps: that a camera was asked for; recording: its folder, or empty; light: None without a
-    controller; dropped_share: of the last minute's frames; now_us: on the daemon's clock."""
+    """Return the report. dropped_share: of the last minute's frames; now_us: local time."""
+    config, core, bus, capture = parts.config, parts.core, parts.bus, parts.capture
     monitor = core.monitor
     contact = monitor.last_contact
     return HealthReport(
@@ -45,17 +54,17 @@ def health_report(
         node_id=config.node.id,
         nmt_state=core.state.name.lower().replace("_", "-"),
         frames=monitor.frames,
-        method=pixels.estimator.method.value,
+        method=capture.estimator.method.value,
         calibration=config.estimator.calibration,
         emergencies=core.emergencies.names(),
         latencies=core.latencies(),
-        recording=recording,
+        recording=parts.recording.folder,
         camera=CameraHealth(
             source=config.capture.path or config.capture.camera.usb_serial,
             fps=monitor.fps(now_us),
-            wanted_fps=fps if config.capture.source == "v4l2" else None,
+            wanted_fps=parts.wanted_fps if config.capture.source == "v4l2" else None,
             age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
-            dropped=pixels.source.dropped,
+            dropped=capture.source.dropped,
             dropped_share=dropped_share,
         ),
         beads=BeadHealth(
@@ -66,22 +75,22 @@ def health_report(
         ),
         bus=BusHealth(
             interface=config.bus.interface,
-            state=link.state.value,
-            sent=link.sent,
-            received=link.received,
-            retries=link.retries,
-            dropped=link.dropped,
+            state=bus.state.value,
+            sent=bus.sent,
+            received=bus.received,
+            retries=bus.retries,
+            dropped=bus.dropped,
             dropped_lately=pdos_dropped_lately,
-            restarts=link.restarts,
-            error_passive=link.error_passive,
+            restarts=bus.restarts,
+            error_passive=bus.error_passive,
         ),
         clock=clock_health(core.clock, now_us),
-        light=None if light is None else light_health(light),
+        light=None if parts.light is None else light_health(parts.light.latest),
     )
 
 
 def clock_health(clock: BusClock, now_us: int) -> ClockHealth:
-    """now_us: on the clock that `clock` was fed with."""
+    """Return the clock's report. now_us: local time, on the clock that `clock` was fed with."""
     return ClockHealth(
         state=clock.state(now_us).value,
         local_us=now_us,
@@ -94,7 +103,7 @@ def clock_health(clock: BusClock, now_us: int) -> ClockHealth:
 
 
 def light_health(light: LightState) -> LightHealth:
-    """Of a fingertip with an illumination controller."""
+    """Return the report of an illumination controller."""
     state = light.state
     faults = Fault(0) if state is None else state.faults
     return LightHealth(

@@ -1,9 +1,9 @@
-"""Recordings that a person asks for by signal: each in a folder of its own, named by the time of day."""
+"""Recordings on request: each in a folder of its own, named by date and time."""
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.common.errors import CaptureError
@@ -11,47 +11,55 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.daemon.config import RecordConfig
 from palpate_edge.datasets.recorder import Recorder, RingLimits
 
+_log = logging.getLogger("palpate.recording")
+
 
 class RecordingControl:
-    """report: gets what a person should know.
+    """Starts and stops recordings as signals request; logs their begin and end.
 
-    folder: of the recording that runs, empty when there is none.
+    folder: of the present recording, empty when there is none.
     """
 
-    def __init__(self, config: RecordConfig, report: Callable[[str], None]) -> None:
+    def __init__(self, config: RecordConfig) -> None:
         self.folder = ""
         self._recorder = Recorder(
             Path(config.folder), RingLimits(config.megabytes * 1_000_000, config.seconds)
         )
-        self._report = report
-        self._wanted: bool | None = None
+        self._requested: bool | None = None
+
+    @property
+    def frames_left_out(self) -> int:
+        """Frames that were not recorded because the disk was too slow, since the start."""
+        return self._recorder.left_out
 
     def offer(self, frame: Frame) -> None:
-        """From the pixel thread."""
+        """Record the frame if a recording runs; called by the capture thread, never waits."""
         self._recorder.offer(frame)
 
-    def request(self, wanted: bool) -> None:
-        """From a signal handler: `update` does it."""
-        self._wanted = wanted
+    def request(self, recording: bool) -> None:
+        """Request a recording or its end; safe in a signal handler, `update` carries it out."""
+        self._requested = recording
 
     def update(self) -> None:
-        """Start or stop as asked; tell when a recording has ended by itself."""
-        wanted, self._wanted = self._wanted, None
-        if wanted is False:
+        """Carry out the last request; log a recording that has ended, with the reason if it failed."""
+        requested, self._requested = self._requested, None
+        if requested is False:
             self._recorder.stop()
-        elif wanted and not self._recorder.is_recording:
+        elif requested and not self._recorder.is_recording:
             self._start()
         if self.folder and not self._recorder.is_recording:
-            self._report(f"recording ended. {self._recorder.failure}".rstrip(". "))
+            failure = self._recorder.failure
+            _log.log(logging.ERROR if failure else logging.INFO, f"recording ended. {failure}".rstrip(". "))
             self.folder = ""
 
     def close(self) -> None:
+        """End the recording and wait until its frames are on the disk."""
         self._recorder.close()
 
     def _start(self) -> None:
         try:
             self.folder = str(self._recorder.start(time.strftime("%Y%m%d-%H%M%S")))
         except CaptureError as error:
-            self._report(str(error))
+            _log.error(str(error))
         else:
-            self._report(f"recording to {self.folder}")
+            _log.info("recording to %s", self.folder)

@@ -29,6 +29,11 @@ REGISTER = {
 """The others set the manufacturer's bit; 8140h is reported with what 1029h asks for."""
 
 
+def name_of(emergency: Emergency) -> str:
+    """Return the name used in health reports and logs: ``camera lost`` and so on."""
+    return emergency.name.lower().replace("_", " ")
+
+
 class ActiveEmergencies:
     """Each is reported when it appears and cleared when it goes; what lasts survives an NMT reset."""
 
@@ -45,8 +50,8 @@ class ActiveEmergencies:
             self._producer.clear(emergency)
 
     def names(self) -> list[str]:
-        """``camera lost`` and so on, the oldest first."""
-        return [emergency.name.lower().replace("_", " ") for emergency in self._active]
+        """Return the names of the active emergencies, the oldest first."""
+        return [name_of(emergency) for emergency in self._active]
 
     def after_reset(self) -> None:
         """An NMT reset made the node forget; what is still the matter is reported again."""

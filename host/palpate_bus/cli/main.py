@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import time
 from pathlib import Path
@@ -25,7 +26,10 @@ from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.logs import logging_to_stderr
 from palpate_edge.common.signals import on_stop_signal, stop_event
+
+hub_log = logging.getLogger("palpate.hub")
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 SOCKET = click.option(
@@ -100,12 +104,12 @@ def hub(
     server = Hub(socket_path, bitrate, txqueuelen, clock)
     try:
         signal.set_wakeup_fd(server.wake_descriptor)
-        with on_stop_signal(server.stop):
+        with logging_to_stderr("hub"), on_stop_signal(server.stop):
             if log_path is not None:
                 server.log = LogWriter(log_path, _header(header_entries))
-            click.echo(f"hub: listening at {socket_path}, {bitrate or 'unlimited'} bit/s", err=True)
+            hub_log.info("listening at %s, %s bit/s", socket_path, bitrate or "unlimited")
             server.run()
-        click.echo(f"hub: {status_line(server.statistics())}", err=True)
+            hub_log.info(status_line(server.statistics()))
     finally:
         signal.set_wakeup_fd(-1)
         server.close()

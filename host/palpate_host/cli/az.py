@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import click
 
 from palpate_edge.can_bus.bus import open_bus
+from palpate_edge.common.logs import logging_to_stderr
 from palpate_edge.common.sd_notify import Notifier
 from palpate_edge.common.signals import stop_event
 from palpate_host.common.plugins import SIMULATORS, load_plugin
@@ -40,10 +42,16 @@ def gateway(config_path: Path) -> None:
     """Serves each axis as a CiA 402 node until SIGTERM or SIGINT, then lets the joints go."""
     config = az_config.load(config_path)
     nodes = ", ".join(str(axis.drive_node) for port in config.ports for axis in port.axes)
-    with stop_event() as stop, open_bus(config.bus, "az gateway") as bus, closing(Notifier()) as notifier:
-        click.echo(f"az gateway: nodes {nodes} on {len(config.ports)} ports", err=True)
+    with (
+        logging_to_stderr("az gateway"),
+        stop_event() as stop,
+        open_bus(config.bus, "az gateway") as bus,
+        closing(Notifier()) as notifier,
+    ):
+        log = logging.getLogger("palpate.az")
+        log.info("nodes %s on %d ports", nodes, len(config.ports))
         run_gateway(bus, config, stop, notifier)
-    click.echo("az gateway stopped: joints free", err=True)
+        log.info("stopped, joints free")
 
 
 @az.command()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from palpate_edge.common.logs import logging_to_stderr
 from palpate_host.config.hand_config import StartMode
 from palpate_host.service import host
 from palpate_host.service.replay import contract_header
@@ -56,7 +57,8 @@ def run(
     options = host.Options(
         duration_s, status_target, control_socket, None if start is None else StartMode(start)
     )
-    host.run(config_path, options)
+    with logging_to_stderr():
+        host.run(config_path, options)
 
 
 @click.command()

@@ -1,39 +1,58 @@
-"""What becomes of the host's bus, told to who wants to know: the core, the journal, systemd's status line."""
+"""Changes of the bus and of the hand's mode, reported to the core, the log and systemd's status line."""
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
 from palpate_edge.common.sd_notify import Notifier
+from palpate_host.common.mode import STOPPED, Mode
+from palpate_host.common.status import HostStatus
 from palpate_host.service.host_core import HostCore
+
+LEVELS = {Mode.FAULT: logging.ERROR, Mode.HOLD: logging.WARNING}
+"""Modes that are logged with their reason when the hand enters them, and when it leaves them."""
+
+_bus_log = logging.getLogger("palpate.bus")
+_hand_log = logging.getLogger("palpate.hand")
 
 
 class BusReports:
-    """usual: the status line while nothing is the matter; the caller has said it with READY."""
+    """usual: the status line while the hand has no problem; the caller has sent it with READY."""
 
     def __init__(self, core: HostCore, notifier: Notifier, usual: str) -> None:
         self._core, self._notifier = core, notifier
-        self._usual = self._said = usual
+        self._usual = self._line = usual
+        self._bus_problem = ""
+        self._mode = Mode.INIT
 
     def bus_changed(self, now_us: int, changes: Sequence[BusStateChange]) -> None:
-        """What `HostBus.changes` gives."""
+        """Pass the changes of `HostBus.changes` on to the core, and report them."""
         for change in changes:
             if change.state is BusState.UP:
                 self._core.bus_restored(now_us)
-                said = "the bus is up again: palpate-host command recover"
+                line = "the bus is up again: palpate-host command recover"
+                _bus_log.info(line)
             else:
                 self._core.bus_lost(now_us, change.reason)
-                said = f"the bus is {change.state.value}. {change.reason}"
-            print(said, file=sys.stderr, flush=True)
-            self._say(said)
+                line = f"the bus is {change.state.value}. {change.reason}"
+                _bus_log.error(line)
+                self._bus_problem = change.reason
+            self._set_status_line(line)
 
-    def recovered(self) -> None:
-        """The hand is neither in fault nor in stop."""
-        self._say(self._usual)
+    def ticked(self, status: HostStatus) -> None:
+        """Log FAULT and HOLD and their end; restore the usual status line outside FAULT and STOP."""
+        if status.mode is not self._mode:
+            level = LEVELS.get(status.mode, logging.INFO)
+            known = status.mode is Mode.FAULT and status.reason == self._bus_problem  # logged as the bus's
+            if not known and (status.mode in LEVELS or self._mode in LEVELS):
+                _hand_log.log(level, "%s: %s", status.mode.value, status.reason)
+            self._mode = status.mode
+        if status.mode not in STOPPED:
+            self._set_status_line(self._usual)
 
-    def _say(self, said: str) -> None:
-        if said != self._said:
-            self._said = said
-            self._notifier.status(said)
+    def _set_status_line(self, line: str) -> None:
+        if line != self._line:
+            self._line = line
+            self._notifier.status(line)

@@ -6,7 +6,7 @@ following ones. Time is the system's epoch clock, which stamps the bus and, modu
 
 from __future__ import annotations
 
-import sys
+import logging
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -21,7 +21,6 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
-from palpate_host.common.mode import STOPPED
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
@@ -36,6 +35,8 @@ from palpate_host.service.status_stream import StatusStream
 BUS_NAME = "host"
 # Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.
 LINGER_S = 0.05
+
+_log = logging.getLogger("palpate.host")
 
 
 def load_hand(path: Path) -> tuple[HandConfig, HandKinematics]:
@@ -89,7 +90,7 @@ def run(config_path: Path, options: Options) -> None:
         notifier = stack.enter_context(closing(Notifier()))
         stack.enter_context(on_stop_signal(core.request_stop))
         for refusal in become_real_time() if config.run.real_time else ():
-            print(f"warning: {refusal}", file=sys.stderr)
+            _log.warning(refusal)
         stack.enter_context(long_lived())
         usual = f"on {config.bus.interface}"
         notifier.ready(usual)
@@ -128,8 +129,7 @@ def _loop(
             control.serve(core.command, output.status)
             if stream is not None:
                 stream.write(output.status)
-            if output.status.mode not in STOPPED:
-                reports.recovered()
+            reports.ticked(output.status)
         if output.finished:
             time.sleep(LINGER_S)
             return output.failure

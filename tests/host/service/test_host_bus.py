@@ -2,8 +2,10 @@
 that does as it is told. The hub's loss is in test_session.py, the kernel's in tests/kernel."""
 
 import errno
+import logging
 import socket
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from itertools import pairwise
 
 import can
@@ -347,20 +349,49 @@ def test_the_watchdog_is_fed_while_the_bus_is_away_and_not_while_it_is_up_and_ca
     assert idle.bus.activity == 0
 
 
-def test_systemd_and_the_journal_are_told_of_it(tmp_path, capsys, waiting_config):
-    """Once each; the usual line comes back with the recovery."""
+@pytest.fixture
+def status(waiting_config):
+    """The host's first status."""
+    return HostCore(*waiting_config).process(1_000_000, ()).status
+
+
+def test_systemd_and_the_log_report_a_lost_bus(tmp_path, caplog, waiting_config, status):
+    """Once each; the usual status line is restored by the recovery."""
+    caplog.set_level(logging.INFO, "palpate")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd, ExitStack() as stack:
         systemd.bind(str(tmp_path / "notify"))
         systemd.settimeout(10.0)
         notifier = stack.enter_context(closing(Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify")})))
         reports = BusReports(HostCore(*waiting_config), notifier, "on can0")
         rim = Rim(Driver(gone("out")), Driver())
-        reports.recovered()
+        reports.ticked(status)
         while rim.now_us < 200_000:
             rim.turn()
-            reports.bus_changed(rim.now_us, rim.bus.changes())
-        reports.recovered()
+            changes = rim.bus.changes()
+            reports.bus_changed(rim.now_us, changes)
+            if changes:  # the core's mode with a lost bus: FAULT, for the same reason
+                reports.ticked(replace(status, mode=Mode.FAULT, reason=changes[0].reason or "later"))
+        reports.ticked(status)
         heard = [systemd.recv(500).decode() for _ in range(3)]
     assert heard[0].startswith("STATUS=the bus is down. socketcan bus") and "cannot receive: out" in heard[0]
     assert heard[1:] == ["STATUS=the bus is up again: palpate-host command recover", "STATUS=on can0"]
-    assert capsys.readouterr().err.count("\n") == 2
+    lines = [(one.levelname, one.name, one.getMessage()) for one in caplog.records]
+    assert [(level, name) for level, name, _ in lines] == [
+        ("ERROR", "palpate.bus"),
+        ("INFO", "palpate.bus"),
+        ("INFO", "palpate.hand"),  # the recovery
+    ]
+    assert "cannot receive: out" in lines[0][2]
+
+
+def test_the_log_has_the_reason_of_a_fault_and_of_a_hold(caplog, waiting_config, status):
+    caplog.set_level(logging.INFO, "palpate")
+    with closing(Notifier({})) as notifier:
+        reports = BusReports(HostCore(*waiting_config), notifier, "on can0")
+        for mode in (Mode.INIT, Mode.GRASP, Mode.HOLD, Mode.HOLD, Mode.MANIPULATE, Mode.FAULT, Mode.FAULT):
+            reports.ticked(replace(status, mode=mode, reason=f"because of {mode.value}"))
+    assert [(one.levelname, one.getMessage()) for one in caplog.records] == [
+        ("WARNING", "hold: because of hold"),
+        ("INFO", "manipulate: because of manipulate"),
+        ("ERROR", "fault: because of fault"),
+    ]

@@ -1,0 +1,95 @@
+"""Logs on standard error: priorities for the journal, plain text at a terminal."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+
+import pytest
+
+from palpate_edge.common.logs import is_journal, logging_to_stderr, priority
+
+SERVICE = """
+import logging
+from palpate_edge.common.logs import logging_to_stderr
+with logging_to_stderr("finger-1"):
+    logging.getLogger("palpate.camera").error("camera lost")
+    logging.getLogger("palpate.bus").warning("two\\nlines")
+    logging.getLogger("palpate.recording").info("recording to a folder")
+    logging.getLogger("palpate.recording").debug("not shown")
+    logging.getLogger("foreign").warning("not ours")
+"""
+REFUSAL = """
+import click
+from palpate_edge.common.entry_point import run_cli
+from palpate_edge.common.errors import BusError
+@click.command()
+def main():
+    raise BusError("no bus")
+run_cli(main)
+"""
+
+
+def stderr_of(tmp_path, program, *, journal):
+    """Run a program; with `journal`, JOURNAL_STREAM names its standard error as systemd does."""
+    path = tmp_path / "stderr"
+    with path.open("wb") as stderr:
+        status = os.fstat(stderr.fileno())
+        name = f"{status.st_dev}:{status.st_ino}" if journal else "9:9"
+        environment = os.environ | {"JOURNAL_STREAM": name}
+        subprocess.run([sys.executable, "-c", program], stderr=stderr, env=environment, check=False)
+    return path.read_text().splitlines()
+
+
+def test_each_line_has_its_priority_in_the_journal(tmp_path):
+    assert stderr_of(tmp_path, SERVICE, journal=True) == [
+        "<3>finger-1: camera lost",
+        "<4>finger-1: two",
+        "<4>lines",
+        "<6>finger-1: recording to a folder",
+        "not ours",
+    ]
+
+
+def test_plain_text_where_standard_error_is_not_the_journals(tmp_path):
+    """JOURNAL_STREAM is inherited by programs whose standard error goes elsewhere."""
+    assert stderr_of(tmp_path, SERVICE, journal=False) == [
+        "finger-1: camera lost",
+        "finger-1: two",
+        "lines",
+        "finger-1: recording to a folder",
+        "not ours",
+    ]
+
+
+@pytest.mark.parametrize(("journal", "line"), [(True, "<3>error: no bus"), (False, "error: no bus")])
+def test_the_error_that_ends_a_command_is_an_error_in_the_journal(tmp_path, journal, line):
+    assert stderr_of(tmp_path, REFUSAL, journal=journal) == [line]
+
+
+@pytest.mark.parametrize(
+    ("level", "number"),
+    [(logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6), (logging.DEBUG, 7)],
+)
+def test_priorities_are_those_of_syslog(level, number):
+    assert priority(level) == number
+
+
+def test_a_closed_stream_is_not_the_journal(tmp_path):
+    with (tmp_path / "file").open("w") as stream:
+        status = os.fstat(stream.fileno())
+        environment = {"JOURNAL_STREAM": f"{status.st_dev}:{status.st_ino}"}
+        assert is_journal(stream, environment)
+        assert not is_journal(stream, {})
+    assert not is_journal(stream, environment)
+
+
+def test_the_handler_is_removed_at_the_end():
+    logger = logging.getLogger("palpate")
+    before, level = list(logger.handlers), logger.level
+    with pytest.raises(KeyError), logging_to_stderr():
+        assert len(logger.handlers) == len(before) + 1
+        raise KeyError
+    assert (logger.handlers, logger.level) == (before, level)
