@@ -22,7 +22,7 @@ from palpate_edge.node.nmt import NMT_ID
 ROUND_TRIPS = 1000
 DRAINED_S = 0.002  # a burst's frames have left the hub's queue
 BURST = [CanFrame(0x200 + node, bytes(8)) for node in range(1, 10)] + [CanFrame(0x080)]  # a host's tick
-CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), None, 1.0, "", 85, 85)
+CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), 1.0, "", 85, 85)
 
 
 def report() -> str:

@@ -5,13 +5,16 @@ All vectors are in the fingertip frame F (origin at the dome's centre, +z to the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from palpate_edge.common.contact_quantities import OptionalQuantities
 
 Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(OptionalQuantities):
     """What one frame says of touch.
 
     sequence, exposed_at_us: of the frame it was estimated from.
@@ -20,7 +23,6 @@ class Contact:
     position_mm: where, on the outer undeformed sphere; None when nothing touches.
     normal_force_N: along the inward normal at that point, >= 0; None when unknown.
     force_N: the whole force on the dome; None when the method gives none.
-    torsion_Nmm: about the inward normal; None when the method gives none.
     quality: 0 (refused) to 1 (every bead seen, all of them plausible).
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
@@ -35,13 +37,29 @@ class Contact:
     position_mm: Vector3 | None
     normal_force_N: float | None
     force_N: Vector3 | None
-    torsion_Nmm: float | None
     quality: float
     reason: str
     beads_found: int
     beads_expected: int
     radius95_mm: float | None = None
     slip: bool = False
+
+    @property
+    def shear_N(self) -> Vector3 | None:
+        """The part of the force across the normal at the contact; None when force or position is unknown."""
+        if self.position_mm is None or self.force_N is None:
+            return None
+        return tangential_force_N(self.position_mm, self.force_N)
+
+
+def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
+    """Return the part of `force_N` across the sphere's normal at `position_mm`; NaN at the centre."""
+    distance_mm = math.hypot(*position_mm)
+    if distance_mm == 0.0:
+        return math.nan, math.nan, math.nan
+    (x, y, z), (x_N, y_N, z_N) = position_mm, force_N
+    along_N_mm = (x_N * x + y_N * y + z_N * z) / distance_mm / distance_mm
+    return x_N - along_N_mm * x, y_N - along_N_mm * y, z_N - along_N_mm * z
 
 
 def refused_contact(
@@ -56,7 +74,6 @@ def refused_contact(
         position_mm=None,
         normal_force_N=None,
         force_N=None,
-        torsion_Nmm=None,
         quality=0.0,
         reason=reason,
         beads_found=beads_found,

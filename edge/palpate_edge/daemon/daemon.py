@@ -21,6 +21,7 @@ from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, ReconnectingBus
 from palpate_edge.can_bus.simulated_clock import clock_of
+from palpate_edge.common.contact_quantities import AI_AUTOZERO
 from palpate_edge.common.errors import CaptureError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
@@ -45,7 +46,7 @@ from palpate_edge.node.events import (
     StoreRequested,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import AI_AUTOZERO, Health, MethodCode
+from palpate_edge.node.fingertip_objects import Health, MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5

@@ -1,4 +1,4 @@
-"""The CSV of ``palpate-edge estimate``: one row a frame, a contract that stays as it is."""
+"""The CSV of ``palpate-edge estimate``: one row a frame; its columns are a contract, new ones go last."""
 
 from __future__ import annotations
 
@@ -8,23 +8,17 @@ from pathlib import Path
 
 from palpate_edge.common.atomic_write import whole_file
 from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_edge.common.errors import DatasetError
 
-COLUMNS = (
-    "frame",
-    "contact",
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "fn_N",
-    "fx_N",
-    "fy_N",
-    "fz_N",
-    "quality",
-    "ms",
-    "reason",
-    "radius95_mm",
+MEASURED = tuple(
+    (quantity, quantity.csv_digits) for quantity in QUANTITIES if quantity.csv_digits is not None
 )
+FORCE = ("fx_N", "fy_N", "fz_N")
+FIRST_COLUMNS = (
+    "frame", "contact", "x_mm", "y_mm", "z_mm", "fn_N", *FORCE, "quality", "ms", "reason", "radius95_mm"
+)  # fmt: skip
+COLUMNS = tuple(dict.fromkeys([*FIRST_COLUMNS, *(quantity.column for quantity, _ in MEASURED)]))
 
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
@@ -33,25 +27,23 @@ def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> No
         whole_file(path, DatasetError) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
     ):
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
         writer.writerows(_row(*row) for row in rows)
 
 
-def _row(name: str, contact: Contact, milliseconds: float) -> list[str]:
-    position = contact.position_mm or (None, None, None)
-    force = contact.force_N or (None, None, None)
-    return [
-        name,
-        str(int(contact.in_contact)),
-        *(_number(value, 4) for value in position),
-        _number(contact.normal_force_N, 5),
-        *(_number(value, 5) for value in force),
-        _number(contact.quality, 3),
-        _number(milliseconds, 3),
-        contact.reason,
-        _number(contact.radius95_mm, 3),
-    ]
+def _row(name: str, contact: Contact, milliseconds: float) -> dict[str, str]:
+    force = dict(zip(FORCE, contact.force_N or (None, None, None), strict=True))
+    return {
+        "frame": name,
+        "contact": str(int(contact.in_contact)),
+        **{quantity.column: _number(quantity.of(contact), digits) for quantity, digits in MEASURED},
+        **{column: _number(value, 5) for column, value in force.items()},
+        "quality": _number(contact.quality, 3),
+        "ms": _number(milliseconds, 3),
+        "reason": contact.reason,
+        "radius95_mm": _number(contact.radius95_mm, 3),
+    }
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -8,9 +8,9 @@ from functools import partial
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact_quantities import AI_AUTOZERO, BASE_TPDOS
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip_objects import (
-    AI_AUTOZERO,
     CALIBRATION_HASH,
     COUNTERS,
     EXPOSURE_TIME,
@@ -37,7 +37,6 @@ from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
-CONTACT_TPDOS = (1, 2, 3)
 AUTOZERO_SIGNATURE = int.from_bytes(b"zero", "little")
 HASH_DIGITS = 16
 LOCATION_CHARACTERS = 64
@@ -100,7 +99,7 @@ class FingertipNode:
         if exposed_us is not None:
             objects[EXPOSURE_TIME, 0] = exposed_us & UINT32_MAX
         self.slave.write_all(objects)
-        self.slave.trigger(CONTACT_TPDOS)
+        self.slave.trigger(BASE_TPDOS)
         self._uncounted.append((contact.valid, latency_us))
 
     def _count(self) -> None:

@@ -1,7 +1,7 @@
-"""What the objects of ``fingertip.eds`` mean: from a contact and the board's health to their raw values.
+"""The meaning of the objects of ``fingertip.eds``: raw values of a contact and of the board's health.
 
-What is doubtful is never sent as valid: a refused frame, or a value that is missing, not finite or beyond its
-data type, clears the valid and the contact flag; the status (6150h) of each channel says which it was.
+A doubtful value is never sent as valid. A rejected frame, or a required value that is missing, not finite or
+beyond its data type, clears the valid and the contact flag. The status of each channel (6150h) has the cause.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from palpate_edge.common.contact import Contact, Vector3
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact_quantities import AI_INPUT, AI_STATUS, QUANTITIES, Quantity, values_of
 from palpate_edge.node.object_dictionary import ObjectKey
 
-AI_AUTOZERO, AI_STATUS, AI_INPUT = 0x6125, 0x6150, 0x7130
 METHOD, CALIBRATION_HASH, MODEL_HASH, LOCATION = 0x2000, 0x2001, 0x2002, 0x2003
 FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
@@ -24,7 +24,6 @@ LATENCY_HISTOGRAM, COUNTERS, BUS_CLOCK = 0x2040, 0x2041, 0x2042
 INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
 INT32_MIN, INT32_MAX, UINT32_MAX = -0x8000_0000, 0x7FFF_FFFF, 0xFFFF_FFFF
 TEMPERATURE_UNKNOWN = INT16_MAX
-TORSION_NOT_GIVEN = INT16_MIN
 
 
 class MethodCode(IntEnum):
@@ -70,32 +69,6 @@ class ChannelStatus(IntEnum):
     NEGATIVE_OVERLOAD = 0x05
 
 
-class Channel(IntEnum):
-    """Sub-indices of 7130h, 6131h, 6132h, 6150h."""
-
-    X = 1
-    Y = 2
-    Z = 3
-    NORMAL_FORCE = 4
-    SHEAR_X = 5
-    SHEAR_Y = 6
-    TORSION = 7
-
-
-INCREMENTS_PER_UNIT = {
-    Channel.X: 100,
-    Channel.Y: 100,
-    Channel.Z: 100,
-    Channel.NORMAL_FORCE: 1000,
-    Channel.SHEAR_X: 1000,
-    Channel.SHEAR_Y: 1000,
-    Channel.TORSION: 100,
-}
-"""Ten to the power of 6132h, for mm, N and N mm."""
-
-OPTIONAL_CHANNELS = frozenset({Channel.SHEAR_X, Channel.SHEAR_Y, Channel.TORSION})
-"""A method may give none of these without the contact being in doubt."""
-
 LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
 """Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
 
@@ -103,22 +76,7 @@ FREE, TOUCHING = int(ContactFlag.VALID), int(ContactFlag.VALID | ContactFlag.CON
 SLIPPING = int(ContactFlag.VALID | ContactFlag.CONTACT | ContactFlag.SLIP)
 """2010h of a frame that is in no doubt."""
 
-NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(Channel)
-NOTHING_TOUCHED = (0.0,) * (len(Channel) - 1)
-"""All channels, and all but the torsion."""
-
-CHANNEL_OBJECTS = tuple(
-    (
-        (AI_INPUT, int(channel)),
-        (AI_STATUS, int(channel)),
-        INCREMENTS_PER_UNIT[channel],
-        channel in OPTIONAL_CHANNELS,
-    )
-    for channel in Channel
-)
-"""Of each channel: keys of its value and its status, increments in a unit, whether it may be missing."""
-
-TORSION_KEY = (AI_INPUT, int(Channel.TORSION))
+NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(QUANTITIES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,15 +104,12 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     """
     objects: dict[ObjectKey, int] = {}
     doubt = not contact.valid or not math.isfinite(contact.quality)
-    for value, (input_key, status_key, increments_per_unit, optional) in zip(
-        channel_values(contact), CHANNEL_OBJECTS, strict=True
-    ):
-        objects[input_key], status = encode_channel(value, increments_per_unit)
-        objects[status_key] = int(status)  # a plain one is found in its range at once
-        if status and not (optional and value is None):
+    for value, quantity in zip(channel_values(contact), QUANTITIES, strict=True):
+        raw, status = encode_channel(value, quantity)
+        objects[AI_INPUT, quantity.channel] = raw
+        objects[AI_STATUS, quantity.channel] = int(status)  # a plain int is found in its range at once
+        if status and not (quantity.optional and value is None):
             doubt = True
-    if contact.torsion_Nmm is None:
-        objects[TORSION_KEY] = TORSION_NOT_GIVEN  # a zero would pass for a measured one
     touching = SLIPPING if contact.slip else TOUCHING
     objects[FLAGS, 0] = 0 if doubt else touching if contact.in_contact else FREE
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
@@ -195,37 +150,33 @@ def encode_bus_clock(
 
 
 def channel_values(contact: Contact) -> tuple[float | None, ...]:
-    """The channels in the order of `Channel`, in mm, N or N mm; None where nothing is known."""
+    """Return the quantities in the order of QUANTITIES, each in its unit; None where nothing is known.
+
+    While nothing touches the dome, each is 0, except those that have a raw value for "not given".
+    """
     if not contact.valid:
         return NOTHING_KNOWN
     if not contact.in_contact:
-        return (*NOTHING_TOUCHED, contact.torsion_Nmm)
-    position_mm, force_N = contact.position_mm, contact.force_N
-    if position_mm is None:
+        return tuple(0.0 if row.not_given is None else row.of(contact) for row in QUANTITIES)
+    if contact.position_mm is None:
         return NOTHING_KNOWN
-    x_N, y_N = (None, None) if force_N is None else tangential_force_N(position_mm, force_N)[:2]
-    return (*position_mm, contact.normal_force_N, x_N, y_N, contact.torsion_Nmm)
+    return values_of(contact)
 
 
-def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
-    """The part of `force_N` across the sphere's normal at `position_mm`; NaN at the sphere's centre."""
-    distance_mm = math.hypot(*position_mm)
-    if distance_mm == 0.0:
-        return math.nan, math.nan, math.nan
-    (x, y, z), (x_N, y_N, z_N) = position_mm, force_N
-    along_N_mm = (x_N * x + y_N * y + z_N * z) / distance_mm / distance_mm
-    return x_N - along_N_mm * x, y_N - along_N_mm * y, z_N - along_N_mm * z
+def encode_channel(value: float | None, quantity: Quantity) -> tuple[int, ChannelStatus]:
+    """Return one channel as INTEGER16, held at the end of the range where the value goes beyond it.
 
-
-def encode_channel(value: float | None, increments_per_unit: int) -> tuple[int, ChannelStatus]:
-    """One channel as INT16, held at its end where the value goes beyond it."""
+    A missing value, or one that is not finite, gives the quantity's raw value for "not given", which no
+    measured value has.
+    """
     if value is None or not math.isfinite(value):
-        return 0, ChannelStatus.NOT_VALID
-    increments = value * increments_per_unit
+        return quantity.not_given or 0, ChannelStatus.NOT_VALID
+    lowest = INT16_MIN if quantity.not_given is None else INT16_MIN + 1
+    increments = value * quantity.increments_per_unit
     if increments >= INT16_MAX + 0.5:
         return INT16_MAX, ChannelStatus.POSITIVE_OVERLOAD
-    if increments < INT16_MIN - 0.5:
-        return INT16_MIN, ChannelStatus.NEGATIVE_OVERLOAD
+    if increments < lowest - 0.5:
+        return lowest, ChannelStatus.NEGATIVE_OVERLOAD
     return round(increments), ChannelStatus.GOOD
 
 

@@ -17,6 +17,7 @@ from statistics import fmean
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
@@ -32,13 +33,7 @@ NODE_IDS = 127
 
 # What the objects usually carry, as raw values. What is not listed takes the whole range of its type.
 _USUAL: dict[tuple[int, int], tuple[int, int]] = {
-    (0x7130, 1): (-2000, 2000),
-    (0x7130, 2): (-2000, 2000),
-    (0x7130, 3): (1500, 3000),
-    (0x7130, 4): (0, 3000),
-    (0x7130, 5): (-500, 500),
-    (0x7130, 6): (-500, 500),
-    (0x7130, 7): (-500, 500),
+    **{(AI_INPUT, quantity.channel): quantity.usual_raw for quantity in QUANTITIES},
     (0x2010, 0): (4, 5),
     (0x2011, 0): (200, 255),
     (0x2014, 0): (2000, 12000),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact_quantities import OptionalQuantities
 from palpate_host.common.mode import Mode
 
 LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
@@ -14,7 +15,7 @@ Matrix = tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class FingerStatus:
+class FingerStatus(OptionalQuantities):
     """One fingertip. Position and forces are in frame F and None without contact.
 
     age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDO parts that made
@@ -25,7 +26,6 @@ class FingerStatus:
     position_mm: tuple[float, float, float] | None
     normal_force_N: float | None
     shear_N: tuple[float, float] | None
-    torsion_Nmm: float | None
     valid: bool
     in_contact: bool
     slip: bool

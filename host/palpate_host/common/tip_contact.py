@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from palpate_edge.common.contact_quantities import OptionalQuantities
+
 
 @dataclass(frozen=True, slots=True)
-class TipContact:
-    """One frame's contact as the bus told it; vectors in the dome's frame F.
+class TipContact(OptionalQuantities):
+    """One frame's contact, received from the bus; vectors in the dome's frame F.
 
     exposed_at_us: on the host's clock (epoch us), unwrapped from the bus clock's 32 bits.
-    in_contact counts only with valid. torsion_Nmm: None when the fingertip's method gives none.
+    in_contact counts only together with valid.
     """
 
     received_at_us: int
@@ -20,7 +22,6 @@ class TipContact:
     position_mm: tuple[float, float, float]
     normal_force_N: float
     shear_N: tuple[float, float]
-    torsion_Nmm: float | None
     valid: bool
     in_contact: bool
     slip: bool

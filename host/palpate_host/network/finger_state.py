@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from palpate_edge.common.contact_quantities import ATTRIBUTES
 from palpate_host.common.status import FingerStatus
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.network.fingertips import Fingertip
@@ -58,10 +59,7 @@ class FingerRecord:
         age_us = None if last is None else _age(now_us, last.exposed_at_us)
         return FingerStatus(
             name=self._name,
-            position_mm=last.position_mm if last and last.in_contact else None,
-            normal_force_N=last.normal_force_N if last and last.in_contact else None,
-            shear_N=last.shear_N if last and last.in_contact else None,
-            torsion_Nmm=last.torsion_Nmm if last and last.in_contact else None,
+            **{field: getattr(last, field) if last and last.in_contact else None for field in ATTRIBUTES},
             valid=last is not None and last.valid,
             in_contact=last is not None and last.in_contact,
             slip=last is not None and last.slip,

@@ -12,21 +12,20 @@ from collections import deque
 from dataclasses import dataclass
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.contact_quantities import AI_INPUT, BASE_TPDOS, fields_of
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fingertip_objects import (
+    EXPOSURE_TIME,
+    FLAGS,
+    LATENCY,
+    QUALITY,
+    SEQUENCE,
+    ContactFlag,
+)
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.common.tip_contact import TipContact
-
-VALUE = 0x7130  # CiA 404 process values: x, y, z, normal force, shear x, shear y, torsion
-FLAGS = (0x2010, 0)
-QUALITY = (0x2011, 0)
-EXPOSED_AT = (0x2012, 0)
-SEQUENCE = (0x2013, 0)
-LATENCY = (0x2014, 0)
-
-NOT_GIVEN = -0x8000  # of torsion: no estimator measures it yet
-FLAG_CONTACT, FLAG_SLIP, FLAG_VALID = 1, 2, 4
 
 # The three parts leave the node together; on a 1 Mbit/s bus they arrive within a few of its frame times.
 TRIPLE_WINDOW_US = 10_000
@@ -61,7 +60,7 @@ class Fingertip:
         self.name = name
         self._node_id = node_id
         self.counters = TripleCounters()
-        self._codecs = [pdo_codec(od, PdoDirection.TRANSMIT, number) for number in (1, 2, 3)]
+        self._codecs = [pdo_codec(od, PdoDirection.TRANSMIT, number) for number in BASE_TPDOS]
         self._parts: list[tuple[int, bytes]] = []
         self._last_part: tuple[int, int, bytes] | None = None
         self._last_sequence: int | None = None
@@ -171,22 +170,18 @@ def decode_triple(codecs: list[PdoCodec], parts: list[tuple[int, bytes]]) -> Tip
     for codec, (_, data) in zip(codecs, parts, strict=True):
         values |= codec.decode(data)
     stamp_us = parts[-1][0]
-    flags = values[FLAGS]
-    valid = bool(flags & FLAG_VALID)
-    x, y, z, normal, shear_x, shear_y, torsion = (values[(VALUE, sub)] for sub in range(1, 8))
+    flags = values[FLAGS, 0]
+    valid = bool(flags & ContactFlag.VALID)
     return TipContact(
         received_at_us=stamp_us,
-        exposed_at_us=unwrap_us(values[EXPOSED_AT], stamp_us),
-        sequence=values[SEQUENCE],
-        latency_us=values[LATENCY],
-        position_mm=(x / 100.0, y / 100.0, z / 100.0),
-        normal_force_N=normal / 1000.0,
-        shear_N=(shear_x / 1000.0, shear_y / 1000.0),
-        torsion_Nmm=None if torsion == NOT_GIVEN else torsion / 100.0,
+        exposed_at_us=unwrap_us(values[EXPOSURE_TIME, 0], stamp_us),
+        sequence=values[SEQUENCE, 0],
+        latency_us=values[LATENCY, 0],
+        **fields_of({subindex: raw for (index, subindex), raw in values.items() if index == AI_INPUT}),
         valid=valid,
-        in_contact=valid and bool(flags & FLAG_CONTACT),
-        slip=bool(flags & FLAG_SLIP),
-        quality=values[QUALITY],
+        in_contact=valid and bool(flags & ContactFlag.CONTACT),
+        slip=bool(flags & ContactFlag.SLIP),
+        quality=values[QUALITY, 0],
     )
 
 

@@ -12,10 +12,13 @@ import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from palpate_edge.common.contact_quantities import QUANTITIES, Quantity
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import FingerStatus, HostStatus
 
 Cell = float | int | str | bool | None
+
+TACTILE = tuple(quantity for quantity in QUANTITIES if quantity.in_tactile_vector)
 
 
 def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
@@ -42,20 +45,16 @@ def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
 
 
 def _tactile(finger: FingerStatus) -> dict[str, Cell]:
-    valid = finger.valid and finger.position_mm is not None
-    x, y, z = finger.position_mm if valid and finger.position_mm else (None, None, None)
-    fx, fy = finger.shear_N if valid and finger.shear_N else (None, None)
-    values: dict[str, Cell] = {
-        "x_mm": x,
-        "y_mm": y,
-        "z_mm": z,
-        "fn_N": finger.normal_force_N if valid else None,
-        "fx_N": fx,
-        "fy_N": fy,
-        "in_contact": finger.in_contact,
-        "slip": finger.slip,
+    flags = {"in_contact": finger.in_contact, "slip": finger.slip}
+    return _measured(finger, TACTILE) | {
+        f"observation.tactile.{finger.name}.{name}": flag for name, flag in flags.items()
     }
-    return {f"observation.tactile.{finger.name}.{key}": value for key, value in values.items()}
+
+
+def _measured(finger: FingerStatus, quantities: Iterable[Quantity]) -> dict[str, Cell]:
+    """Return the columns of `quantities` for one finger; empty without a valid contact."""
+    known = finger.valid and finger.position_mm is not None
+    return {row.recording_column(finger.name): row.of(finger) if known else None for row in quantities}
 
 
 def write_csv(path: Path, statuses: Iterable[HostStatus]) -> int:

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import rerun.blueprint as rrb
 
+from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_host.view.hand_view import TIMELINE
 
+QUANTITY_PLOTS = {q.panel: [q.plot.format(finger="**")] for q in QUANTITIES if q.panel}
 PLOTS = {
-    "Force on each tip, N": ["force/**"],
+    **QUANTITY_PLOTS,
     "Orientation, deg": ["orientation/**"],
     "Joints, rad": ["position/**"],
     "Torques, N m": ["torque/**", "command/**"],

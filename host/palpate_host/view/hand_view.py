@@ -18,11 +18,14 @@ Lengths are in m, the timeline `time` is Unix time. Plots have every tick, the 3
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 import rerun as rr
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
@@ -35,6 +38,17 @@ AXIS_M = 0.03
 DOME_COLOUR = (150, 200, 235, 90)
 FORCE_COLOUR = (230, 80, 25)
 SLIP_COLOUR = (200, 0, 200)
+
+
+def plotted(finger: FingerStatus) -> Iterator[tuple[str, float]]:
+    """Yield entity and value of each contact quantity that is plotted.
+
+    An optional quantity is left out while it is not known; the others are 0 without contact.
+    """
+    for quantity in QUANTITIES:
+        value = quantity.of(finger)
+        if quantity.plot and not (quantity.optional and value is None):
+            yield quantity.plot.format(finger=finger.name), value or 0.0
 
 
 class HandView:
@@ -94,10 +108,8 @@ class HandView:
             log(f"torque/{joint.name}", rr.Scalars(joint.torque_Nm))
             log(f"command/{joint.name}", rr.Scalars(joint.command_Nm))
         for finger in status.fingers:
-            log(f"force/{finger.name}", rr.Scalars(finger.normal_force_N or 0.0))
-            if finger.shear_N is not None:
-                for axis, value in zip("xy", finger.shear_N, strict=True):
-                    log(f"shear/{finger.name}/{axis}", rr.Scalars(value))
+            for entity, value in plotted(finger):
+                log(entity, rr.Scalars(value))
             if finger.age_ms is not None:
                 log(f"age_ms/{finger.name}", rr.Scalars(finger.age_ms))
         if status.orientation_error_deg is not None:

@@ -46,12 +46,11 @@ def answer(truth, position_mm, force_N=(0.0, 0.0, 0.0), radius95_mm=None):
             position_mm,
             normal_N,
             force_N,
-            None,
             1.0,
             "",
             85,
             85,
-            radius95_mm,
+            radius95_mm=radius95_mm,
         ),
     )
 

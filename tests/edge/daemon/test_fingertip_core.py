@@ -28,7 +28,7 @@ CODECS = {
     can_id: pdo_codec(load_eds(FINGERTIP_EDS, NODE), PdoDirection.TRANSMIT, n)
     for n, can_id in ((2, TPDO_2), (3, TPDO_3))
 }
-TOUCH = Contact(0, 0, True, True, (0.0, 0.0, 30.0), 1.0, None, None, 1.0, "", 85, 85)
+TOUCH = Contact(0, 0, True, True, (0.0, 0.0, 30.0), 1.0, None, 1.0, "", 85, 85)
 
 
 class Rig:

@@ -12,9 +12,11 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.diagnostics.contact_csv import write_contacts
 
 HEADER = "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm"
-TOUCH = Contact(3, 99, True, True, (1.5, -2.25, 29.9), 1.25, (0.1, 0.2, -1.2), None, 1.0, "", 85, 85, 0.4)
-NOTHING = Contact(4, 99, True, False, None, 0.0, (0.0, 0.0, 0.0), None, 0.97, "", 83, 85)
-UNKNOWN = Contact(4, 99, True, True, (0.0, 0.0, 30.0), None, None, None, 1.0, "", 85, 85)
+TOUCH = Contact(
+    3, 99, True, True, (1.5, -2.25, 29.9), 1.25, (0.1, 0.2, -1.2), 1.0, "", 85, 85, radius95_mm=0.4
+)
+NOTHING = Contact(4, 99, True, False, None, 0.0, (0.0, 0.0, 0.0), 0.97, "", 83, 85)
+UNKNOWN = Contact(4, 99, True, True, (0.0, 0.0, 30.0), None, None, 1.0, "", 85, 85)
 
 
 def test_the_file_is_this(tmp_path):

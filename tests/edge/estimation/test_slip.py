@@ -25,7 +25,7 @@ def contact(number, theta_rad, across_N=1.2, normal_N=2.0, radius95_mm=0.3, nois
     force = across_N * to_base - normal_N * outward
     place, push = tuple(map(float, position)), tuple(map(float, force))
     return Contact(
-        number, number * FRAME_US, True, True, place, normal_N, push, None, 1.0, "", 85, 85, radius95_mm
+        number, number * FRAME_US, True, True, place, normal_N, push, 1.0, "", 85, 85, radius95_mm=radius95_mm
     )
 
 
@@ -57,7 +57,7 @@ def test_a_place_that_is_not_sure_is_no_travel():
 
 def test_another_contact_does_not_go_on_from_the_last():
     first, second = contact(0, 0.3), contact(9, 0.6)
-    gone = Contact(8, 8 * FRAME_US, True, False, None, 0.0, (0.0, 0.0, 0.0), None, 1.0, "", 85, 85)
+    gone = Contact(8, 8 * FRAME_US, True, False, None, 0.0, (0.0, 0.0, 0.0), 1.0, "", 85, 85)
     refused = refused_contact(8, 8 * FRAME_US, "blank", 0, 85)
     for between in (gone, refused):
         assert not any(slips([*[first] * 5, between, *[second] * 5]))

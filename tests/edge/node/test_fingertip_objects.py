@@ -89,7 +89,7 @@ def test_slip_goes_only_with_a_contact() -> None:
 
 def test_a_refused_frame_is_not_valid_and_touches_nothing() -> None:
     refused = replace(TOUCH, valid=False, reason="too few beads")
-    assert inputs(refused) == [0] * 7
+    assert inputs(refused) == [0] * 6 + [-0x8000]  # torsion: not given, which is no zero
     assert status(refused) == [ChannelStatus.NOT_VALID] * 7
     assert flags(refused) == 0
     assert encode_contact(refused, 0)[0x2011, 0] == 0

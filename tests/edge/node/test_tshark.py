@@ -22,7 +22,7 @@ from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave
 
-TOUCH = Contact(1, 0, True, True, (0.0, 9.0, 12.0), 2.0, None, None, 1.0, "", 31, 31)
+TOUCH = Contact(1, 0, True, True, (0.0, 9.0, 12.0), 2.0, None, 1.0, "", 31, 31)
 
 
 def sdo(data: str) -> CanFrame:

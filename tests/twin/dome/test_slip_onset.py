@@ -66,8 +66,8 @@ def slide(probe, friction, slide_mm):
         position, force_N = 30 * turn @ direction[0], SHEAR_MODULUS * turn @ force[0]
         at_us = round(1e6 * number * SLIDE_MM / STEPS / SPEED_MM_S)
         contact = Contact(
-            number, at_us, True, True, tuple(position), None, tuple(force_N), None, 1.0, "", 85, 85,
-            0.3 * float(radius_mm[0]),
+            number, at_us, True, True, tuple(position), None, tuple(force_N), 1.0, "", 85, 85,
+            radius95_mm=0.3 * float(radius_mm[0]),
         )  # fmt: skip
         steps.append(Step(pressed.shear_mm[0], slipping, contact))
     return steps

@@ -1,0 +1,225 @@
+"""Table of the contact quantities: one row holds the name of a quantity in every place where it appears.
+
+The codecs of node and host, the host's status, the columns and topics of recordings, the viewer's plots, the
+monitor and the bus-load budget are made from this table; ``fingertip.eds`` and docs/bus.md are checked
+against it. docs/bus.md describes how to add a quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+AI_AUTOZERO, AI_UNIT, AI_DECIMALS, AI_STATUS, AI_INPUT = 0x6125, 0x6131, 0x6132, 0x6150, 0x7130
+"""CiA 404, analog input block: each quantity is one channel, that is one sub-index; 7130h is an INTEGER16."""
+
+UNIT_CODES = {"mm": 0xFD01_0000, "N": 0x0021_0000, "N mm": 0xFD23_0000}
+"""Values of 6131h by CiA 303-2: prefix, numerator, denominator, reserved."""
+
+NOT_GIVEN = -0x8000
+"""Value of 7130h of an optional quantity that the estimation method does not give."""
+
+BASE_TPDOS = (1, 2, 3)
+"""TPDOs that make up a contact on every fingertip; the last one closes the set."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OptionalQuantities:
+    """Fields shared by Contact, TipContact and FingerStatus; None when the estimation method gives none.
+
+    torsion_Nmm: about the inward normal.
+    """
+
+    torsion_Nmm: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """One quantity of a contact.
+
+    name: as the EDS spells it, behind "Value of", "Unit of", "Status of".
+    attribute, element: field of Contact, TipContact and FingerStatus; element of a vector.
+    column: short name with its unit, for CSV, Parquet and MCAP.
+    channel: sub-index of 6125h, 6131h, 6132h, 6150h and 7130h.
+    unit, decimals: 6131h and 6132h; the raw value counts 10^-decimals units.
+    tpdo: number of the TPDO and place in its mapping, both from 1.
+    usual_raw: range of raw values on an ordinary hand, for the bus-load budget.
+    optional: a method may omit the quantity without making the contact doubtful.
+    not_given: raw value that stands for "not given"; None: the channel then carries 0.
+    csv_digits: digits in the CSV of ``palpate-edge estimate``; None: no column there.
+    in_tactile_vector: element of ``observation.tactile.FINGER`` in a recording's table; the other quantities
+        have a column of their own, ``observation.COLUMN``, with one element a finger.
+    plot: entity of the viewer, or empty. panel: title of the plot panel shown at first, or empty.
+    """
+
+    name: str
+    attribute: str
+    element: int | None = None
+    column: str
+    channel: int
+    unit: str
+    decimals: int
+    tpdo: tuple[int, int]
+    usual_raw: tuple[int, int]
+    optional: bool = False
+    not_given: int | None = None
+    csv_digits: int | None = None
+    in_tactile_vector: bool = False
+    plot: str = ""
+    panel: str = ""
+
+    @property
+    def increments_per_unit(self) -> int:
+        """Raw increments in one unit."""
+        return int(10**self.decimals)
+
+    def value(self, raw: int) -> float | None:
+        """Convert a raw value of 7130h to the quantity's unit; None when it stands for "not given"."""
+        return None if raw == self.not_given else raw / self.increments_per_unit
+
+    def of(self, contact: object) -> float | None:
+        """Return the quantity of a Contact, TipContact or FingerStatus."""
+        return _element(getattr(contact, self.attribute), self.element)
+
+    def recording_column(self, finger: str) -> str:
+        """Return the column of the table of a recording (CSV and Parquet)."""
+        if self.in_tactile_vector:
+            return f"observation.tactile.{finger}.{self.column}"
+        return f"observation.{self.column}.{finger}"
+
+
+QUANTITIES = (
+    Quantity(
+        name="contact x",
+        attribute="position_mm",
+        element=0,
+        column="x_mm",
+        channel=1,
+        unit="mm",
+        decimals=2,
+        tpdo=(1, 1),
+        usual_raw=(-2000, 2000),
+        csv_digits=4,
+        in_tactile_vector=True,
+    ),
+    Quantity(
+        name="contact y",
+        attribute="position_mm",
+        element=1,
+        column="y_mm",
+        channel=2,
+        unit="mm",
+        decimals=2,
+        tpdo=(1, 2),
+        usual_raw=(-2000, 2000),
+        csv_digits=4,
+        in_tactile_vector=True,
+    ),
+    Quantity(
+        name="contact z",
+        attribute="position_mm",
+        element=2,
+        column="z_mm",
+        channel=3,
+        unit="mm",
+        decimals=2,
+        tpdo=(1, 3),
+        usual_raw=(1500, 3000),
+        csv_digits=4,
+        in_tactile_vector=True,
+    ),
+    Quantity(
+        name="normal force",
+        attribute="normal_force_N",
+        column="fn_N",
+        channel=4,
+        unit="N",
+        decimals=3,
+        tpdo=(1, 4),
+        usual_raw=(0, 3000),
+        csv_digits=5,
+        in_tactile_vector=True,
+        plot="force/{finger}",
+        panel="Force on each tip, N",
+    ),
+    Quantity(
+        name="shear force x",
+        attribute="shear_N",
+        element=0,
+        column="fx_N",
+        channel=5,
+        unit="N",
+        decimals=3,
+        tpdo=(2, 1),
+        usual_raw=(-500, 500),
+        optional=True,
+        in_tactile_vector=True,
+        plot="shear/{finger}/x",
+    ),
+    Quantity(
+        name="shear force y",
+        attribute="shear_N",
+        element=1,
+        column="fy_N",
+        channel=6,
+        unit="N",
+        decimals=3,
+        tpdo=(2, 2),
+        usual_raw=(-500, 500),
+        optional=True,
+        in_tactile_vector=True,
+        plot="shear/{finger}/y",
+    ),
+    Quantity(
+        name="torsion",
+        attribute="torsion_Nmm",
+        column="torsion_Nmm",
+        channel=7,
+        unit="N mm",
+        decimals=2,
+        tpdo=(2, 3),
+        usual_raw=(-500, 500),
+        optional=True,
+        not_given=NOT_GIVEN,
+    ),
+)
+"""Rows in the order of their columns in CSV files, which is a contract: a new row goes last."""
+
+ATTRIBUTES = tuple(dict.fromkeys(quantity.attribute for quantity in QUANTITIES))
+"""The fields of TipContact and FingerStatus that hold quantities."""
+
+_GROUPS = tuple((name, tuple(group)) for name, group in groupby(QUANTITIES, key=lambda row: row.attribute))
+
+
+def values_of(contact: object) -> tuple[float | None, ...]:
+    """Return the quantities of a Contact, TipContact or FingerStatus in the order of QUANTITIES."""
+    values: list[float | None] = []
+    for attribute, group in _GROUPS:
+        whole = getattr(contact, attribute)  # once for a vector: the shear of a Contact is computed
+        values += [_element(whole, quantity.element) for quantity in group]
+    return tuple(values)
+
+
+def fields_of(raw_by_channel: Mapping[int, int]) -> dict[str, Any]:
+    """Return the fields of TipContact from raw values of 7130h; a channel that is missing is not given."""
+    fields: dict[str, Any] = {}
+    for attribute, group in _GROUPS:
+        raws = [(quantity, raw_by_channel.get(quantity.channel)) for quantity in group]
+        values = [None if raw is None else quantity.value(raw) for quantity, raw in raws]
+        if group[0].element is None:
+            fields[attribute] = values[0]
+        else:
+            fields[attribute] = None if None in values else tuple(values)
+    return fields
+
+
+def _element(whole: Any, element: int | None) -> float | None:
+    value: float | None = whole if whole is None or element is None else whole[element]
+    return value
+
+
+def columns_of(quantities: Iterable[Quantity]) -> tuple[str, ...]:
+    """Return the short names of `quantities`."""
+    return tuple(quantity.column for quantity in quantities)
