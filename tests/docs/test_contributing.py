@@ -24,7 +24,7 @@ PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 def example(title: str) -> dict[str, str]:
-    """File name -> text of the code blocks below a heading; a block's first line is a comment with its name."""
+    """Return file name -> text of the code blocks below a heading; a block's first line names its file."""
     section = PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
     return dict(re.findall(r"^```\w+\n# ([\w./-]+)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL))
 
