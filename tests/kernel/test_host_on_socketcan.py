@@ -101,7 +101,7 @@ def test_down_and_up_again(vcan, hand_on_can, hand, wait_until):
     vcan.down()
     wait_until(lambda: hand.status().mode is Mode.FAULT)
     wait_until(lambda: "the bus is down" in hand_on_can.said())
-    with pytest.raises(CommandError, match="the bus is away"):
+    with pytest.raises(CommandError, match="the bus is lost"):
         hand.recover()
     ticks = hand.status().counters.ticks
     wait_until(lambda: hand.status().counters.ticks > ticks + 60)  # longer than the longest pause

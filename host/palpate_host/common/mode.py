@@ -18,7 +18,7 @@ class Mode(enum.Enum):
     BLIND = "blind"  # Eqs. (9)-(14), desired frame frozen or by joint angles alone
     RELEASE = "release"  # opening, for a time
     FAULT = "fault"  # something broke: torque 0, drives quick-stopped, then off
-    STOP = "stop"  # the operator's wish: the same
+    STOP = "stop"  # stopped by the operator: the same
 
 
 STOPPED = (Mode.FAULT, Mode.STOP)

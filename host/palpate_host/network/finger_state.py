@@ -48,7 +48,7 @@ class FingerRecord:
             frame_age_us=_age(now_us, self._valid_at_us),
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,
-            is_silent=is_silent,
+            heartbeat_timed_out=is_silent,
         )
 
     def status(self, now_us: int) -> FingerStatus:

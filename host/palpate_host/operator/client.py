@@ -1,4 +1,4 @@
-"""A client of the control socket: asks, waits for the answer, and follows the stream."""
+"""A client of the control socket: requests with their responses, and the stream of statuses."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ DEFAULT_TIMEOUT_S = 5.0
 
 
 class NoHostError(CommandError):
-    """No host answers on the control socket."""
+    """No host responds on the control socket."""
 
     exit_status = 9
 
 
 class OperatorClient:
-    """One connection; a context manager."""
+    """One connection to a host; a context manager."""
 
     def __init__(self, path: Path, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        """NoHostError when nobody listens at `path`, or this user may not connect."""
+        """Connect to `path`. Raises NoHostError when no host listens there, or this user may not connect."""
         self._path = path
         self._lines = Lines(LONGEST_ANSWER)
         self._waiting: list[bytes] = []
@@ -36,17 +36,19 @@ class OperatorClient:
         except OSError as exc:
             self._connection.close()
             raise NoHostError(
-                f"no host on {path} ({exc.strerror or exc}): start palpate-host run, or give its --socket"
+                f"no hand is running; start one: palpate-host run --config hand.toml, or give its --socket"
+                f" (control socket {path}: {exc.strerror or exc})"
             ) from exc
 
     def ask(self, request: Request) -> HostStatus | None:
-        """The status with which the host accepts; CommandError with its reason when it refuses."""
-        with contextlib.suppress(BrokenPipeError):  # a refusal may have been said before the request
+        """Send a request and return the status in the response; CommandError with the host's reason when it
+        refuses."""
+        with contextlib.suppress(BrokenPipeError):  # the host may refuse the connection before the request
             self._connection.sendall(encode(request))
         return self._checked(self._next())
 
     def stream(self) -> Iterator[HostStatus]:
-        """Every tick's status until the connection is closed; this connection answers nothing else then."""
+        """Yield every tick's status until the connection is closed; it then serves no other request."""
         self.ask(Stream())
         while True:
             status = self._checked(self._next())
@@ -67,9 +69,13 @@ class OperatorClient:
             try:
                 data = self._connection.recv(1 << 16)
             except TimeoutError as exc:
-                raise NoHostError(f"the host on {self._path} does not answer: is it stopped?") from exc
+                raise NoHostError(
+                    f"the host on {self._path} does not respond: see its log, or restart it"
+                ) from exc
             except OSError as exc:
-                raise NoHostError(f"the host on {self._path} left ({exc.strerror or exc})") from exc
+                raise NoHostError(
+                    f"the host on {self._path} has ended ({exc.strerror or exc}): see its log"
+                ) from exc
             if not data:
                 raise NoHostError(f"the host on {self._path} has closed the connection: see its log")
             self._waiting = self._lines.receive(data)

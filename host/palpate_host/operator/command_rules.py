@@ -1,32 +1,32 @@
-"""Which command the hand obeys in which mode. Pure; what obeying means is the master's."""
+"""The commands that each mode of the hand allows. Pure; host_core.py carries them out."""
 
 from __future__ import annotations
 
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.mode import MOVING, STOPPED, Mode
-from palpate_host.safety.supervisor import Decision, Wish
+from palpate_host.safety.supervisor import Decision, Goal
 
 
 def check_allowed(
-    command: Command, decision: Decision, wish: Wish, *, leaves: bool, bus_is_away: bool, is_off: bool
+    command: Command, decision: Decision, goal: Goal, *, is_ending: bool, bus_lost: bool, is_off: bool
 ) -> None:
-    """CommandError, saying what to do first, when the mode does not allow the command.
+    """Raise CommandError, with what to do first, when the mode does not allow the command.
 
-    leaves: the host has been told to end. is_off: after a stop, no drive has power any more.
+    is_ending: the host is about to exit. is_off: since the stop every drive is commanded off.
     """
     mode = decision.mode
     match command:
         case Stop():
             pass
         case Recover():
-            if mode not in STOPPED or leaves:
+            if mode not in STOPPED or is_ending:
                 raise _refusal("recover", decision, "there is nothing to recover from")
-            if bus_is_away:
-                raise _refusal("recover", decision, "the bus is away, it is opened again by itself")
+            if bus_lost:
+                raise _refusal("recover", decision, "the bus is lost, the host reopens it by itself")
             if not is_off:
                 raise _refusal("recover", decision, "the drives are still stopping, try again")
         case Rotate():
-            if mode not in MOVING or wish is Wish.NOTHING:
+            if mode not in MOVING or goal is Goal.NOTHING:
                 raise _refusal("rotate", decision, "grasp first")
         case Grasp() | Release():
             if mode not in (Mode.READY, *MOVING):
@@ -34,5 +34,5 @@ def check_allowed(
                 raise _refusal(type(command).__name__.lower(), decision, way_out)
 
 
-def _refusal(what: str, decision: Decision, way_out: str) -> CommandError:
-    return CommandError(f"{what} is refused in mode {decision.mode.value} ({decision.reason}): {way_out}")
+def _refusal(command: str, decision: Decision, way_out: str) -> CommandError:
+    return CommandError(f"{command} is refused in mode {decision.mode.value} ({decision.reason}): {way_out}")

@@ -1,7 +1,7 @@
-"""What goes over the control socket: JSON objects, one a line, in both directions. Pure.
+"""The protocol of the control socket: JSON objects, one a line, in both directions. Pure.
 
-A request is a command (command.py) or a question, told apart by its key ``command``. Every request has one
-answer, in their order; after `Stream` a status follows each tick until the client closes.
+The key ``command`` of a request is a command's name (command.py), ``status`` or ``stream``. Every request has
+one response, in order; after `Stream` each tick's status follows until the client closes the connection.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from palpate_host.common.command import Command, CommandError, Grasp, Recover, R
 from palpate_host.common.status import HostStatus
 
 LONGEST_REQUEST = 4096
-"""Bytes; a longer line is no request of this protocol."""
+"""Most bytes of a request's line."""
 
 
 class Status(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="command", tag="status"):
-    """Ask for the status of the last tick."""
+    """A request for the status of the last tick."""
 
 
 class Stream(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="command", tag="stream"):
-    """Ask for the status of every tick from now on."""
+    """A request for the status of every tick from now on."""
 
 
 Request = Command | Status | Stream
 
 
 class Answer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """To one request. error: why it was refused, empty when it was not. status: of the last tick."""
+    """The response to one request. error: why it was refused, or empty. status: of the last tick."""
 
     error: str = ""
     status: HostStatus | None = None
@@ -39,7 +39,7 @@ _encoder = msgspec.json.Encoder()
 
 
 def decode_request(line: bytes) -> Request:
-    """CommandError, in one line, for anything but a request."""
+    """Parse a line. Raises CommandError, in one line, for anything but a request."""
     try:
         request: Request = _requests.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as exc:
@@ -49,29 +49,33 @@ def decode_request(line: bytes) -> Request:
 
 
 def encode(message: Request | Answer) -> bytes:
-    """One line."""
+    """Return the message as one line of JSON."""
     return _encoder.encode(message) + b"\n"
 
 
 def decode_answer(line: bytes) -> Answer:
-    """CommandError when the other side is of another version."""
+    """Parse a line. Raises CommandError for anything but a response, as from a host of another version."""
     try:
         answer: Answer = _answers.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as exc:
         reason = " ".join(str(exc).split())
-        raise CommandError(f"the host's answer is not understood ({reason}): use one version") from exc
+        raise CommandError(
+            f"not a host's response ({reason}): use the same palpate version on both sides"
+        ) from exc
     return answer
 
 
 class Lines:
-    """Cuts a stream of bytes into lines of bounded length."""
+    """A stream of bytes split into lines of bounded length."""
 
     def __init__(self, longest: int) -> None:
-        self._rest, self._longest = b"", longest
+        self._incomplete, self._longest = b"", longest
 
     def receive(self, data: bytes) -> list[bytes]:
-        """The lines completed by `data`. CommandError when one is too long."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > self._longest or any(len(line) > self._longest for line in lines):
-            raise CommandError(f"a line of more than {self._longest} bytes: see docs/using.md")
+        """Return the lines completed by `data`. Raises CommandError when one is too long."""
+        *lines, self._incomplete = (self._incomplete + data).split(b"\n")
+        if len(self._incomplete) > self._longest or any(len(line) > self._longest for line in lines):
+            raise CommandError(
+                f"a line of more than {self._longest} bytes: send one JSON object a line (docs/using.md)"
+            )
         return lines

@@ -1,7 +1,7 @@
-"""The control socket at the host's rim: requests in, answers out, without ever holding up the loop.
+"""The host's end of the control socket: requests in, responses out, without blocking the control loop.
 
 A Unix stream socket of mode 0660 whose peers must be root, the host's own user or a member of the host's
-group. A client that does not read loses its stream's lines, one that floods loses its connection.
+group. A client that does not read misses statuses of its stream; one that floods the host is disconnected.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from palpate_host.operator.protocol import (
 SERVICE_DIRECTORY = Path("/run/palpate-host")
 MOST_CLIENTS = 16
 MOST_UNSENT = 1 << 18
-"""Bytes that a client may leave unread before its stream skips ticks and its requests end the connection."""
+"""Bytes that a client may leave unread; beyond them it is disconnected."""
 RECEIVE_BYTES = 4096
 _CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: struct ucred of unix(7)
 _SO_PEERGROUPS = 59  # asm-generic/socket.h; not in Python's socket module
@@ -42,9 +42,12 @@ Execute = Callable[[Command], None]
 
 
 def default_control_socket() -> Path:
-    """$PALPATE_CONTROL, else palpate-host.sock in the service's directory, $XDG_RUNTIME_DIR or the directory
-    for temporary files (there with the user's number, as that directory is everybody's). The service's is
-    there while it runs."""
+    """Return the default path of the control socket.
+
+    $PALPATE_CONTROL; else palpate-host.sock in $RUNTIME_DIRECTORY, in the service's directory while the
+    service runs, or in $XDG_RUNTIME_DIR; else a name with the user's number in the directory for temporary
+    files, which all users share.
+    """
     named = os.environ.get("PALPATE_CONTROL")
     if named:
         return Path(named)
@@ -67,18 +70,19 @@ class OperatorSocket:
     """The listening socket and its clients; call `serve` once a tick."""
 
     def __init__(self, path: Path) -> None:
-        """ConfigError when another host listens there, or the path cannot be used."""
+        """Listen on `path`. Raises ConfigError when another host listens there, or the path cannot be
+        used."""
         self._path = path
         self._clients: dict[int, _Client] = {}
         self._selector = selectors.DefaultSelector()
         self._listener = _listen(path)
         self._selector.register(self._listener, selectors.EVENT_READ)
-        self._own = os.stat(path).st_ino  # noqa: PTH116 - of the socket, not of what a link leads to
+        self._own = os.stat(path).st_ino  # noqa: PTH116 - of the socket itself, not of a link's target
 
     def serve(self, execute: Execute, status: HostStatus | None) -> None:
-        """Answer what has come, and send `status` to who asked for every tick's.
+        """Respond to the requests that have come, and send `status` to the clients that stream.
 
-        execute: obeys a command; what it raises as CommandError is the answer.
+        execute: carries out a command; the text of its CommandError is the response.
         """
         for key, _ in self._selector.select(0):
             if key.fileobj is self._listener:
@@ -93,7 +97,7 @@ class OperatorSocket:
             self._flush(fd, client)
 
     def close(self) -> None:
-        """Close every connection and remove the socket, unless somebody else's has taken its place."""
+        """Close every connection and remove the socket, unless another host's has replaced it."""
         for fd in list(self._clients):
             self._drop(fd)
         self._selector.close()
@@ -108,12 +112,12 @@ class OperatorSocket:
         except OSError:
             return
         connection.setblocking(False)
-        refusal = "" if may_command(connection) else _not_allowed()
+        error = "" if may_command(connection) else _not_allowed()
         if len(self._clients) >= MOST_CLIENTS:
-            refusal = f"{MOST_CLIENTS} clients are connected already: close one"
-        if refusal:
+            error = f"{MOST_CLIENTS} clients are connected already: close one"
+        if error:
             with contextlib.suppress(OSError):
-                connection.send(encode(Answer(refusal)))
+                connection.send(encode(Answer(error)))
             connection.close()
             return
         self._clients[connection.fileno()] = _Client(connection)
@@ -174,10 +178,10 @@ def _answer(client: _Client, line: bytes, execute: Execute, status: HostStatus |
 
 
 def may_command(connection: socket.socket) -> bool:
-    """Whether the peer is root, this user, or in this process's group.
+    """Return whether the peer is root, this user, or in this process's group.
 
-    The kernel tells the peer's own groups. Looking its user up instead would find nobody in the service,
-    which sees every user but root and its own as 65534 (PrivateUsers= of systemd.exec).
+    The kernel provides the peer's groups. A look-up of its user would fail in the service, where every user
+    but root and the service's own appears as 65534 (PrivateUsers= of systemd.exec).
     """
     raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     _, uid, gid = _CREDENTIALS.unpack(raw)
@@ -185,13 +189,15 @@ def may_command(connection: socket.socket) -> bool:
         return True
     try:
         groups = connection.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _GROUPS_BYTES)
-    except OSError:  # ERANGE: it has more
+    except OSError:  # ERANGE: the peer has more groups
         return False
     return os.getgid() in memoryview(groups).cast("I")
 
 
 def _not_allowed() -> str:
-    return "only root, the host's user and its group may command the hand: sudo -u palpate palpate-host ..."
+    return (
+        "only root, the host's user and its group may command the hand: use sudo -u palpate palpate-host ..."
+    )
 
 
 def _listen(path: Path) -> socket.socket:
@@ -203,7 +209,7 @@ def _listen(path: Path) -> socket.socket:
     except OSError as exc:
         listener.close()
         raise ConfigError(
-            f"control socket {path}: {exc.strerror or exc}: give another with --socket"
+            f"control socket {path}: {exc.strerror or exc}: give another path with --socket"
         ) from exc
     finally:
         os.umask(former)
@@ -213,10 +219,12 @@ def _listen(path: Path) -> socket.socket:
 
 
 def _remove_stale(path: Path) -> None:
-    """A socket that nobody listens on is left over from a host that was killed."""
+    """Remove a socket on which no host listens, as a killed host leaves it."""
     try:
         if not stat.S_ISSOCK(path.lstat().st_mode):
-            raise ConfigError(f"control socket {path}: is a file: give another path with --socket")
+            raise ConfigError(
+                f"control socket {path}: exists and is no socket: give another path with --socket"
+            )
     except FileNotFoundError:
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
@@ -228,6 +236,8 @@ def _remove_stale(path: Path) -> None:
             return
         except OSError as exc:
             raise ConfigError(
-                f"control socket {path}: {exc.strerror or exc}: give another with --socket"
+                f"control socket {path}: {exc.strerror or exc}: give another path with --socket"
             ) from exc
-    raise ConfigError(f"control socket {path}: a host is running there: stop it, or give another --socket")
+    raise ConfigError(
+        f"control socket {path}: a host is running there: stop it, or give another path with --socket"
+    )

@@ -1,8 +1,8 @@
-"""Limits whose passing is a fault: contact force, joint torque, joint speed. Pure.
+"""Limits on measured quantities whose violation is a fault: contact force, joint torque, joint speed. Pure.
 
-The controller never asks for that much (control.py clamps what it asks); these look at what comes back. A
-geared drive under velocity command goes on closing on a hard object whatever it was asked in torque: without
-the sensor's force the grasp passes 50 N within 3 s.
+The controller never commands that much (control_law.py clamps its output); these limits check what is
+measured. A geared drive under velocity command keeps closing on a hard object although little torque is
+commanded: without the fingertips' force in the loop the grasp exceeds 50 N within 3 s.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from palpate_host.config.hand_config import JointConfig, LimitsConfig
 
 
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:
-    """Why this contact is a fault: its normal force or its shear is beyond the limit; empty: it is not.
+    """Return the fault text when the contact's normal or shear force exceeds the limit; empty otherwise.
 
-    In doubt too: a fingertip that does not believe its frame may be pressed flat.
+    Contacts that are not valid count too: a fingertip that rejects its frames may be pressed flat.
     """
     shear_N = (contact.shear_N[0] ** 2 + contact.shear_N[1] ** 2) ** 0.5
     force_N = max(contact.normal_force_N, shear_N)
@@ -29,8 +29,8 @@ def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:
 def joint_fault(
     joints: Sequence[JointConfig], torque_Nm: Sequence[float], qdot_rad_s: Array, limits: LimitsConfig
 ) -> str:
-    """The first joint whose drive reports more torque than `torque_ratio` times its limit, or that is faster
-    than `joint_speed_rad_s`; empty when none does."""
+    """Return the fault text of the fastest joint beyond `joint_speed_rad_s`, else of the first joint whose
+    drive reports more than `torque_ratio` times its torque limit; empty when there is none."""
     if float(abs(qdot_rad_s).max()) > limits.joint_speed_rad_s:
         fastest = int(abs(qdot_rad_s).argmax())
         return (
@@ -39,5 +39,8 @@ def joint_fault(
         )
     for joint, torque in zip(joints, torque_Nm, strict=True):
         if abs(torque) > limits.torque_ratio * joint.torque_limit_Nm:
-            return f"{joint.name}: its drive reports {torque:.2f} N m, its limit is {joint.torque_limit_Nm:g}"
+            return (
+                f"{joint.name}: its drive reports {torque:.2f} N m,"
+                f" torque_limit_Nm is {joint.torque_limit_Nm:g}"
+            )
     return ""

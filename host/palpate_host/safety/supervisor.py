@@ -1,11 +1,11 @@
-"""Which law may move the hand: the modes and what switches between them. Pure, in the time it is given.
+"""The modes of the hand and the transitions between them: which control law may move the joints.
 
     INIT -> CHECK -> HOME -> READY -> GRASP -> MANIPULATE <-> BLIND, HOLD        any -> FAULT, STOP
 
-The ladder of staleness: a contact older than `warn` is reported, older than `freeze` (or let go) freezes the
-desired frame, older than `hold` leaves only the grasp, and a fingertip without a valid frame for `stop` is a
-fault. FAULT and STOP are left by the operator's `recover` alone (master.py). Every mode keeps the limits
-(control.py, runaway.py).
+Pure: the time is an argument. The tiers of staleness: a contact older than `warn_us` is reported; older than
+`freeze_us`, or lost, it freezes the desired frame; older than `hold_us` it leaves only the grasp; a fingertip
+without a valid frame for `stop_us` is a fault. Only the operator's `Recover` leads out of FAULT and STOP
+(host_core.py). The limits hold in every mode (control_law.py, runaway.py).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from palpate_host.common.mode import STARTING, STOPPED, Mode
 
 
-class Wish(enum.Enum):
-    """What the operator wants of the hand; each includes what stands before it."""
+class Goal(enum.Enum):
+    """The operator's goal for the hand; each goal includes the ones before it."""
 
     NOTHING = "nothing"
     GRASP = "grasp"
@@ -27,7 +27,7 @@ class Wish(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tiers:
-    """Times of the ladder, of the settling grasp and of the opening, in us."""
+    """Durations in us: the tiers of staleness, the settling of the grasp, the opening on release."""
 
     warn_us: int
     freeze_us: int
@@ -39,23 +39,24 @@ class Tiers:
 
 @dataclass(frozen=True, slots=True)
 class FingerHealth:
-    """One fingertip: ages of its last valid frame and contact (None: never); whether it touches."""
+    """One fingertip: ages of its last valid frame and of its last contact, None when there was none."""
 
     name: str
     frame_age_us: int | None
     contact_age_us: int | None
     in_contact: bool
-    is_silent: bool
+    heartbeat_timed_out: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What one decision sees. The texts are reasons; empty means there is none.
+    """The inputs of one decision. The texts are reasons; an empty text means that there is none.
 
-    stop: the operator's. fault: drive, bus, lost joint, runaway. missing: nodes not heard of. unchecked:
-    nodes not yet operating. homing, drives_waiting: drives without a zero, not yet enabled.
-    no_virtual_frame: why R_vir of Eq. (12) does not exist now. no_contact_frame: why the contacts give no R_c
-    of Eq. (16) now. blind_by_choice: the configuration asks for Tahara's law: fingertips do not matter.
+    stop: the operator's stop. fault: of a drive, the bus, a lost joint or a limit. missing: nodes that have
+    not reported since their reset. unchecked: nodes that are not operational yet. homing: the drive that is
+    looking for its zero. drives_waiting: the first drive that is not enabled. no_virtual_frame: why R_vir of
+    Eq. (12) does not exist. no_contact_frame: why the contacts give no R_c of Eq. (16). blind_by_choice: the
+    configuration selects Tahara's law, which needs no fingertip.
     """
 
     now_us: int
@@ -68,13 +69,13 @@ class Inputs:
     no_virtual_frame: str
     no_contact_frame: str
     blind_by_choice: bool
-    wish: Wish
+    goal: Goal
     fingers: Sequence[FingerHealth]
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The mode, why, and since when."""
+    """A mode, its reason and its beginning; `warning` reports stale contacts."""
 
     mode: Mode
     reason: str
@@ -83,7 +84,7 @@ class Decision:
 
 
 def decide(last: Decision, inputs: Inputs, tiers: Tiers) -> Decision:
-    """The next decision; `since_us` moves only when the mode changes."""
+    """Return the next decision; `since_us` changes only with the mode."""
     if last.mode in STOPPED:
         return last
     mode, reason = _next_mode(last, inputs, tiers)
@@ -98,7 +99,7 @@ def _next_mode(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]
         return (Mode.STOP, inputs.stop) if inputs.stop else (Mode.FAULT, inputs.fault)
     if last.mode in STARTING:
         return _starting(last.mode, inputs)
-    if inputs.wish is Wish.NOTHING:
+    if inputs.goal is Goal.NOTHING:
         is_open = last.mode is Mode.RELEASE and inputs.now_us - last.since_us >= tiers.release_us
         return (Mode.READY, "released") if is_open else (Mode.RELEASE, "opening")
     if last.mode is Mode.RELEASE:
@@ -107,8 +108,11 @@ def _next_mode(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]
 
 
 def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
-    """One stage after the other; READY goes back for a drive that booted anew and may have lost its zero, for
-    nothing else: its drives are enabled anew."""
+    """Return the next stage of the start-up.
+
+    READY returns to an earlier stage only for a drive that has booted again and may have lost its zero; any
+    other drive is just enabled again.
+    """
     if last is not Mode.READY or inputs.homing:
         if inputs.missing:
             return Mode.INIT, f"waiting for {inputs.missing}"
@@ -119,7 +123,7 @@ def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
     waiting = inputs.drives_waiting or _first_frame_missing(inputs)
     if waiting:
         return Mode.READY, f"waiting for {waiting}"
-    if inputs.wish is Wish.NOTHING:
+    if inputs.goal is Goal.NOTHING:
         return Mode.READY, "waiting for a command: palpate-host command grasp"
     return Mode.GRASP, "grasping"
 
@@ -135,7 +139,7 @@ def _by_joint_angles(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode
     waits_in = last.mode if last.mode is Mode.GRASP else Mode.HOLD
     if inputs.no_virtual_frame:
         return waits_in, inputs.no_virtual_frame
-    if inputs.wish is not Wish.TURN:
+    if inputs.goal is not Goal.TURN:
         return Mode.GRASP, _GRASPED
     if last.mode is not Mode.BLIND and inputs.now_us - last.since_us < tiers.settle_us:
         return waits_in, "grasp settling"
@@ -152,7 +156,7 @@ def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, st
     if only_grasp:
         return waits_in, only_grasp
     frozen = _first(_freeze_reason, inputs.fingers, tiers) or inputs.no_contact_frame
-    if inputs.wish is not Wish.TURN:
+    if inputs.goal is not Goal.TURN:
         return Mode.GRASP, frozen or _GRASPED
     if frozen:
         return (Mode.BLIND if was_turning else waits_in), frozen
@@ -171,7 +175,7 @@ def _first(
 
 
 def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:
-    if finger.is_silent:
+    if finger.heartbeat_timed_out:
         return f"{finger.name}: heartbeat lost"
     if finger.contact_age_us is None or finger.contact_age_us > tiers.hold_us:
         return f"{finger.name}: no contact for more than {tiers.hold_us // 1000} ms"

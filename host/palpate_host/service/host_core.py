@@ -25,8 +25,8 @@ from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
 from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.operator.command_rules import check_allowed
-from palpate_host.safety.drive_shutdown import PowerDown
-from palpate_host.safety.supervisor import Decision, Inputs, Tiers, Wish, decide
+from palpate_host.safety.drive_shutdown import DriveShutdown
+from palpate_host.safety.supervisor import Decision, Goal, Inputs, Tiers, decide
 from palpate_host.service.tick_schedule import TickSchedule
 
 OPERATOR_STOP = "stopped by the operator"
@@ -73,16 +73,16 @@ class HostCore:
         self._waits_for_commands = config.run.start is StartMode.COMMAND
         self._control = Manipulation(config)
         self._target_rpy_deg = config.target.rpy_deg
-        self._wish = Wish.NOTHING if self._waits_for_commands else Wish.TURN
+        self._goal = Goal.NOTHING if self._waits_for_commands else Goal.TURN
         self._decision = Decision(Mode.INIT, "starting", 0)
         self._stop_reason = ""
-        self._leaves = False
-        self._is_away = False  # the bus
+        self._is_ending = False
+        self._is_bus_lost = False
         self._bus_fault = ""
         self._back_us = 0
         self._command_Nm = np.zeros(len(config.joints))
         self._R_vir: Array | None = None
-        self._power_down = PowerDown()
+        self._shutdown = DriveShutdown()
         self._finished = False
         self._status: HostStatus | None = None
 
@@ -93,7 +93,7 @@ class HostCore:
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason stays."""
-        self._leaves = True
+        self._is_ending = True
         self._stop_reason = self._stop_reason or reason
 
     def bus_lost(self, now_us: int, reason: str) -> None:
@@ -101,7 +101,7 @@ class HostCore:
 
         An earlier fault or stop keeps its reason; this one is its warning while the bus is away.
         """
-        self._is_away = True
+        self._is_bus_lost = True
         self._bus_fault = self._bus_fault or reason
         if self._decision.mode in STOPPED:
             self._decision = replace(self._decision, warning=reason)
@@ -114,7 +114,7 @@ class HostCore:
     def bus_restored(self, now_us: int) -> None:
         """The bus is there again: every drive is switched off, as nobody knows what it did meanwhile, and
         `Recover` leads on. What was stamped before does not count."""
-        self._is_away = False
+        self._is_bus_lost = False
         self._back_us = now_us
         self._decision = replace(self._decision, warning="")
 
@@ -126,10 +126,10 @@ class HostCore:
         check_allowed(
             command,
             self._decision,
-            self._wish,
-            leaves=self._leaves,
-            bus_is_away=self._is_away,
-            is_off=self._power_down.is_off,
+            self._goal,
+            is_ending=self._is_ending,
+            bus_lost=self._is_bus_lost,
+            is_off=self._shutdown.is_off,
         )
         match command:
             case Stop():
@@ -137,21 +137,21 @@ class HostCore:
             case Recover():
                 self._recover()
             case Grasp():
-                self._wish = Wish.GRASP
+                self._goal = Goal.GRASP
                 self._control.rest()
             case Rotate(rpy_deg=rpy_deg, ramp_s=ramp_s):
-                self._wish = Wish.TURN
+                self._goal = Goal.TURN
                 self._target_rpy_deg = rpy_deg
                 self._control.turn(rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
             case Release():
-                self._wish = Wish.NOTHING
+                self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
 
     def _recover(self) -> None:
-        """Out of FAULT and STOP: all nodes anew, nothing wished for."""
+        """Out of FAULT and STOP: all nodes anew, no goal."""
         self._stop_reason = self._bus_fault = ""
-        self._wish = Wish.NOTHING
-        self._power_down = PowerDown()
+        self._goal = Goal.NOTHING
+        self._shutdown = DriveShutdown()
         self._control = Manipulation(self._config)
         self._nodes.recover()
         self._decision = Decision(Mode.INIT, "recovering", self._decision.since_us)
@@ -165,7 +165,7 @@ class HostCore:
         nodes = self._nodes
         for stamp_us, frame in frames_in:
             nodes.counters.frames_in += 1
-            if self._is_away or stamp_us < self._back_us:
+            if self._is_bus_lost or stamp_us < self._back_us:
                 continue
             paired = nodes.receive(stamp_us, frame)
             if paired is not None:
@@ -174,7 +174,7 @@ class HostCore:
         tick_us = None if self._finished else self._schedule.take(now_us)
         frames_out: list[CanFrame] = []
         if tick_us is not None:
-            if self._is_away:
+            if self._is_bus_lost:
                 self._tick_without_bus(tick_us)
             else:
                 frames_out = self._tick(tick_us)
@@ -191,18 +191,18 @@ class HostCore:
             self._nodes.fingers[paired.finger].unpaired += 1
 
     def _tick_without_bus(self, tick_us: int) -> None:
-        """Nobody can be told to stop, so a wish to leave ends it at once, and as a stop where the bus was all
-        that failed."""
-        if self._leaves and self._decision.reason == self._bus_fault:
+        """End at once when that was requested, since no node can be reached; the result is STOP where the
+        lost bus was the only fault."""
+        if self._is_ending and self._decision.reason == self._bus_fault:
             self._decision = Decision(Mode.STOP, self._stop_reason, tick_us)
-        self._finished = self._leaves
+        self._finished = self._is_ending
 
     def _tick(self, tick_us: int) -> list[CanFrame]:
         frames = self._nodes.tick(tick_us)
         goal, torque = self._control_step(tick_us)
         self._command_Nm = torque
         frames += self._nodes.drives.commands(goal, torque)
-        if self._power_down.is_over(tick_us) and (self._leaves or not self._waits_for_commands):
+        if self._shutdown.is_finished(tick_us) and (self._is_ending or not self._waits_for_commands):
             frames += self._nodes.network.stop_all()
             self._finished = True
         return frames
@@ -220,7 +220,7 @@ class HostCore:
         self._R_vir = R_vir
         decision = self._decide(tick_us, no_virtual_frame, None if angles is None else angles[1])
         if decision.mode in STOPPED:
-            goal = self._power_down.goal(tick_us, decision.since_us, self._nodes.drives.any_powered())
+            goal = self._shutdown.goal(tick_us, decision.since_us, self._nodes.drives.any_powered())
             return goal, np.zeros_like(self._command_Nm)
         if pose is None or angles is None:
             torque = np.zeros_like(self._command_Nm)
@@ -245,7 +245,7 @@ class HostCore:
             no_virtual_frame=no_virtual_frame,
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
             blind_by_choice=self._config.control.mode is ControlMode.BLIND,
-            wish=self._wish,
+            goal=self._goal,
             fingers=[
                 finger.health(tick_us, nodes.network.is_silent(finger.node_id, tick_us))
                 for finger in nodes.fingers

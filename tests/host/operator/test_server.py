@@ -255,18 +255,18 @@ def test_a_second_host_is_refused_and_a_dead_ones_socket_is_taken(server, tmp_pa
     left_over.close()
     OperatorSocket(tmp_path / "dead").close()
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ConfigError, match="is a file"):
+    with pytest.raises(ConfigError, match="exists and is no socket"):
         OperatorSocket(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_no_host_is_said_so(tmp_path):
-    with pytest.raises(NoHostError, match="start palpate-host run"):
+    with pytest.raises(NoHostError, match="no hand is running; start one: palpate-host run"):
         OperatorClient(tmp_path / "nobody")
 
 
 def test_an_answer_of_another_version_is_no_crash():
-    with pytest.raises(CommandError, match="use one version"):
+    with pytest.raises(CommandError, match=r"not a host.s response .*: use the same palpate version"):
         decode_answer(b'{"status": 3}')
 
 

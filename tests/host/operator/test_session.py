@@ -144,7 +144,7 @@ def test_a_killed_hub_is_a_fault_and_a_new_one_is_found(config, tmp_path, runnin
             hand.wait_for(lambda _status: False, PATIENCE_S, "go on")
         for name in ("drives", "fingertips"):
             running.kill(name)
-        with pytest.raises(CommandError, match=r"recover is refused .*the bus is away"):
+        with pytest.raises(CommandError, match=r"recover is refused .*the bus is lost"):
             hand.recover(PATIENCE_S)
         ticks = [sample.counters.ticks for sample in itertools.islice(hand.stream(), 5)]
         assert ticks == sorted(set(ticks))
@@ -170,7 +170,10 @@ def test_a_killed_host_leaves_no_torque_and_a_new_one_takes_over(config, tmp_pat
 def test_the_command_line(config, tmp_path):
     path = tmp_path / "s"
     nobody = command(path, "grasp")
-    assert nobody.returncode == 9 and nobody.stderr.startswith(f"error: no host on {path}")
+    assert nobody.returncode == 9 and nobody.stderr.startswith(
+        "error: no hand is running; start one: palpate-host run"
+    )
+    assert f"control socket {path}" in nobody.stderr
     with Hand.open(config, path, timeout_s=PATIENCE_S) as hand:
         refused = command(path, "rotate", 0, 0, 5)
         assert refused.returncode == 8 and "grasp first" in refused.stderr and refused.stderr.count("\n") == 1

@@ -136,7 +136,7 @@ def test_the_folder_stays_within_its_bounds(tmp_path: Path, told: list[HostStatu
 def test_a_host_that_starts_again_is_heard_again(tmp_path: Path, told: list[HostStatus]) -> None:
     path = tmp_path / "host.sock"
     with StatusFollower(path) as follower:
-        wait_for(lambda: "no host on" in follower.failure, "a reason")
+        wait_for(lambda: "no hand is running" in follower.failure, "a reason")
         for _ in range(2):
             server = OperatorSocket(path)
             serve(server, told[:20])

@@ -5,10 +5,12 @@ import dataclasses
 import pytest
 
 from palpate_host.common.mode import STOPPED, Mode
-from palpate_host.safety.supervisor import Decision, FingerHealth, Inputs, Tiers, Wish, decide
+from palpate_host.safety.supervisor import Decision, FingerHealth, Goal, Inputs, Tiers, decide
 
 TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500, release_us=400)
-FRESH = FingerHealth("finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, is_silent=False)
+FRESH = FingerHealth(
+    "finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, heartbeat_timed_out=False
+)
 GOOD = Inputs(
     now_us=10_000,
     stop="",
@@ -20,7 +22,7 @@ GOOD = Inputs(
     no_virtual_frame="",
     no_contact_frame="",
     blind_by_choice=False,
-    wish=Wish.TURN,
+    goal=Goal.TURN,
     fingers=(FRESH, FRESH, FRESH),
 )
 
@@ -54,22 +56,22 @@ def test_start_up_waits_for_nodes_drives_frames_and_the_grasp():
 
 
 def test_a_hand_that_waits_for_commands_moves_by_them_alone():
-    """READY, grasp, turn, hold on without turning, release, READY: each by its wish."""
-    wishes = [
-        (Wish.NOTHING, 0, Mode.READY),
-        (Wish.GRASP, 10_000, Mode.GRASP),
-        (Wish.GRASP, 20_000, Mode.GRASP),
-        (Wish.TURN, 30_000, Mode.MANIPULATE),
-        (Wish.GRASP, 31_000, Mode.GRASP),
-        (Wish.NOTHING, 32_000, Mode.RELEASE),
-        (Wish.NOTHING, 32_399, Mode.RELEASE),
-        (Wish.NOTHING, 32_400, Mode.READY),
+    """READY, grasp, turn, hold on without turning, release, READY: each by its goal."""
+    goals = [
+        (Goal.NOTHING, 0, Mode.READY),
+        (Goal.GRASP, 10_000, Mode.GRASP),
+        (Goal.GRASP, 20_000, Mode.GRASP),
+        (Goal.TURN, 30_000, Mode.MANIPULATE),
+        (Goal.GRASP, 31_000, Mode.GRASP),
+        (Goal.NOTHING, 32_000, Mode.RELEASE),
+        (Goal.NOTHING, 32_399, Mode.RELEASE),
+        (Goal.NOTHING, 32_400, Mode.READY),
     ]
     last = at(Mode.READY)
-    for wish, now_us, mode in wishes:
-        last = decide(last, dataclasses.replace(GOOD, wish=wish, now_us=now_us), TIERS)
-        assert last.mode is mode, (wish, now_us, last)
-    assert "command grasp" in decide(last, dataclasses.replace(GOOD, wish=Wish.NOTHING), TIERS).reason
+    for goal, now_us, mode in goals:
+        last = decide(last, dataclasses.replace(GOOD, goal=goal, now_us=now_us), TIERS)
+        assert last.mode is mode, (goal, now_us, last)
+    assert "command grasp" in decide(last, dataclasses.replace(GOOD, goal=Goal.NOTHING), TIERS).reason
 
 
 def test_a_grasp_waits_for_its_contacts_and_a_turn_that_lost_them_holds():
@@ -88,7 +90,7 @@ def test_a_grasp_waits_for_its_contacts_and_a_turn_that_lost_them_holds():
         ({"in_contact": False, "contact_age_us": 1}, Mode.BLIND, "finger-2: no contact"),
         ({"contact_age_us": 1000}, Mode.BLIND, "finger-2"),
         ({"contact_age_us": 1001}, Mode.HOLD, "finger-2: no contact for more"),
-        ({"is_silent": True}, Mode.HOLD, "finger-2: heartbeat lost"),
+        ({"heartbeat_timed_out": True}, Mode.HOLD, "finger-2: heartbeat lost"),
         ({"frame_age_us": 3000}, Mode.MANIPULATE, "every finger"),
         ({"frame_age_us": 3001}, Mode.FAULT, "finger-2: no valid frame"),
     ],

@@ -173,7 +173,7 @@ def test_a_joint_that_runs_away_is_a_fault(bench, table_4):
 
 
 def test_a_drive_that_reports_more_torque_than_its_limit_is_a_fault(bench, table_4):
-    """6077h of curl_1 says 0.76 N m (400 per mille of 1.9); its limit is 0.5, the fault is at 0.75."""
+    """6077h of curl_1 says 0.76 N m (400 per mille of 1.9); torque_limit_Nm is 0.5, the fault is at 0.75."""
 
     def lie(stamp_us, frame):
         if frame.can_id == 0x283 and stamp_us > bench.START_US + 1_500_000:
@@ -183,7 +183,7 @@ def test_a_drive_that_reports_more_torque_than_its_limit_is_a_fault(bench, table
     rig = bench.VirtualBench(*table_4, to_host=lie)
     status = rig.run(2.0)
     assert status.mode is Mode.FAULT
-    assert status.reason == "curl_1: its drive reports 0.76 N m, its limit is 0.5"
+    assert status.reason == "curl_1: its drive reports 0.76 N m, torque_limit_Nm is 0.5"
 
 
 def said_by(rig, node_id, code, register):

@@ -95,7 +95,7 @@ def test_a_lost_bus_is_a_fault_without_a_frame_and_its_status_goes_on(grasping):
         assert (joint.position_rad, joint.drive_state, joint.command_Nm) == (None, "no status", 0.0)
     assert not any(finger.in_contact for finger in statuses[0].fingers)
     assert enabled(grasping) == 0  # by the drives' own watchdogs
-    with pytest.raises(CommandError, match=rf"recover is refused in mode fault \({GONE}\): the bus is away"):
+    with pytest.raises(CommandError, match=rf"recover is refused in mode fault \({GONE}\): the bus is lost"):
         grasping.core.command(Recover())
 
 
