@@ -1,7 +1,8 @@
-"""The rim of every bus core: CanFrame values in and out of any python-can interface.
+"""The I/O boundary of every bus core: CanFrame values in and out of any python-can interface.
 
-`BusConfig.interface` alone chooses the bus: ``socketcan`` on a board (channel ``can0``), ``palpate`` for the
-local hub (channel = socket path), or any other python-can interface. No other file imports python-can.
+`BusConfig.interface` chooses the bus: ``socketcan`` on a board (channel ``can0``), ``palpate`` for the local
+hub (channel = socket path), or any other python-can interface. No other file of palpate_edge imports
+python-can.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from types import TracebackType
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ import can
 import msgspec
 
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
 # linux/can/error.h: class bits of an error frame's identifier.
@@ -31,22 +33,23 @@ CRTL_ACTIVE = 0x40
 # A full transmit queue is retried after 0.2, 0.4, ... 25.6 ms, 51 ms in all: longer than a full 128-frame
 # queue needs to drain at 1 Mbit/s (17 ms), short against a heartbeat time.
 SEND_TRIES = 9
-FIRST_BACK_OFF_S = 0.0002
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.0002, 0.0256
 
-SOCKET_BUFFER_FULL = "Transmit buffer full"  # python-can's socketcan gives no code with it
+SOCKET_BUFFER_FULL = "Transmit buffer full"  # the text of python-can's socketcan, which sets no error code
 
-RECEIVE_BATCH = 512  # frames a call of `receive`, so that a flooded bus cannot hold its caller for ever
+RECEIVE_BATCH = 512  # most frames a call of `receive` returns, so that a flooded bus cannot block its caller
 
 
 class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which bus to open.
+    """The section [bus] of a configuration file.
 
     interface: a python-can interface name (``socketcan``, ``palpate``, ``virtual``, ``slcan`` ...).
-    channel: its channel; empty for the usual one (``can0`` for socketcan, the hub's default socket).
-    bitrate: bit/s. SocketCAN takes its rate from the link's configuration, the hub refuses another rate
-        than its own.
-    clock: file of a simulated hand's time (twin_clock.py), by which everything on its bus goes; empty for the
-        machine's own clock, as on every real bus.
+    channel: the interface's channel; empty for the default (``can0`` for socketcan, the hub's default
+    socket).
+    bitrate: bit/s. SocketCAN takes its rate from the link's configuration; the hub refuses a rate that is not
+        its own.
+    clock: the file of a simulated hand's clock (simulated_clock.py); empty for the machine's own clock, as on
+        every real bus.
     """
 
     interface: Annotated[str, msgspec.Meta(min_length=1)] = "socketcan"
@@ -57,7 +60,12 @@ class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @dataclass(slots=True)
 class BusCounters:
-    """What a `Bus` has seen since it was opened."""
+    """Counters of a `Bus` since it was opened.
+
+    send_retries: attempts that a full transmit queue refused. error_frames: reported by the controller,
+    whatever their kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
+    the controller lost received frames. restarts: recoveries from bus-off.
+    """
 
     sent: int = 0
     received: int = 0
@@ -67,19 +75,23 @@ class BusCounters:
     receive_overruns: int = 0
     restarts: int = 0
 
+    def plus(self, other: BusCounters) -> BusCounters:
+        """Return the sums of both, counter by counter."""
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return BusCounters(*(ours + theirs for ours, theirs in pairs))
+
 
 class Bus:
-    """An open bus; make it with `open_bus`.
+    """An open bus; `open_bus` makes it.
 
     Every failure is a `BusError`. Bus-off raises BusOffError from `receive` (a BusError from `send` where the
-    driver says so); the bus may be used again once `counters.restarts` has grown. error_passive: the last
-    that the controller said of it. 29-bit and FD frames of strangers are counted in `counters.foreign_frames`
-    and left out.
+    driver reports it there); the bus may be used again once `counters.restarts` has grown. error_passive: the
+    controller's last report. 29-bit and CAN FD frames are counted in `counters.foreign_frames` and left out.
     """
 
     def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
         self._bus = bus
-        # Only the hub's client has it: other interfaces take frame by frame.
+        # Only the hub's client has this method: other interfaces take one frame a call.
         self._send_burst: Callable[[Sequence[CanFrame]], int] = getattr(bus, "send_burst", lambda _: 0)
         self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
         self._failure: BusError | None = None
@@ -87,10 +99,10 @@ class Bus:
         self.counters = BusCounters()
 
     def send(self, frames: Iterable[CanFrame]) -> None:
-        """Queues the frames for transmission, in order.
+        """Queue the frames for transmission, in order.
 
-        Raises BusError when the transmit queue stays full (ENOBUFS) beyond the bounded retries, when the
-        bus is off, or when it is gone; the frames before the refused one are sent.
+        Raises BusError when the transmit queue stays full (ENOBUFS) for all retries, when the bus is off, or
+        when it is down; the frames before the refused one are sent.
         """
         frames = tuple(frames)
         count = self._send_together(frames) if len(frames) > 1 else 0
@@ -98,9 +110,9 @@ class Bus:
             self._send_one(frame)
 
     def try_send(self, frames: Sequence[CanFrame]) -> int:
-        """Queues the first of the frames without waiting; how many: fewer where the transmit queue is full.
+        """Queue frames without waiting; return how many: fewer than given when the transmit queue is full.
 
-        Raises BusError when the bus is off or gone; after some were taken only at the next call.
+        Raises BusError when the bus is off or down; if frames were queued before, only the next call raises.
         """
         count = self._send_together(frames) if len(frames) > 1 else 0
         try:
@@ -112,10 +124,10 @@ class Bus:
         return count
 
     def receive(self, timeout_s: float) -> list[tuple[int, CanFrame]]:
-        """Waits up to `timeout_s` for a first frame, then takes all that is pending (at most 512).
+        """Wait up to `timeout_s` for a first frame, then take all pending frames (at most 512).
 
-        Returns (epoch time in us, frame) in the order of the bus; empty after the timeout. Raises BusError
-        on bus-off and when the bus is gone, but first gives the frames that came before.
+        Returns (epoch time in us, frame) in the order of the bus; empty after the timeout. Raises BusError on
+        bus-off and when the bus is down, but only after the frames received before were returned.
         """
         if self._failure is not None:
             failure, self._failure = self._failure, None
@@ -136,24 +148,26 @@ class Bus:
         return frames
 
     def accept(self, can_ids: Sequence[int]) -> None:
-        """Receive these 11-bit identifiers from now on, and no others. Raises BusError."""
+        """Receive only these 11-bit identifiers from now on. Raises BusError."""
         try:
             self._bus.set_filters(_filters(can_ids))
         except (can.CanError, OSError) as error:
             raise BusError(f"{self._where}: cannot set filters: {_one_line(error)}") from error
 
     def fileno(self) -> int:
-        """A descriptor that polls readable when `receive` has something to give.
+        """Return a descriptor that polls readable when `receive` has frames.
 
         Raises BusError on an interface without one (``virtual``).
         """
         try:
             return self._bus.fileno()
         except NotImplementedError as error:
-            raise BusError(f"{self._where} has no descriptor to poll: use socketcan or palpate") from error
+            raise BusError(
+                f"{self._where} has no file descriptor to poll: use socketcan or palpate"
+            ) from error
 
     def close(self) -> None:
-        """Closes the bus; a second call does nothing."""
+        """Close the bus; a second call does nothing."""
         self._bus.shutdown()
 
     def __enter__(self) -> Bus:
@@ -189,14 +203,13 @@ class Bus:
         return BusError(f"{self._where}: cannot send: {_one_line(error)}")
 
     def _send_one(self, frame: CanFrame) -> None:
-        back_off_s = FIRST_BACK_OFF_S
+        back_off = BackOff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
         for attempt in range(SEND_TRIES):
             if self._try_one(frame):
                 return
             if attempt < SEND_TRIES - 1:
                 self.counters.send_retries += 1
-                time.sleep(back_off_s)
-                back_off_s *= 2
+                time.sleep(back_off.pause())
         raise BusError(
             f"{self._where}: transmit queue full, frame {frame.can_id:03X} refused "
             f"{SEND_TRIES} times: check the cabling and the bus load (palpate-host bus stats, or ip -s link)"
@@ -225,7 +238,7 @@ class Bus:
         if message.arbitration_id & CAN_ERR_BUSOFF:
             raise BusOffError(
                 f"{self._where}: the controller went bus-off: check wiring, termination and bit rate; it "
-                "comes back by itself where the link restarts (ip link set can0 type can restart-ms 100)"
+                "recovers by itself if the link restarts (ip link set can0 type can restart-ms 100)"
             )
         if message.arbitration_id & CAN_ERR_CRTL and len(message.data) > 1:
             status = message.data[1]
@@ -237,20 +250,20 @@ class Bus:
 def open_bus(
     config: BusConfig, name: str, accept_ids: Sequence[int] | None = None, *, echo: bool = False
 ) -> Bus:
-    """Opens the bus of `config`.
+    """Open the bus of `config`.
 
-    name: who opens it, for messages and the hub's statistics (``finger-1``).
+    name: of the program, for messages and the hub's statistics (``finger-1``).
     accept_ids: the 11-bit identifiers to receive, filtered by kernel, controller or hub; None for all.
-    echo: also receive the own frames among them, stamped when they went over the wire.
-    Raises BusError with the reason and the way out.
+    echo: receive also this program's own frames among them, stamped when they were on the wire.
+    Raises BusError with the reason and the remedy.
     """
     if config.interface not in can.VALID_INTERFACES:
         raise BusError(
-            f"bus of {name}: python-can knows no interface {config.interface!r} "
+            f"bus of {name}: python-can has no interface {config.interface!r} "
             f"(channel {config.channel!r}): set socketcan or palpate"
         )
     if accept_ids is not None and not accept_ids:
-        raise BusError(f"bus of {name}: accept_ids is empty: name an identifier, or give None to receive all")
+        raise BusError(f"bus of {name}: accept_ids is empty: give an identifier, or None to receive all")
     options: dict[str, Any] = {"bitrate": config.bitrate, "receive_own_messages": echo}
     if config.interface == "palpate":
         options["name"] = name

@@ -1,7 +1,7 @@
-"""One classic CAN frame, the value that crosses the border of every pure bus core.
+"""One classic CAN frame: the input and output of every pure bus core.
 
-The cores (``node/``, the host's master) take and return :class:`CanFrame`; only the rim (``bus.py``) knows
-python-can. CANopen uses 11-bit identifiers and at most 8 data bytes (CiA 301, 7.2).
+The cores (``node/``, the host's master) take and return :class:`CanFrame`; the I/O boundary (``bus.py``)
+converts from and to python-can. CANopen uses 11-bit identifiers and at most 8 data bytes (CiA 301, 7.2).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The bus's time on a board: offset and drift of the own clock against the time that SYNC and 1013h carry.
+"""The bus clock on a board: offset and drift of the local clock against the time that SYNC and 1013h carry.
 
-The producer sends SYNC and after it 1013h with the microsecond (modulo 2^32) at which that SYNC left. Of the
-pair (arrival on our clock, time sent) the transport's delay is unknown and never negative, so the true
-relation is the line *under* all points of arrival minus sent: the lower convex hull's edge below the points'
-mean, which minimises the sum of the delays it leaves (Moon, Skelley, Towsley: Estimation and Removal of
-Clock Skew from Network Delay Measurements, INFOCOM 1999). Pure: times in, times out.
+The producer sends SYNC, then 1013h with the microsecond (modulo 2^32) at which that SYNC was sent. Each pair
+gives a point: arrival on the local clock minus time sent. The delay of the transport is unknown and never
+negative, so the true relation is the line *below* all points: the edge of the lower convex hull under the
+points' mean, which minimises the sum of the delays (Moon, Skelley, Towsley: Estimation and Removal of Clock
+Skew from Network Delay Measurements, INFOCOM 1999). Pure: times in, times out.
 """
 
 from __future__ import annotations
@@ -17,23 +17,27 @@ from itertools import pairwise
 
 WRAP_US = 1 << 32
 WINDOW_US = 30_000_000
-BLOCK_US = 500_000  # of each the least delayed sample is kept
+BLOCK_US = 500_000  # the least delayed sample of each block is kept
 MIN_SAMPLES = 10  # before the clock counts as synchronised; until then it may step
 DELAYS_AVERAGED = 100
-MAX_DRIFT = 200e-6  # two cheap oscillators, one warm
-MAX_SLEW = 500e-6  # how fast a correction goes in: 0.5 ms a second
-STEP_US = 2_000  # a correction larger than this is a step: slewing would take seconds
-EARLY_US = 3_000  # before the line by more than this: the stamp belongs to another SYNC
+MAX_DRIFT = 200e-6  # two cheap oscillators, one of them warm
+MAX_SLEW = 500e-6  # rate at which a correction is applied: 0.5 ms a second
+STEP_US = 2_000  # a larger correction is applied at once: slewing would take seconds
+EARLY_US = 3_000  # a sample further below the line has the stamp of another SYNC
 LATE_US = 5_000
-# Nothing arrives before it was sent: a few early ones among the last are the truth, all others were late.
+# Delay is never negative: if 5 of the last 20 samples are early, older ones were delayed; restart the fit.
 EARLY_AMONG, EARLY_OF = 5, 20
-LATE_IN_A_ROW = 40  # not one in time: the bus has a new time
+LATE_IN_A_ROW = 40  # none of them in time: the producer's time has jumped
 LOST_AFTER_US = 5_000_000
-HOLDOVER_DRIFT = 1e-6  # by which an oscillator's rate changes while nobody tells
+HOLDOVER_DRIFT = 1e-6  # change of an oscillator's rate while no time stamp comes
 
 
 class ClockState(Enum):
-    """FREE: no pair yet, or too few; LOST: none for a while, the last line is followed."""
+    """State of the bus clock, in health reports and (as 0, 1, 2) in 2042h:01.
+
+    FREE: never synchronised, times are local. SYNCHRONISED: time stamps come. LOST: it was synchronised, and
+    no time stamp came for 5 s; the last offset and drift are extrapolated.
+    """
 
     FREE = "free"
     SYNCHRONISED = "synchronised"
@@ -42,21 +46,24 @@ class ClockState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Local minus bus time: `offset_us` at local time `at_us`, growing by `drift`."""
+    """Local minus bus time: `offset_us` at local time `at_us`, growing by `drift` (us a us)."""
 
     at_us: int
     offset_us: float
     drift: float
 
     def offset_at(self, local_us: int) -> float:
+        """Return local minus bus time in us at this local time."""
         return self.offset_us + self.drift * (local_us - self.at_us)
 
 
 class BusClock:
-    """Local microseconds to the bus's; the identity until a first pair has come.
+    """Converts local microseconds to the bus clock; the identity until a first time stamp has come.
 
-    What it gives runs steadily: a correction goes in at `MAX_SLEW` at most, and steps only at the start and
+    The result runs steadily: corrections are applied at `MAX_SLEW` at most. It steps only at the start and
     when the bus's own time has jumped.
+
+    steps: jumps since the first synchronisation. rejected: time stamps that were not used, since the start.
     """
 
     def __init__(self) -> None:
@@ -67,20 +74,20 @@ class BusClock:
         self._seen = 0  # since the bus's time last jumped
         self._mean_delay_us = 0.0
         self._line = Line(0, 0.0, 0.0)
-        self._correction_us = 0.0  # to go in from _line.at_us on
+        self._correction_us = 0.0  # to be applied from _line.at_us on
         self._early: deque[bool] = deque(maxlen=EARLY_OF)
         self._late = 0
         self._last_us: int | None = None
         self._was_synchronised = False
 
     def sync(self, local_us: int) -> None:
-        """A SYNC came at this time."""
+        """Take note of the arrival of a SYNC."""
         self._sync_at_us = local_us
 
     def time_stamp(self, stamp_us: int) -> None:
-        """1013h came: when the last SYNC left, in bus microseconds modulo 2^32.
+        """Take the time stamp of the last SYNC: 1013h, bus microseconds modulo 2^32.
 
-        Without a SYNC since the last stamp it says nothing.
+        A stamp without a SYNC since the last stamp is rejected.
         """
         local_us, self._sync_at_us = self._sync_at_us, None
         if local_us is None:
@@ -88,14 +95,15 @@ class BusClock:
             return
         expected_us = round(local_us - self._line.offset_at(local_us))
         bus_us = expected_us + (stamp_us - expected_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
-        if self._is_believable(local_us, local_us - bus_us):
+        if self._is_plausible(local_us, local_us - bus_us):
             self._add(local_us, local_us - bus_us)
 
     def to_bus_us(self, local_us: int) -> int:
-        """This local time on the bus's clock."""
-        return round(local_us - self._line.offset_at(local_us) + self._left_us(local_us))
+        """Convert a local time to the bus clock."""
+        return round(local_us - self._line.offset_at(local_us) + self._not_applied_us(local_us))
 
     def state(self, now_us: int) -> ClockState:
+        """Return the state at this local time."""
         if not self._was_synchronised:
             return ClockState.FREE
         assert self._last_us is not None
@@ -103,24 +111,24 @@ class BusClock:
 
     @property
     def drift_ppb(self) -> int:
-        """By how much our clock runs fast against the bus's, 1e-9."""
+        """The rate of the local clock against the bus's, 1e-9; positive when the local clock runs fast."""
         return round(1e9 * self._line.drift)
 
     def error_us(self, now_us: int) -> int:
-        """How far off `to_bus_us` may be: what delays hide, what is still to be slewed, what holdover adds.
+        """Return the uncertainty of `to_bus_us`: hidden by delays, not yet slewed, and added by holdover.
 
-        A constant part of the transport's delay cannot be seen from one end.
+        A constant part of the transport's delay cannot be measured from one end and is not included.
         """
         if self._last_us is None:
             return 0
-        hidden_us = (
-            4 * abs(self._mean_delay_us) / len(self._samples)
-        )  # the least of n delays is a n-th of them
+        # The least of n exponential delays is 1/n of their mean.
+        hidden_us = 4 * abs(self._mean_delay_us) / len(self._samples)
         holdover_us = HOLDOVER_DRIFT * max(0, now_us - self._last_us)
-        return round(hidden_us + abs(self._left_us(now_us)) + holdover_us)
+        return round(hidden_us + abs(self._not_applied_us(now_us)) + holdover_us)
 
-    def _is_believable(self, local_us: int, offset_us: int) -> bool:
-        """Early is another SYNC's stamp, late one that was overtaken; many of one kind are a new time."""
+    def _is_plausible(self, local_us: int, offset_us: int) -> bool:
+        """Return whether a sample is used: early ones carry another SYNC's stamp, late ones were delayed;
+        many of one kind mean that the bus's time has jumped, and restart the fit."""
         if not self._samples:
             return True
         beyond_us = offset_us - self._line.offset_at(local_us)
@@ -151,7 +159,7 @@ class BusClock:
             self._correction_us = 0.0
 
     def _keep(self, local_us: int, offset_us: int) -> None:
-        """The least delayed sample of each block, measured from the present line."""
+        """Keep the least delayed sample of each block, measured from the present line."""
         newest = self._samples[-1] if self._samples else None
         if newest is None or newest[0] // BLOCK_US != local_us // BLOCK_US:
             self._samples.append((local_us, offset_us))
@@ -160,17 +168,16 @@ class BusClock:
         while self._samples[0][0] < local_us - WINDOW_US:
             self._samples.popleft()
 
-    def _left_us(self, local_us: int) -> float:
-        """The part of the correction that has not gone in yet."""
-        gone_in_us = MAX_SLEW * max(0, local_us - self._line.at_us)
-        left_us = max(0.0, abs(self._correction_us) - gone_in_us)
-        return math.copysign(left_us, self._correction_us)
+    def _not_applied_us(self, local_us: int) -> float:
+        """Return the part of the correction that has not been applied yet."""
+        applied_us = MAX_SLEW * max(0, local_us - self._line.at_us)
+        return math.copysign(max(0.0, abs(self._correction_us) - applied_us), self._correction_us)
 
 
 def lower_line(samples: list[tuple[int, int]], at_us: int) -> Line:
-    """The line under all (local us, offset us) that lies closest below them, its drift held to `MAX_DRIFT`.
+    """Return the line closest below all (local us, offset us), its drift limited to `MAX_DRIFT`.
 
-    samples: at least one, their local times rising.
+    samples: at least one, in the order of their local times.
     """
     start_us, start_offset_us = samples[0]
     points = [(local - start_us, offset - start_offset_us) for local, offset in samples]
@@ -182,7 +189,7 @@ def lower_line(samples: list[tuple[int, int]], at_us: int) -> Line:
 
 
 def _edge_under_the_mean(points: list[tuple[int, int]]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The edge of the lower convex hull (Andrew's monotone chain) below the mean local time."""
+    """Return the edge of the lower convex hull (Andrew's monotone chain) below the mean local time."""
     hull: list[tuple[int, int]] = []
     for x, y in points:
         while len(hull) > 1 and (hull[-1][0] - hull[-2][0]) * (y - hull[-2][1]) <= (x - hull[-2][0]) * (

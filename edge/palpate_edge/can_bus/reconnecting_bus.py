@@ -1,7 +1,8 @@
-"""A bus that goes and comes back: opened again with back-off, sent to without ever waiting.
+"""A bus that is reopened after a loss, and to which sending never waits.
 
-Two ways to lose it. *Bus-off*: the controller took itself off; the descriptor stays good and the driver says
-when it restarts. *Down*: the interface or the hub is gone; the bus is closed and opened anew.
+Two kinds of loss. *Bus-off*: the controller took itself off the bus; the descriptor stays valid and the
+driver reports the restart. *Down*: the interface or the hub is gone; the bus is closed, and opened again with
+back-off.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.bus import Bus, BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
+from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
-FIRST_RETRY_US, LONGEST_RETRY_US = 100_000, 2_000_000  # between two attempts to open it
-FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # between two attempts to send into a full queue
+FIRST_REOPEN_US, LONGEST_REOPEN_US = 100_000, 2_000_000  # pauses between two attempts to open the bus
+FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # pauses between two attempts to send into a full queue
 
 Stamped = tuple[int, CanFrame]
 
 
 class BusState(Enum):
+    """State of a bus that may be lost."""
+
     UP = "up"
     BUS_OFF = "bus-off"
     DOWN = "down"
@@ -30,7 +34,7 @@ class BusState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BusStateChange:
-    """The link is in another state than before; reason: why, empty when it is up."""
+    """A new state of the bus. reason: empty when it is up; after_bus_off: the loss began with a bus-off."""
 
     state: BusState
     reason: str
@@ -38,59 +42,73 @@ class BusStateChange:
 
 
 class ReconnectingBus:
-    """Owns the `Bus` that `open_one` gives. Times are arguments; `receive` gives Unix stamps, as `Bus` does.
+    """Owns the `Bus` that `open_bus` returns. Times are arguments; `receive` returns Unix stamps, as `Bus`
+    does.
 
-    retries: refused attempts to send; restarts: how often it came back.
+    retries: refused attempts to send; restarts: recoveries from a loss.
     """
 
-    def __init__(self, open_one: Callable[[], Bus]) -> None:
-        """Raises BusError: what cannot be opened at the start will not come by waiting."""
+    def __init__(self, open_bus: Callable[[], Bus]) -> None:
+        """Raises BusError when the bus cannot be opened at the start: waiting would not help."""
         self.state = BusState.UP
         self.retries = 0
         self.restarts = 0
-        self._open_one = open_one
-        self._bus: Bus | None = open_one()
+        self._open_bus = open_bus
+        self._bus: Bus | None = open_bus()
         self._openings = 1
+        self._closed_counters = BusCounters()
         self._queue = TransmitQueue()
         self._changes: list[BusStateChange] = []
         self._early_frames: list[Stamped] = []
         self._was_bus_off = False
         self._restarts_seen = 0
-        self._retry_us = FIRST_RETRY_US
-        self._retry_at_us = 0
-        self._resend_us = FIRST_RESEND_US
+        self._reopen_pause = BackOff(FIRST_REOPEN_US, LONGEST_REOPEN_US)
+        self._reopen_at_us = 0
+        self._resend_pause = BackOff(FIRST_RESEND_US, LONGEST_RESEND_US)
         self._resend_at_us: int | None = None
-        self.sent = self.received = 0
+
+    @property
+    def counters(self) -> BusCounters:
+        """The sums over all openings of the bus."""
+        return self._closed_counters if self._bus is None else self._closed_counters.plus(self._bus.counters)
+
+    @property
+    def activity(self) -> int:
+        """Frames sent and received: grows while the bus carries frames."""
+        closed, bus = self._closed_counters, self._bus
+        now = 0 if bus is None else bus.counters.sent + bus.counters.received
+        return closed.sent + closed.received + now
 
     @property
     def dropped(self) -> int:
-        """PDOs that a full queue cost."""
+        """PDOs dropped because the transmit queue was full or the bus was lost."""
         return self._queue.dropped
 
     @property
     def error_passive(self) -> bool:
+        """The controller's last report; False while the bus is down."""
         return self._bus is not None and self._bus.error_passive
 
     def descriptor(self) -> tuple[int, int] | None:
-        """(file descriptor, how often it was opened): polls readable when `receive` has something.
+        """Return (file descriptor, number of openings): it polls readable when `receive` has frames.
 
-        None while down. The number of a descriptor may come again, so it is told with its opening.
+        None while the bus is down. The kernel may reuse the number of a descriptor, hence the second number.
         """
         return None if self._bus is None else (self._bus.fileno(), self._openings)
 
     def accept(self, can_ids: Sequence[int]) -> None:
-        """Another receive filter; one that is opened later has it from `open_one`."""
+        """Set another receive filter; a bus opened later gets it from `open_bus`."""
         if self._bus is not None:
-            with suppress(BusError):  # it is gone: `receive` will tell
+            with suppress(BusError):  # the bus is down: `receive` will find out
                 self._bus.accept(can_ids)
 
     def changes(self) -> list[BusStateChange]:
-        """What has changed since the last call."""
+        """Return the changes of state since the last call."""
         changes, self._changes = self._changes, []
         return changes
 
     def receive(self, now_us: int) -> list[Stamped]:
-        """What has come; a failure changes the state, it never raises."""
+        """Return the frames received; a failure changes the state and never raises."""
         if self._bus is None:
             return []
         frames, self._early_frames = self._early_frames, []
@@ -101,13 +119,12 @@ class ReconnectingBus:
         except BusError as error:
             self._go_down(now_us, str(error))
             return frames
-        self.received += len(frames)
         if self.state is BusState.BUS_OFF and (frames or self._bus.counters.restarts > self._restarts_seen):
             self._come_up()
         return frames
 
     def send(self, now_us: int, frames: Sequence[CanFrame]) -> None:
-        """Send these behind what waits; while there is no bus only emergencies wait for it."""
+        """Send the frames after those that wait; while the bus is lost only emergencies are kept."""
         if self.state is BusState.UP and not self._queue:
             frames = frames[self._offer(now_us, frames) :]
         if self.state is not BusState.UP:
@@ -120,19 +137,21 @@ class ReconnectingBus:
             self._flush(now_us)
 
     def poll(self, now_us: int) -> None:
-        """What is due: opening the bus again, sending what waits."""
-        if self.state is BusState.DOWN and now_us >= self._retry_at_us:
+        """Do what is due: reopen the bus, or send frames that wait."""
+        if self.state is BusState.DOWN and now_us >= self._reopen_at_us:
             self._reopen(now_us)
         elif self._resend_at_us is not None and now_us >= self._resend_at_us:
             self._flush(now_us)
 
     @property
     def due_us(self) -> int | None:
-        """When `poll` has something to do."""
-        return self._retry_at_us if self.state is BusState.DOWN else self._resend_at_us
+        """The time of the next `poll` that has work; None when nothing is due."""
+        return self._reopen_at_us if self.state is BusState.DOWN else self._resend_at_us
 
     def close(self) -> None:
+        """Close the bus; its counters are kept."""
         if self._bus is not None:
+            self._closed_counters = self.counters
             self._bus.close()
             self._bus = None
 
@@ -142,7 +161,7 @@ class ReconnectingBus:
             self._queue.sent(self._offer(now_us, self._queue.fresh(now_us)))
 
     def _offer(self, now_us: int, frames: Sequence[CanFrame]) -> int:
-        """How many of the frames the bus took at once; the others are due a little later."""
+        """Return how many of the frames the bus took at once; schedule another attempt for the rest."""
         if self._bus is None or not frames:
             return 0
         try:
@@ -150,20 +169,18 @@ class ReconnectingBus:
         except BusError as error:
             self._go_down(now_us, str(error))
             return 0
-        self.sent += taken
         if taken:
-            self._resend_us = FIRST_RESEND_US
+            self._resend_pause.reset()
         if taken < len(frames):
             self.retries += 1
-            self._resend_at_us = now_us + self._resend_us
-            self._resend_us = min(2 * self._resend_us, LONGEST_RESEND_US)
+            self._resend_at_us = now_us + self._resend_pause.pause()
         return taken
 
     def _reopen(self, now_us: int) -> None:
-        """Open it and look whether it carries anything: a socket on a link that is down opens as well."""
+        """Open the bus and receive once: a socket opens on a link that is down as well."""
         bus = None
         try:
-            bus = self._open_one()
+            bus = self._open_bus()
             self._openings += 1
             self._early_frames = bus.receive(0)
         except BusOffError as error:
@@ -173,22 +190,21 @@ class ReconnectingBus:
         except BusError:
             if bus is not None:
                 bus.close()
-            self._retry_us = min(2 * self._retry_us, LONGEST_RETRY_US)
-            self._retry_at_us = now_us + self._retry_us
+            self._reopen_at_us = now_us + self._reopen_pause.pause()
             return
         self._bus = bus
         self._come_up()
 
     def _come_up(self) -> None:
         self.restarts += 1
-        self._retry_us = FIRST_RETRY_US
+        self._reopen_pause.reset()
         self._enter(BusState.UP, "")
         self._was_bus_off = False
         self._resend_at_us = 0  # the emergencies that wait
 
     def _go_down(self, now_us: int, reason: str) -> None:
         self.close()
-        self._retry_at_us = now_us + self._retry_us
+        self._reopen_at_us = now_us + self._reopen_pause.pause()
         self._enter(BusState.DOWN, reason)
 
     def _enter(self, state: BusState, reason: str) -> None:

@@ -1,7 +1,7 @@
-"""Frames that wait while the controller's transmit queue is full: bounded, and what waits longest goes first.
+"""Frames that wait while the controller's transmit queue is full: bounded, the oldest are sent first.
 
-A contact is worth nothing once the next is there; an EMCY or an SDO answer is said once. So PDOs are given
-up, oldest first, and the others never.
+A PDO is superseded by the next one, whereas an EMCY or an SDO response is sent only once. PDOs are therefore
+dropped when too many wait, oldest first; other frames never.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_PDO_AGE_US = 100_000
 
 
 class TransmitQueue:
-    """dropped: PDOs given up since the start."""
+    """A queue with a bound for PDOs and one for other frames. dropped: PDOs, since the start."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -30,18 +30,21 @@ class TransmitQueue:
         return len(self._waiting)
 
     def put(self, now_us: int, frames: Iterable[CanFrame]) -> None:
-        """Raises BusError when nothing but frames that may not be dropped fills it: the bus is dead."""
+        """Append frames; drop the oldest PDOs above `MAX_PDOS`.
+
+        Raises BusError when more than `MAX_OTHERS` frames wait that must not be dropped: the bus is dead.
+        """
         self._waiting.extend((now_us, frame) for frame in frames)
         pdos = sum(frame.can_id in PDO_IDS for _, frame in self._waiting)
         if len(self._waiting) - pdos > MAX_OTHERS:
             raise BusError(
-                f"{MAX_OTHERS} frames wait for a bus that takes none: check cabling, termination and bit rate"
+                f"{MAX_OTHERS} frames wait and the bus accepts none: check cabling, termination and bit rate"
             )
         if pdos > MAX_PDOS:
             self._drop_oldest_pdos(pdos - MAX_PDOS)
 
     def fresh(self, now_us: int) -> list[CanFrame]:
-        """What is to be sent, in order; PDOs that are too old by now are given up."""
+        """Return the frames to send, in order; drop PDOs older than `MAX_PDO_AGE_US`."""
         kept = [
             one for one in self._waiting if one[1].can_id not in PDO_IDS or now_us - one[0] <= MAX_PDO_AGE_US
         ]
@@ -51,12 +54,12 @@ class TransmitQueue:
         return [frame for _, frame in kept]
 
     def sent(self, count: int) -> None:
-        """The first ones are on their way."""
+        """Remove the first `count` frames: they were sent."""
         for _ in range(count):
             self._waiting.popleft()
 
     def keep_emergencies(self) -> None:
-        """The bus is gone: what others wait for they ask again, what the node has to report stays."""
+        """Remove all frames but EMCYs: the bus is lost; clients repeat their requests, the node its PDOs."""
         self.dropped += sum(frame.can_id in PDO_IDS for _, frame in self._waiting)
         self._waiting = deque(one for one in self._waiting if one[1].can_id in EMCY_IDS)
 

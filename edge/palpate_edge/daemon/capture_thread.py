@@ -1,4 +1,4 @@
-"""The one thread for the pixels: capture and estimate, and hand each contact to the bus loop."""
+"""The capture thread: read frames, estimate contacts, hand them to the bus loop."""
 
 from __future__ import annotations
 
@@ -9,97 +9,100 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from palpate_edge.capture.source import Source
+from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.estimator import Estimator
 
 Outcome = Contact | CaptureError
-"""What a frame gave, or why there is none for now."""
+"""The contact of a frame, or the reason why no frame comes."""
 
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 2.0  # between two attempts to open a camera again
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0  # between two attempts to read from a lost camera
 
 
 class CaptureThread(threading.Thread):
-    """Reads a source to its end; `fileno()` polls readable when :meth:`take` has something to give.
+    """Reads a source to its end; `fileno()` polls readable when :meth:`take` has outcomes.
 
-    A camera that is lost or stalls is read again, with back-off. on_frame: sees each frame first, as a
-    recorder does.
+    A lost or stalled camera is read again with back-off. on_frame: called with each frame before it is
+    estimated, to record it.
     """
 
     def __init__(
         self, source: Source, estimator: Estimator, on_frame: Callable[[Frame], None] = lambda _frame: None
     ) -> None:
-        super().__init__(name="pixels", daemon=True)
+        super().__init__(name="capture", daemon=True)
         self.source = source
         self.estimator = estimator
         self._on_frame = on_frame
         self._outcomes: deque[Outcome] = deque()
-        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._asked_to_stop = threading.Event()
+        self._event_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._stop_requested = threading.Event()
         self._failure: Exception | None = None
-        self._finished = False
+        self._ended = False
 
     def fileno(self) -> int:
-        return self._wake
+        """Return the descriptor that polls readable when `take` has outcomes."""
+        return self._event_fd
 
     def run(self) -> None:
-        retry_s = FIRST_RETRY_S
+        """Read and estimate until the source ends, `close` is called or an error ends the thread."""
+        back_off = BackOff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
         try:
-            while not self._asked_to_stop.is_set():
+            while not self._stop_requested.is_set():
                 try:
                     frame = self.source.read()
                 except (CameraLostError, CameraStalledError) as error:
-                    self._give(error)
-                    self._asked_to_stop.wait(retry_s)
-                    retry_s = min(2 * retry_s, LONGEST_RETRY_S)
+                    self._put(error)
+                    self._stop_requested.wait(back_off.pause())
                     continue
                 if frame is None:
                     break
-                retry_s = FIRST_RETRY_S
+                back_off.reset()
                 self._on_frame(frame)
-                self._give(self.estimator.estimate(frame))
+                self._put(self.estimator.estimate(frame))
         except Exception as error:  # noqa: BLE001 - not swallowed: take() raises it in the bus loop
             self._failure = error
-        self._finished = True
-        os.eventfd_write(self._wake, 1)
+        self._ended = True
+        os.eventfd_write(self._event_fd, 1)
 
     def take(self) -> list[Outcome]:
-        """What came since the last call, oldest first. Raises what stopped the thread, if anything did."""
-        with suppress(BlockingIOError):  # nothing new; a failure may still wait behind the last contacts
-            os.eventfd_read(self._wake)
+        """Return the outcomes since the last call, oldest first. Raises the error that ended the thread."""
+        with suppress(BlockingIOError):  # no event; a failure may still follow the last contacts
+            os.eventfd_read(self._event_fd)
         outcomes: list[Outcome] = []
         while self._outcomes:
             outcomes.append(self._outcomes.popleft())
         if not outcomes:
-            self._raise_what_ended_it()
+            self._raise_failure()
         return outcomes
 
     @property
     def finished(self) -> bool:
-        """The source has ended and every outcome was taken."""
-        return self._finished and not self._outcomes and self._failure is None
+        """Whether the source has ended and every outcome was taken."""
+        return self._ended and not self._outcomes and self._failure is None
 
     def close(self) -> None:
-        """Ask the thread to end, wait for its frame in work, and release what it holds."""
-        self._asked_to_stop.set()
+        """Stop the thread, wait for its present frame, close the source."""
+        self._stop_requested.set()
         if self.is_alive():
             self.join(timeout=2.0)
         if not self.is_alive():
             self.source.close()
-            os.close(self._wake)
+            os.close(self._event_fd)
 
-    def _raise_what_ended_it(self) -> None:
+    def _raise_failure(self) -> None:
         failure = self._failure
-        dead = not self._finished and self.ident is not None and not self.is_alive()
-        if self._outcomes:  # given since they were looked for: first those, at the next call
+        dead = not self._ended and self.ident is not None and not self.is_alive()
+        if self._outcomes:  # put since `take` emptied the queue: the next call returns them first
             return
         if isinstance(failure, PalpateError):
             raise failure
         if failure is not None or dead:
-            raise RuntimeError("the pixel thread died") from failure
+            raise RuntimeError("the capture thread died") from failure
 
-    def _give(self, outcome: Outcome) -> None:
+    def _put(self, outcome: Outcome) -> None:
         self._outcomes.append(outcome)
-        os.eventfd_write(self._wake, 1)
-        os.sched_yield()  # on a core that both share the bus loop sends before the next frame is begun
+        os.eventfd_write(self._event_fd, 1)
+        os.sched_yield()  # on a shared core: the bus loop sends the contact before the next frame is
+        estimated

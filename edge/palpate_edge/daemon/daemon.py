@@ -176,7 +176,7 @@ class _Daemon:
         step = core.poll(now_us)
         bus.send(now_us, step.frames_out)
         self._handle_events(step.events)
-        if self._gate.may_feed(now_us, core.monitor.frames, bus.sent + bus.received):
+        if self._gate.may_feed(now_us, core.monitor.frames, bus.activity):
             self._notifier.feed_watchdog()
         self._recording.update()
         self._reporter.update(now_us)

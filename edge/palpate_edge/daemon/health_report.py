@@ -76,8 +76,8 @@ def health_report(
         bus=BusHealth(
             interface=config.bus.interface,
             state=bus.state.value,
-            sent=bus.sent,
-            received=bus.received,
+            sent=bus.counters.sent,
+            received=bus.counters.received,
             retries=bus.retries,
             dropped=bus.dropped,
             dropped_lately=pdos_dropped_lately,

@@ -1,9 +1,9 @@
-"""The host's bus at the rim: where the host may outlive it, it is opened again with back-off.
+"""The host's bus: reopened with back-off if the host is to outlive a loss.
 
-Two ways to lose it, as for a fingertip (palpate_edge.can_bus.reconnecting_bus): after *bus-off* the
-descriptor stays good and the driver says when it restarts; *down*, the interface or the hub is gone, it
-is closed and opened anew.
-Unlike there nothing waits here to be sent: a command of before the loss is not said after it.
+Two kinds of loss, as for a fingertip (palpate_edge.can_bus.reconnecting_bus): after *bus-off* the descriptor
+stays valid and the driver reports the restart; when the bus is *down*, the interface or the hub is gone, and
+the bus is closed and opened again. Unlike there no frame waits: commands from before a loss are not sent
+after it.
 """
 
 from __future__ import annotations
@@ -11,49 +11,57 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.bus import Bus, BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import (
-    FIRST_RETRY_US,
-    LONGEST_RETRY_US,
+    FIRST_REOPEN_US,
+    LONGEST_REOPEN_US,
     BusState,
     BusStateChange,
     Stamped,
 )
+from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
 
 class HostBus:
-    """Owns the `Bus` that `open_one` gives. Times are arguments; `receive` gives Unix stamps, as `Bus` does.
+    """Owns the `Bus` that `open_bus` returns. Times are arguments; `receive` returns Unix stamps, as `Bus`
+    does.
 
-    activity: grows while frames go or come, and while it is known that there is no bus: for the watchdog.
+    activity: for the watchdog; grows with frames sent and received, and while the bus is known to be lost.
     """
 
     def __init__(
-        self, open_one: Callable[[], Bus], *, outlives: bool, sleep: Callable[[float], None] = time.sleep
+        self, open_bus: Callable[[], Bus], *, outlives: bool, sleep: Callable[[float], None] = time.sleep
     ) -> None:
-        """outlives: a lost bus is a change; otherwise it is raised as BusError.
+        """outlives: a lost bus is a change of state; otherwise it is raised as BusError.
 
-        Raises BusError either way: what cannot be opened at the start will not come by waiting.
+        Raises BusError in both cases when the bus cannot be opened at the start: waiting would not help.
         """
         self.state = BusState.UP
         self.activity = 0
-        self._open_one, self._outlives, self._sleep = open_one, outlives, sleep
-        self._bus: Bus | None = open_one()
+        self._open_bus, self._outlives, self._sleep = open_bus, outlives, sleep
+        self._bus: Bus | None = open_bus()
+        self._closed_counters = BusCounters()
         self._reason = ""
         self._changes: list[BusStateChange] = []
         self._was_bus_off = False
         self._restarts_seen = 0
-        self._retry_us = FIRST_RETRY_US
-        self._retry_at_us = 0
+        self._reopen_pause = BackOff(FIRST_REOPEN_US, LONGEST_REOPEN_US)
+        self._reopen_at_us = 0
+
+    @property
+    def counters(self) -> BusCounters:
+        """The sums over all openings of the bus."""
+        return self._closed_counters if self._bus is None else self._closed_counters.plus(self._bus.counters)
 
     def changes(self) -> list[BusStateChange]:
-        """What has changed since the last call; another reason for being down is a change too."""
+        """Return the changes of state since the last call; another reason for being down is a change too."""
         changes, self._changes = self._changes, []
         return changes
 
     def send(self, now_us: int, frames: Sequence[CanFrame]) -> None:
-        """As `Bus.send`; without a bus the frames are given up."""
+        """Send the frames as `Bus.send` does; drop them while the bus is lost."""
         if self._bus is None or self.state is not BusState.UP:
             return
         try:
@@ -64,13 +72,14 @@ class HostBus:
         self.activity += len(frames)
 
     def receive(self, now_us: int, timeout_s: float) -> list[Stamped]:
-        """As `Bus.receive`; without a bus it waits, and opens the bus again when that is due."""
+        """Receive as `Bus.receive` does; while the bus is down wait instead, and reopen it when that is
+        due."""
         if self.state is not BusState.UP:
             self.activity += 1
         if self._bus is None:
-            if now_us >= self._retry_at_us:
+            if now_us >= self._reopen_at_us:
                 return self._reopen(now_us)
-            self._sleep(min(timeout_s, (self._retry_at_us - now_us) * 1e-6))
+            self._sleep(min(timeout_s, (self._reopen_at_us - now_us) * 1e-6))
             return []
         try:
             frames = self._bus.receive(timeout_s)
@@ -85,23 +94,25 @@ class HostBus:
         return self._note(frames)
 
     def close(self) -> None:
+        """Close the bus; its counters are kept."""
         if self._bus is not None:
+            self._closed_counters = self.counters
             self._bus.close()
             self._bus = None
 
     def _note(self, frames: list[Stamped]) -> list[Stamped]:
-        """Frames that come, the own SYNC among them, are what ends the back-off: a bus that opens and carries
-        nothing is lost again with the next frame sent."""
+        """Count the frames and end the back-off: a bus that opens and carries nothing, not even the host's
+        own SYNC, is lost again with the next frame sent."""
         if frames:
             self.activity += len(frames)
-            self._retry_us = FIRST_RETRY_US
+            self._reopen_pause.reset()
         return frames
 
     def _reopen(self, now_us: int) -> list[Stamped]:
-        """Open it and look whether it is up: a socket on a link that is down opens as well."""
+        """Open the bus and receive once: a socket opens on a link that is down as well."""
         bus = None
         try:
-            bus = self._open_one()
+            bus = self._open_bus()
             frames = bus.receive(0)
         except BusOffError as error:
             assert bus is not None
@@ -132,8 +143,7 @@ class HostBus:
         if not self._outlives:
             raise error
         self.close()
-        self._retry_at_us = now_us + self._retry_us
-        self._retry_us = min(2 * self._retry_us, LONGEST_RETRY_US)
+        self._reopen_at_us = now_us + self._reopen_pause.pause()
         self._enter(BusState.DOWN, str(error))
 
     def _enter(self, state: BusState, reason: str) -> None:

@@ -16,7 +16,7 @@ from palpate_edge.can_bus.simulated_clock import (
     AHEAD_US,
     FORMAT,
     GONE_US,
-    SLOWLY,
+    SLOW_FACTOR,
     ClockKeeper,
     SimulatedClock,
     clock_of,
@@ -81,7 +81,7 @@ def test_while_the_keeper_waits_the_time_goes_slowly(machine):
         machine.us += LOOK_US
         machine.keeper.go_on(slowly=True)
     # What it had been allowed before, and a tenth of the rest.
-    assert machine.times_us()[0] - before_us == pytest.approx(1e6 / SLOWLY, abs=AHEAD_US)
+    assert machine.times_us()[0] - before_us == pytest.approx(1e6 / SLOW_FACTOR, abs=AHEAD_US)
 
 
 def test_a_keeper_that_is_gone_holds_nothing_for_long(machine):

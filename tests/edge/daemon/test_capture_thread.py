@@ -1,4 +1,4 @@
-"""The pixel thread hands every contact and every failure to the bus loop."""
+"""The capture thread hands every contact and every failure to the bus loop."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_refusal_is_raised_in_the_taking_thread_behind_the_last_contact(frames
 
 def test_a_fault_of_the_program_is_raised_with_its_cause():
     with closing(finished_thread(ZeroDivisionError("oops"))) as pixels:
-        with pytest.raises(RuntimeError, match="pixel thread died") as error:
+        with pytest.raises(RuntimeError, match="capture thread died") as error:
             pixels.take()
         assert isinstance(error.value.__cause__, ZeroDivisionError)
 
