@@ -104,5 +104,5 @@ class CaptureThread(threading.Thread):
     def _put(self, outcome: Outcome) -> None:
         self._outcomes.append(outcome)
         os.eventfd_write(self._event_fd, 1)
-        os.sched_yield()  # on a shared core: the bus loop sends the contact before the next frame is
-        estimated
+        # On a shared core the bus loop then sends the contact before the next frame is estimated.
+        os.sched_yield()

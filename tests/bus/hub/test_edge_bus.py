@@ -146,7 +146,7 @@ def test_an_empty_filter_is_refused_since_python_can_takes_it_for_all():
 
 
 def test_an_interface_without_descriptor_says_so(pair):
-    with pytest.raises(BusError, match="no descriptor"):
+    with pytest.raises(BusError, match="no file descriptor"):
         pair[0].fileno()
 
 

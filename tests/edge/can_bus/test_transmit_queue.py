@@ -50,7 +50,7 @@ def test_contacts_that_waited_too_long_are_not_sent():
 def test_a_bus_that_takes_nothing_is_told():
     queue = TransmitQueue()
     queue.put(0, [SDO] * MAX_OTHERS)
-    with pytest.raises(BusError, match="wait for a bus that takes none: check cabling"):
+    with pytest.raises(BusError, match="wait and the bus accepts none: check cabling"):
         queue.put(0, [SDO])
 
 
