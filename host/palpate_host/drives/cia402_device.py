@@ -1,9 +1,8 @@
-"""A CiA 402 joint drive as a device: slave core, power state machine, and a motor behind them.
+"""A CiA 402 joint drive as a device: slave core, power state machine, and the motor behind them.
 
-Pure: time and frames in, frames out. The motor is a simulated joint or a drive on another bus. Watchdogs: in
-Operation enabled, an RPDO 1 that fails to come within its event timer (1400h:05), or leaving NMT OPERATIONAL,
-takes the torque away at once and leads to Fault. In Quick stop active the torque is 0 too: a hand that stops
-must not go on closing.
+Pure: time and frames in, frames out. The motor is a simulated joint or a drive on another bus. Watchdog: in
+Operation enabled, a missing RPDO 1 (event timer 1400h:05) or the end of NMT OPERATIONAL sets the torque to 0
+at once and leads to Fault. In Quick stop active the torque is 0 too: a stopping hand must not keep closing.
 """
 
 from __future__ import annotations
@@ -39,36 +38,36 @@ COMMUNICATION_LOST = 0x8100
 
 # Statusword, CiA 402-2.
 VOLTAGE_ENABLED, REMOTE, INTERNAL_LIMIT = 1 << 4, 1 << 9, 1 << 11
-LONGEST_STEP_US = 100_000  # a process that stood does not catch up
+LONGEST_STEP_US = 100_000  # a process that was suspended does not catch up
 
 _POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
 
 
 class Motor(Protocol):
-    """What a device moves."""
+    """The motor of a device."""
 
     rated_torque_mNm: int
 
     def state(self, now_us: int) -> MotorState:
-        """The joint at `now_us`; the order before has held until then."""
+        """Return the joint's state at `now_us`; the last order held until then."""
         ...
 
     def order(self, now_us: int, command: JointCommand) -> None:
-        """What the joint shall do from `now_us` on."""
+        """Set the order that the joint follows from `now_us` on."""
         ...
 
     def reset_fault(self) -> None:
-        """The master resets a fault: clear the motor's own error, if it has one."""
+        """Clear the motor's own error, if it has one: the master resets a fault."""
         ...
 
 
 class Cia402Device:
-    """One drive with its motor. The joint's position and its zero are kept through NMT resets."""
+    """One drive with its motor; the joint's position and its zero survive NMT resets."""
 
     def __init__(
         self, node_id: int, motor: Motor, modes: Sequence[OperationMode] = tuple(OperationMode)
     ) -> None:
-        """modes: what it can, of the modes that the EDS names in 6502h."""
+        """modes: the supported ones, of those that the EDS lists in 6502h."""
         self.slave = Slave(load_eds(CIA402_EDS, node_id))
         self._modes = self._number(SUPPORTED_MODES) & sum(mode.supported_bit for mode in modes)
         self.slave.write(SUPPORTED_MODES, 0, self._modes)
@@ -81,7 +80,7 @@ class Cia402Device:
         self._command_now = JointCommand(DriveGoal.OFF)
         self._joint = MotorState(0.0, 0.0)
         self._zero_rad = 0.0
-        self._told: list[int] = []  # as EMCY, since the last reset of a fault
+        self._reported_errors: list[int] = []  # as EMCY, since the last fault reset
         self._now_us: int | None = None
 
     @property
@@ -90,24 +89,25 @@ class Cia402Device:
 
     @property
     def torque_per_mille(self) -> int:
-        """What a drive in torque mode asks of its motor now: the target within 6072h and 6073h; else 0."""
+        """The motor's torque in a torque mode: the target, limited by 6072h and 6073h; 0 in other modes."""
         if self._command_now.goal is not DriveGoal.TORQUE:
             return 0
         return round(self._command_now.torque_Nm / self.per_mille_Nm)
 
     @property
     def is_following(self) -> bool:
-        """Its motor follows a velocity or a position, which ramps and homing change between frames."""
+        """True while the motor follows a velocity or a position, which also changes between frames (ramps,
+        homing)."""
         return self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION)
 
     def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> SlaveOutput:
-        """Look at the joint, serve the frames, act on what they command."""
+        """Measure the joint, serve the frames, carry out their commands."""
         step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)
         self._now_us = now_us
         self._measure(self._motor.state(now_us))
         served = self.slave.process(now_us, frames_in)
         for event in served.events:
-            self._obey(event)
+            self._handle(event)
         self._command_now = self._joint_command(step_us * 1e-6)
         self._motor.order(now_us, self._command_now)
         self._report()
@@ -118,13 +118,13 @@ class Cia402Device:
 
     @property
     def _mode(self) -> int:
-        """6060h where the drive has that mode, else 0."""
+        """The mode of 6060h, 0 when the drive does not support it."""
         mode = self._number(MODE)
         return mode if mode > 0 and self._modes & 1 << (mode - 1) else 0
 
     def _joint_command(self, step_s: float) -> JointCommand:
         if self.state is not DriveState.OPERATION_ENABLED:
-            self._motion.stand()
+            self._motion.reset()
             is_braked = self.state is DriveState.QUICK_STOP_ACTIVE
             return JointCommand(DriveGoal.QUICK_STOP if is_braked else DriveGoal.OFF)
         command, is_home = self._motion.order(self._mode, self._targets(), self._joint, step_s)
@@ -151,17 +151,19 @@ class Cia402Device:
         )
 
     def _measure(self, joint: MotorState) -> None:
-        """What TPDO 1 says at a SYNC; an error of the motor is a fault. The motor's own angle is not the
-        drive's: homing says where its zero is."""
+        """Update the objects of TPDO 1; an error of the motor is a fault.
+
+        The drive's angle is the motor's less the zero that homing has found.
+        """
         joint = self._joint = replace(joint, position_rad=joint.position_rad - self._zero_rad)
         self.slave.write(POSITION, 0, round(joint.position_rad * self.increments_per_rad))
         self.slave.write(VELOCITY, 0, round(joint.velocity_rad_s * self.increments_per_rad))
         if joint.error_code and self.state is not DriveState.FAULT:
             self._fail(joint.error_code, _register_of(joint.error_code))
-        if joint.lasting_error and joint.lasting_error not in self._told:
+        if joint.lasting_error and joint.lasting_error not in self._reported_errors:
             self._fail(joint.lasting_error, _register_of(joint.lasting_error))
 
-    def _obey(self, event: Event) -> None:
+    def _handle(self, event: Event) -> None:
         match event:
             case RpdoReceived(values=values):
                 if (CONTROLWORD, 0) in values:
@@ -172,11 +174,11 @@ class Cia402Device:
                 self._lose_command(EmcyCode.RPDO_TIMEOUT)
             case NmtStateChanged(command=NmtCommand.RESET_NODE):
                 self._machine = DriveStateMachine()
-                self._told.clear()
+                self._reported_errors.clear()
                 self.slave.write(ERROR_CODE, 0, 0)
             case NmtStateChanged(command=NmtCommand.RESET_COMMUNICATION):
                 self._lose_command(COMMUNICATION_LOST)
-                self._tell_again()
+                self._report_again()
             case NmtStateChanged(state=NmtState.OPERATIONAL):
                 self.slave.trigger((STATUS_TPDO,))
             case NmtStateChanged():
@@ -187,30 +189,30 @@ class Cia402Device:
         self._machine.command(controlword, may_reset=not self._joint.lasting_error)
         if was is DriveState.FAULT and self.state is not DriveState.FAULT:
             self._motor.reset_fault()
-            for error_code in self._told:
+            for error_code in self._reported_errors:
                 self.slave.emcy.clear(error_code)
-            self._told.clear()
+            self._reported_errors.clear()
             self.slave.write(ERROR_CODE, 0, 0)
 
     def _lose_command(self, error_code: int) -> None:
-        """The host no longer commands: a fault where there may be torque, nothing elsewhere."""
+        """Enter Fault in a state with torque, since the host no longer commands; do nothing in others."""
         if self.state in _POWERED:
             self._fail(error_code, ErrorRegister.COMMUNICATION)
 
-    def _tell_again(self) -> None:
-        """A new boot-up has forgotten the emergency; a master that asks anew learns why no reset helps."""
+    def _report_again(self) -> None:
+        """Report a lasting error again after a reset, so that the master learns why no fault reset helps."""
         error_code = self._joint.lasting_error
         if self.state is DriveState.FAULT and error_code:
             self.slave.emcy.report(error_code, _register_of(error_code))
 
     def _fail(self, error_code: int, register: ErrorRegister) -> None:
         self._machine.fail()
-        self._told.append(error_code)
+        self._reported_errors.append(error_code)
         self.slave.write(ERROR_CODE, 0, error_code)
         self.slave.emcy.report(error_code, register)
 
     def _report(self) -> None:
-        """What TPDO 2 says; a change of the statusword sends it."""
+        """Update the objects of TPDO 2; a change of statusword or mode sends it."""
         torque_per_mille = self.torque_per_mille
         statusword = STATE_BITS[self.state] | VOLTAGE_ENABLED | REMOTE | self._motion.status_bits
         if self._command_now.goal is DriveGoal.TORQUE and self._mode == OperationMode.CYCLIC_TORQUE:

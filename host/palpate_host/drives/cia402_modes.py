@@ -1,7 +1,8 @@
 """Modes of operation of a CiA 402 drive (6060h, 6502h), which of them a hand uses, and what RPDO 1 carries.
 
 RPDO 1 is controlword, mode and the target that the hand's drives follow; the EDS maps the target torque, for
-the two others the master maps it anew at start-up, so that each drive has one command PDO and one watchdog.
+the two others the master changes the mapping at start-up, so that each drive has one command PDO and one
+watchdog.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class OperationMode(enum.IntEnum):
 
     @property
     def supported_bit(self) -> int:
-        """Its bit of 6502h, which counts the modes from 1."""
+        """The mode's bit of 6502h, which counts the modes from 1."""
         return 1 << (self.value - 1)
 
 
@@ -61,8 +62,10 @@ _BEST_FIRST = {
 
 
 def choose_mode(supported: int, follows: Follows) -> OperationMode:
-    """The mode in which a drive with this 6502h follows; BusError, to be completed with its name, when it
-    has none."""
+    """Return the best mode of a drive with this 6502h for what it has to follow.
+
+    Raises BusError, without the drive's name, when the drive has none.
+    """
     for mode in _BEST_FIRST[follows]:
         if supported & mode.supported_bit:
             return mode

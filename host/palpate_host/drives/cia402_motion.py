@@ -1,8 +1,8 @@
-"""What a drive's motor is ordered in each mode of operation, and what its statusword says of it (CiA 402-2).
+"""The orders to a drive's motor in each mode of operation, with the mode's statusword bits (CiA 402-2).
 
-The device's side, pure, on the time it is given. Profile modes ramp by 6083h, profile position takes one set
-point after the other with its handshake; homing seeks a limit switch (methods 17, 18), takes the joint where
-it is (35, 37), or leaves it to the motor's own way (-1).
+The device's side; pure, the time is an argument. Profile modes ramp by 6083h; profile position takes one set
+point after another with its handshake; homing seeks a limit switch (methods 17, 18), takes the present
+position (35, 37), or uses the motor's own procedure (-1).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from palpate_host.drives.cia402_modes import (
 )
 
 TARGET_REACHED, FOLLOWS_COMMAND = 1 << 10, 1 << 12
-NEGATIVE_SWITCH, POSITIVE_SWITCH, HERE, HERE_OLD, OWN_WAY = 17, 18, 37, 35, -1
+NEGATIVE_SWITCH, POSITIVE_SWITCH, PRESENT, PRESENT_OLD, OWN_PROCEDURE = 17, 18, 37, 35, -1
 REACHED_RAD = 2e-3
 
 
 class OwnHoming(enum.Enum):
-    """What a motor says of the homing that it does itself."""
+    """The state of a motor's own homing procedure."""
 
     NONE = "none"
     RUNNING = "running"
@@ -36,12 +36,12 @@ class OwnHoming(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
-    """What a motor tells of its joint.
+    """A motor's report of its joint.
 
-    error_code: for 603Fh, 0 while all is well. torque_Nm: what it gives where it follows no torque. at_limit:
-    -1 or 1 at the limit switch of that direction. homing: of its own way home.
-    lasting_error: the code of an error whose cause is still there, so that no reset helps; 0 for none. It is
-    told beside another one.
+    error_code: for 603Fh, 0 for none. torque_Nm: the actual torque where the motor follows no torque.
+    at_limit: -1 or 1 at the limit switch of that direction. homing: of the motor's own procedure.
+    lasting_error: the code of an error whose cause persists, so that no reset helps; 0 for none. It is
+    reported beside another one.
     """
 
     position_rad: float
@@ -55,7 +55,7 @@ class MotorState:
 
 @dataclass(frozen=True, slots=True)
 class Targets:
-    """The objects that a mode goes by, in rad, s and N m; the controlword as it came."""
+    """The objects that control a mode, in rad, s and N m; the controlword as received."""
 
     controlword: int
     torque_Nm: float
@@ -70,15 +70,15 @@ class Targets:
 
 
 class DriveMotion:
-    """One enabled drive's way: `order` once a call of the device, then `status_bits`."""
+    """The motion of one enabled drive: call `order` once a call of the device, then read `status_bits`."""
 
     def __init__(self) -> None:
         self.is_homed = False
         self._failed = False
-        self.stand()
+        self.reset()
 
-    def stand(self) -> None:
-        """Not enabled, or another mode: ramps and set points begin anew. What homing found stays."""
+    def reset(self) -> None:
+        """Forget ramps and set points: the drive is disabled, or its mode changes. The zero found stays."""
         self._mode = 0
         self._velocity_rad_s = 0.0
         self._set_point_rad: float | None = None
@@ -92,9 +92,9 @@ class DriveMotion:
     def order(
         self, mode: int, targets: Targets, joint: MotorState, step_s: float
     ) -> tuple[JointCommand, bool]:
-        """What the motor does in `mode` for the next while, and whether the joint is at home just now."""
+        """Return the motor's order in `mode`, and whether the joint has just reached its home position."""
         if mode != self._mode:
-            self.stand()
+            self.reset()
             self._mode = mode
         if mode == OperationMode.HOMING:
             return self._homing(targets, joint)
@@ -129,12 +129,12 @@ class DriveMotion:
         )
 
     def _to_set_point(self, targets: Targets, joint: MotorState, step_s: float) -> JointCommand:
-        """A rising bit 4 takes the target; bit 12 answers until bit 4 falls."""
+        """Take the target at a rising bit 4; bit 12 acknowledges it until bit 4 falls."""
         is_new = bool(targets.controlword & NEW_SET_POINT)
         if is_new and not self._last_new:
             self._taken = True
             if self._set_point_rad is None:
-                self._on_the_way_rad = joint.position_rad
+                self._ramped_rad = joint.position_rad
             self._set_point_rad = targets.position_rad
         self._taken = self._taken and is_new
         self._last_new = is_new
@@ -142,23 +142,23 @@ class DriveMotion:
             self._bits = 0
             return JointCommand(DriveGoal.POSITION, targets.torque_limit_Nm, position_rad=joint.position_rad)
         most = targets.profile_speed_rad_s * step_s
-        left = self._set_point_rad - self._on_the_way_rad
-        self._on_the_way_rad += max(-most, min(most, left))
+        left = self._set_point_rad - self._ramped_rad
+        self._ramped_rad += max(-most, min(most, left))
         reached = abs(self._set_point_rad - joint.position_rad) < REACHED_RAD
         self._bits = (TARGET_REACHED if reached else 0) | (SET_POINT_TAKEN if self._taken else 0)
-        return JointCommand(DriveGoal.POSITION, targets.torque_limit_Nm, position_rad=self._on_the_way_rad)
+        return JointCommand(DriveGoal.POSITION, targets.torque_limit_Nm, position_rad=self._ramped_rad)
 
     def _homing(self, targets: Targets, joint: MotorState) -> tuple[JointCommand, bool]:
-        stands = JointCommand(DriveGoal.VELOCITY, targets.torque_limit_Nm)
-        is_asked = bool(targets.controlword & START_HOMING)
-        if is_asked and not self._last_new:
+        standstill = JointCommand(DriveGoal.VELOCITY, targets.torque_limit_Nm)
+        is_commanded = bool(targets.controlword & START_HOMING)
+        if is_commanded and not self._last_new:
             self._started, self._found_switch = True, False
             self.is_homed = self._failed = False
-        self._last_new = is_asked
+        self._last_new = is_commanded
         is_home = False
-        command = stands
-        if self._started and is_asked:
-            command, is_home = self._way_home(targets, joint, stands)
+        command = standstill
+        if self._started and is_commanded:
+            command, is_home = self._home(targets, joint, standstill)
         if is_home:
             self.is_homed, self._started = True, False
         if self._failed:
@@ -168,22 +168,22 @@ class DriveMotion:
         )
         return command, is_home
 
-    def _way_home(
-        self, targets: Targets, joint: MotorState, stands: JointCommand
+    def _home(
+        self, targets: Targets, joint: MotorState, standstill: JointCommand
     ) -> tuple[JointCommand, bool]:
         method = targets.homing_method
-        if method in (HERE, HERE_OLD):
-            return stands, True
-        if method == OWN_WAY:
+        if method in (PRESENT, PRESENT_OLD):
+            return standstill, True
+        if method == OWN_PROCEDURE:
             self._failed = joint.homing is OwnHoming.FAILED
-            return JointCommand(DriveGoal.HOME, stands.torque_Nm), joint.homing is OwnHoming.ATTAINED
+            return JointCommand(DriveGoal.HOME, standstill.torque_Nm), joint.homing is OwnHoming.ATTAINED
         side = {NEGATIVE_SWITCH: -1, POSITIVE_SWITCH: 1}.get(method)
         if side is None or joint.at_limit == -side:
-            self._failed = True  # a method that is not there, or the wrong switch
-            return stands, False
+            self._failed = True  # an unknown method, or the wrong switch
+            return standstill, False
         if joint.at_limit == side:
             self._found_switch = True
-            return JointCommand(DriveGoal.VELOCITY, stands.torque_Nm, -side * targets.zero_rad_s), False
+            return JointCommand(DriveGoal.VELOCITY, standstill.torque_Nm, -side * targets.zero_rad_s), False
         if self._found_switch:
-            return stands, True
-        return JointCommand(DriveGoal.VELOCITY, stands.torque_Nm, side * targets.search_rad_s), False
+            return standstill, True
+        return JointCommand(DriveGoal.VELOCITY, standstill.torque_Nm, side * targets.search_rad_s), False

@@ -1,4 +1,4 @@
-"""The power state machine of a CiA 402 drive, the device's side (CiA 402-2; IEC 61800-7-201)."""
+"""The power state machine on the device's side of CiA 402 (CiA 402-2; IEC 61800-7-201)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ENABLE_OPERATION = (0x8F, 0x0F)
 
 Command = tuple[int, int]
 
-# Where a command leads from a state; the numbers are those of the standard's transitions. Enable operation in
-# READY_TO_SWITCH_ON runs through SWITCHED_ON (3, then 4).
+# State -> command -> next state; the numbers are those of the standard's transitions. Enable operation in
+# READY_TO_SWITCH_ON passes through SWITCHED_ON (3, then 4).
 TRANSITIONS: dict[DriveState, dict[Command, DriveState]] = {
     DriveState.SWITCH_ON_DISABLED: {SHUTDOWN: DriveState.READY_TO_SWITCH_ON},  # 2
     DriveState.READY_TO_SWITCH_ON: {
@@ -64,9 +64,9 @@ class DriveStateMachine:
         self._last_controlword = 0
 
     def command(self, controlword: int, may_reset: bool = True) -> None:
-        """Take a controlword; one that means nothing in this state changes nothing.
+        """Apply a controlword; one without a transition from this state changes nothing.
 
-        may_reset: False while the cause of the fault lasts; a reset then needs another rising edge.
+        may_reset: False while the cause of the fault persists; a reset then needs another rising edge.
         """
         rising = controlword & ~self._last_controlword
         self._last_controlword = controlword
@@ -79,5 +79,5 @@ class DriveStateMachine:
                 return
 
     def fail(self) -> None:
-        """A fault; the reaction, torque off, takes no time (transitions 13 and 14)."""
+        """Enter Fault; the reaction, torque off, takes no time (transitions 13 and 14)."""
         self.state = DriveState.FAULT

@@ -1,4 +1,4 @@
-"""The border between the host and one joint's drive, whatever protocol the drive uses on the bus."""
+"""The interface between the host and one joint's drive, the same for every protocol on the bus."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Drive(Protocol):
 
     @property
     def uses_nmt(self) -> bool:
-        """Whether the drive is a CANopen node: reset and started over NMT, supervised by its heartbeat.
+        """True for a CANopen node, which is reset and started over NMT and supervised by its heartbeat.
 
         Any other drive is supervised by the age of its position alone (`staleness.joint_stop_ms`).
         """
@@ -82,17 +82,17 @@ class Drive(Protocol):
 
     @property
     def is_identified(self) -> bool:
-        """Whether all requests are answered: the drive may be started and commanded."""
+        """True once all start-up requests have their responses: the drive may be started and commanded."""
         ...
 
     @property
     def is_enabled(self) -> bool:
-        """Whether the drive follows commands."""
+        """True while the drive follows commands."""
         ...
 
     @property
     def is_powered(self) -> bool:
-        """Whether the drive still holds or brakes its joint."""
+        """True while the drive holds or brakes its joint."""
         ...
 
     @property
@@ -134,6 +134,6 @@ class Drive(Protocol):
     def command(self, order: JointCommand) -> tuple[CanFrame, ...]:
         """Return the frames that command the drive for this tick; called only once identified.
 
-        `DriveGoal.OFF` and `DriveGoal.QUICK_STOP` must end without torque whatever the drive's state is.
+        `DriveGoal.OFF` and `DriveGoal.QUICK_STOP` must end without torque in every state of the drive.
         """
         ...

@@ -1,4 +1,4 @@
-"""What a hand writes into a drive at start-up: its torque limit, what RPDO 1 carries, rates, homing. Pure."""
+"""The objects written into a drive at start-up: torque limit, mapping of RPDO 1, rates, homing. Pure."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ _DOWNLOAD = {1: 0x2F, 2: 0x2B, 4: 0x23}  # expedited download request by size, C
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """One expedited download. purpose: what cannot be without it, and the way out, for the message when the
-    drive refuses. otherwise: what to try then."""
+    """One expedited download.
+
+    purpose: why it is needed and the way out, which end the message when the drive aborts it. otherwise: the
+    download to try instead then.
+    """
 
     index: int
     subindex: int
@@ -33,15 +36,15 @@ class Write:
         return self.index, self.subindex
 
     def request(self) -> bytes:
-        """The SDO request."""
+        """Return the data of the SDO request."""
         data = (self.value & (1 << 8 * self.size) - 1).to_bytes(4, "little")
         return struct.pack("<BHB", _DOWNLOAD[self.size], self.index, self.subindex) + data
 
 
 def settings(needs: DriveNeeds, scale: DriveScale, mode: OperationMode) -> Iterator[Write]:
-    """What is written into the drive, in order.
+    """Yield the downloads in order.
 
-    Nothing into one that follows torque and knows its zero: the host itself bounds what it asks of that.
+    There are none for a drive that follows torque and keeps its zero: the host limits the torque itself.
     """
     if needs.follows is not Follows.TORQUE or needs.homing is not None:
         yield _torque_cap(needs.joint, scale)
@@ -49,26 +52,27 @@ def settings(needs: DriveNeeds, scale: DriveScale, mode: OperationMode) -> Itera
         yield from _mapping(needs)
     control = needs.control
     if mode in (OperationMode.PROFILE_VELOCITY, OperationMode.PROFILE_POSITION):
-        purpose = "by which its speed changes: use a drive that has it"
+        purpose = "the rate at which its speed changes: use a drive that has it"
         yield Write(0x6083, 0, 4, scale.to_increments(control.acceleration_limit_rad_s2), purpose)
     if mode is OperationMode.PROFILE_POSITION:
-        purpose = "its speed on the way to a set point: use a drive that has it"
+        purpose = "its speed towards a set point: use a drive that has it"
         yield Write(0x6081, 0, 4, scale.to_increments(control.speed_limit_rad_s), purpose)
     if needs.homing is not None:
         yield from _homing(needs.joint, needs.homing, scale)
 
 
 def _torque_cap(joint: JointConfig, scale: DriveScale) -> Write:
-    """6072h, or 6073h of a drive that has the current alone; rounded down."""
+    """Limit 6072h, or 6073h of a drive that only limits its current; rounded down."""
     share = joint.torque_limit_Nm * 1000.0 / scale.rated_torque_mNm
     per_mille = min(FULL_SCALE_PER_MILLE, int(share * FULL_SCALE_PER_MILLE))
-    purpose = "nor took it 6072h: its torque would have no limit of its own, use a drive with one of them"
+    purpose = "as it did 6072h, so its torque would have no limit of its own: use a drive with one of them"
     current = Write(0x6073, 0, 2, per_mille, purpose)
     return Write(0x6072, 0, 2, per_mille, "", otherwise=current)
 
 
 def _mapping(needs: DriveNeeds) -> Iterator[Write]:
-    """RPDO 1 anew, as CiA 301 has it: off, no objects, the objects, how many, on."""
+    """Change the mapping of RPDO 1 in the steps of CiA 301: invalid, no objects, the objects, count,
+    valid."""
     purpose = (
         f"which carries its {needs.follows.value}: set control.drives_follow to torque, or map RPDO 1 by hand"
     )

@@ -1,7 +1,7 @@
-"""Brings the drives home at start-up, one after another. Pure, on the time it is given.
+"""Homing of the drives at start-up, one after another. Pure: the time is an argument.
 
-A drive that was homed since it has power says so (statusword bit 12 in homing mode) and is not moved. Nothing
-is tried again: a drive that reports an error, faults or takes too long is a fault of the hand.
+A drive that has kept its zero since its last homing reports it (statusword bit 12 in homing mode) and is not
+moved. Nothing is tried again: a drive that reports an error, faults or takes too long is a fault of the hand.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from palpate_host.drives.drive import Drive, HomingState
 
 
 class HomingRun:
-    """Which drive has its turn; `step` once a tick in the mode HOME."""
+    """The homing of all drives; call `step` once a tick in the mode HOME."""
 
     def __init__(self, config: HomingConfig | None, drives: Sequence[Drive]) -> None:
         self._config = config
@@ -24,7 +24,7 @@ class HomingRun:
         self.problem = ""
 
     def booted(self, node_id: int) -> None:
-        """The drive may have lost its power, and its zero with it: it is asked again."""
+        """Home the drive again: it has booted, so it may have lost power and its zero."""
         if self._config is not None:
             for i, drive in enumerate(self._drives):
                 if drive.node_id == node_id:
@@ -34,16 +34,16 @@ class HomingRun:
 
     @property
     def turn(self) -> int | None:
-        """The drive that has to go home now; None: all are."""
+        """The index of the drive whose turn it is, None when all are homed."""
         return self._homed.index(False) if False in self._homed else None
 
     @property
     def waiting(self) -> str:
-        """Who has no zero yet; empty: all have."""
+        """The name of the drive whose turn it is, empty when all are homed."""
         return "" if self.turn is None else self._drives[self.turn].name
 
     def step(self, now_us: int) -> None:
-        """Look at the drive that has its turn; `problem` says what went wrong."""
+        """Check the drive whose turn it is; a failure is described in `problem`."""
         turn = self.turn
         if turn is None or self._config is None:
             return
@@ -55,9 +55,11 @@ class HomingRun:
             self._homed[turn] = True
             self._since_us = None
         elif drive.homing is HomingState.ERROR:
-            self.problem = f"{drive.name}: homing error (method {self._config.method}): see to its way home"
+            self.problem = (
+                f"{drive.name}: homing error (method {self._config.method}): check its switch and its path"
+            )
         elif self._was_enabled and not is_enabled:
             self.problem = f"{drive.name}: {drive.state_name} while homing"
         elif now_us - self._since_us > self._config.timeout_s * 1e6:
-            self.problem = f"{drive.name}: not home within homing.timeout_s = {self._config.timeout_s:g} s"
+            self.problem = f"{drive.name}: not homed within homing.timeout_s = {self._config.timeout_s:g} s"
         self._was_enabled = self._was_enabled or is_enabled

@@ -1,7 +1,7 @@
-"""Asks a drive at start-up by SDO what it is, and tells it its limits: one transfer at a time.
+"""The SDO transfers with a CiA 402 drive at start-up, one at a time.
 
-Questions: supported modes, rated torque, increments a turn. Then what the hand needs of it is written
-(drive_settings.py). A pure client (CiA 301, 7.2.4.3): requests go out when they are due, replies come in.
+Uploads: supported modes, rated torque, increments a turn. Downloads: the hand's settings
+(drive_settings.py). A pure client (CiA 301, 7.2.4.3): requests out when they are due, responses in.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from palpate_host.drives.drive_settings import Write, settings
 SUPPORTED_MODES = (0x6502, 0)
 RATED_TORQUE = (0x6076, 0)
 FEED = (0x6092, 1)
-QUESTIONS = (SUPPORTED_MODES, RATED_TORQUE, FEED)
+UPLOADS = (SUPPORTED_MODES, RATED_TORQUE, FEED)
 
 SDO_REQUEST_ID = 0x600
 SDO_REPLY_ID = 0x580
-REPEAT_US = 200_000
+RETRY_US = 200_000
 
 UPLOAD_REQUEST = 0x40
 ABORT = 0x80
@@ -32,7 +32,7 @@ WRITTEN = 0x60
 
 
 class DriveIdentification:
-    """The transfers with one drive; `scale` and `mode` are there once all are done."""
+    """The transfers with one drive; `scale` is None until all are done."""
 
     def __init__(self, needs: DriveNeeds) -> None:
         self.reply_id = SDO_REPLY_ID + needs.node_id
@@ -43,62 +43,64 @@ class DriveIdentification:
         self.restart()
 
     def restart(self) -> None:
-        """The drive booted anew: ask again."""
+        """Begin again: the drive has booted."""
         self.scale: DriveScale | None = None
-        self._questions = deque(QUESTIONS)
+        self._uploads = deque(UPLOADS)
         self._writes: deque[Write] = deque()
-        self._answers: dict[tuple[int, int], int] = {}
-        self._asked_us: int | None = None
+        self._values: dict[tuple[int, int], int] = {}
+        self._requested_us: int | None = None
 
     def due(self, now_us: int) -> CanFrame | None:
-        """The next request, or the last one again after 200 ms without an answer."""
-        if self.scale is not None or (self._asked_us is not None and now_us < self._asked_us + REPEAT_US):
+        """Return the next request, or the last one again after 200 ms without a response."""
+        if self.scale is not None or (
+            self._requested_us is not None and now_us < self._requested_us + RETRY_US
+        ):
             return None
-        self._asked_us = now_us
-        if self._questions:
-            data = struct.pack("<BHB4x", UPLOAD_REQUEST, *self._questions[0])
+        self._requested_us = now_us
+        if self._uploads:
+            data = struct.pack("<BHB4x", UPLOAD_REQUEST, *self._uploads[0])
         else:
             data = self._writes[0].request()
         return CanFrame(SDO_REQUEST_ID + self._node_id, data)
 
     def receive(self, frame: CanFrame) -> None:
-        """Take a reply in; BusError when the drive refuses, lacks a mode, or names a zero scale."""
+        """Take a response. Raises BusError when the drive aborts, lacks a mode, or has a scale of zero."""
         if self.scale is not None or len(frame.data) != 8:
             return
         command, index, subindex, value = struct.unpack("<BHBI", frame.data)
-        if self._questions and (index, subindex) == self._questions[0]:
-            self._take_answer(command, value)
-        elif not self._questions and (index, subindex) == self._writes[0].key:
-            self._take_receipt(command, value)
+        if self._uploads and (index, subindex) == self._uploads[0]:
+            self._take_upload(command, value)
+        elif not self._uploads and (index, subindex) == self._writes[0].key:
+            self._take_download(command, value)
 
-    def _take_answer(self, command: int, value: int) -> None:
-        index, subindex = self._questions[0]
+    def _take_upload(self, command: int, value: int) -> None:
+        index, subindex = self._uploads[0]
         if command == ABORT:
             raise BusError(
-                f"{self._name} refuses to tell {index:04X}h:{subindex:02X}"
+                f"{self._name} aborts the upload of {index:04X}h:{subindex:02X}"
                 f" (abort {value:08X}h): use a CiA 402 drive with the objects of cia402.eds"
             )
         if command != EXPEDITED_4_BYTES:
             raise BusError(
-                f"{self._name} answers {index:04X}h:{subindex:02X} with SDO command"
+                f"{self._name} responds to {index:04X}h:{subindex:02X} with SDO command"
                 f" {command:02X}h, not with 4 bytes: give both sides the same cia402.eds"
             )
-        self._answers[self._questions.popleft()] = value
-        self._asked_us = None
-        if not self._questions:
+        self._values[self._uploads.popleft()] = value
+        self._requested_us = None
+        if not self._uploads:
             self._writes = self._needed_writes()
             self._finish()
 
-    def _take_receipt(self, command: int, value: int) -> None:
+    def _take_download(self, command: int, value: int) -> None:
         write = self._writes[0]
         if command == ABORT and write.otherwise is None:
             raise BusError(
-                f"{self._name} refuses {write.index:04X}h:{write.subindex:02X} = {write.value}"
+                f"{self._name} aborts the download of {write.index:04X}h:{write.subindex:02X} = {write.value}"
                 f" (abort {value:08X}h), {write.purpose}"
             )
         if command not in (ABORT, WRITTEN):
             return
-        self._asked_us = None
+        self._requested_us = None
         self._writes.popleft()
         if command == ABORT and write.otherwise is not None:
             self._writes.appendleft(write.otherwise)
@@ -109,7 +111,7 @@ class DriveIdentification:
             self.scale = self._checked_scale()
 
     def _needed_writes(self) -> deque[Write]:
-        modes = self._answers[SUPPORTED_MODES]
+        modes = self._values[SUPPORTED_MODES]
         try:
             self.mode = choose_mode(modes, self._needs.follows)
         except BusError as exc:
@@ -122,9 +124,9 @@ class DriveIdentification:
         return deque(settings(self._needs, self._checked_scale(), self.mode))
 
     def _checked_scale(self) -> DriveScale:
-        rated, feed = self._answers[RATED_TORQUE], self._answers[FEED]
+        rated, feed = self._values[RATED_TORQUE], self._values[FEED]
         if rated == 0 or feed == 0:
             raise BusError(
-                f"{self._name} says 6076h = {rated}, 6092h:01 = {feed}; neither can be 0: configure the drive"
+                f"{self._name} has 6076h = {rated}, 6092h:01 = {feed}; neither can be 0: configure the drive"
             )
         return DriveScale(rated_torque_mNm=rated, increments_per_turn=feed)

@@ -1,9 +1,9 @@
-"""From the controller's torques to what each drive is ordered, within its rates and range. Pure.
+"""The order to each drive from the controller's torques, within the joint's rates and range. Pure.
 
-TORQUE: u, no faster than `torque_rate_Nm_s`. VELOCITY: the admittance qdot = u / B_d, bounded in speed and
-acceleration; near an end of the range, and beyond it, the speed outwards is what is left of the range in 0.1
-s. POSITION: the integral of that velocity, never further from the joint than `LEAD_RAD`, within the range;
-the drive's own torque limit bounds what stands behind it.
+TORQUE: u, changing by at most `torque_rate_Nm_s`. VELOCITY: the admittance qdot = u / B_d, limited in speed
+and acceleration; outwards it is at most the rest of the range in 0.1 s. POSITION: the integral of that
+velocity, at most `LEAD_RAD` ahead of the joint and within the range; the drive's own torque limit bounds the
+torque.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ RANGE_TIME_S = 0.1
 
 
 class JointOrders:
-    """What was ordered last, from which the next orders may differ by their rates alone."""
+    """The orders of all joints; they keep the last ones, from which the next differ by at most their
+    rates."""
 
     def __init__(self, joints: Sequence[JointConfig], control: ControlConfig) -> None:
         self._control = control
@@ -37,7 +38,8 @@ class JointOrders:
         self._position_rad: Array | None = None
 
     def moving(self, torque_Nm: Array, q_rad: Array | None) -> list[JointCommand]:
-        """One order a joint for the torques u (nq,) with the joints at `q_rad` (nq,), None: not known yet."""
+        """Return one order a joint for the torques u (nq,) at the joint angles `q_rad` (nq,), None:
+        unknown."""
         control = self._control
         if control.drives_follow is Follows.TORQUE or q_rad is None:
             self._last = self._near_last(torque_Nm, control.torque_rate_Nm_s)
@@ -63,6 +65,6 @@ class JointOrders:
             for limit, one in zip(self._limit_Nm, self._position_rad.tolist(), strict=True)
         ]
 
-    def _near_last(self, wanted: Array, rate_per_s: float) -> Array:
+    def _near_last(self, desired: Array, rate_per_s: float) -> Array:
         step = rate_per_s * self._tick_s
-        return np.asarray(np.minimum(np.maximum(wanted, self._last - step), self._last + step))
+        return np.asarray(np.minimum(np.maximum(desired, self._last - step), self._last + step))

@@ -1,4 +1,4 @@
-"""CiA 402 devices of this process on one bus: the loop around them."""
+"""The loop that serves the CiA 402 devices of this process on one bus."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def serve_devices(
     bus: Bus,
     devices: Sequence[Cia402Device],
     stop: threading.Event,
-    each_turn: Callable[[], None] = lambda: None,
+    each_cycle: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the devices until `stop` is set; `each_turn` is called at least every LONGEST_WAIT_US.
+    """Serve the devices until `stop` is set; `each_cycle` is called at least every LONGEST_WAIT_US.
 
     Raises BusError when the bus is gone or when another node has the id of one of the devices.
     """
@@ -33,12 +33,12 @@ def serve_devices(
         now_us = monotonic_us()
         for node in nodes:
             bus.send(node.process(now_us, frames))
-        each_turn()
+        each_cycle()
 
 
 class _Node:
-    """One device: asked when a frame is for it, when it is due or its motor may have something to say, and in
-    every turn while it follows."""
+    """One device: processed when a frame is for it, when it is due, at least every LONGEST_WAIT_US, and in
+    every cycle while its motor follows a velocity or a position."""
 
     def __init__(self, device: Cia402Device) -> None:
         self._device = device
@@ -46,12 +46,12 @@ class _Node:
         self.due_us = 0
 
     def process(self, now_us: int, frames: Sequence[CanFrame]) -> tuple[CanFrame, ...]:
-        """What it sends. Raises BusError when another node has its id."""
+        """Return the frames to send. Raises BusError when another node has the device's id."""
         device = self._device
-        heard = [frame for frame in frames if frame.can_id in self._accept_ids]
-        if not heard and now_us < self.due_us and not device.is_following:
+        received = [frame for frame in frames if frame.can_id in self._accept_ids]
+        if not received and now_us < self.due_us and not device.is_following:
             return ()
-        output = device.process(now_us, heard)
+        output = device.process(now_us, received)
         self.due_us = min(output.next_due_us, now_us + LONGEST_WAIT_US)
         for event in output.events:
             if isinstance(event, AcceptIdsChanged):
@@ -61,7 +61,7 @@ class _Node:
 
 
 def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
-    """Raises BusError when another node has the device's id."""
+    """Raise BusError when another node has the device's id."""
     for event in events:
         if isinstance(event, NodeIdConflict):
             raise BusError(
@@ -71,7 +71,7 @@ def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
 
 
 def states_line(devices: Iterable[Cia402Device]) -> str:
-    """One line for a person: how many drives are in which state."""
+    """Return one line with the number of drives in each state."""
     states = [device.state for device in devices]
     counts = [f"{states.count(state)} {state.value}" for state in DriveState if state in states]
     return ", ".join(counts)

@@ -207,11 +207,11 @@ def test_homing_writes_its_objects():
         ("velocity", None, {0x6502: 0x200}, (), "lacks.*profile velocity.*drives_follow to torque$"),
         ("position", None, {0x6502: 0x020}, (), "use a drive that has one$"),
         ("torque", HomingConfig(method=17), {0x6502: 0x200}, (), "lacks homing"),
-        ("torque", HomingConfig(method=17), {}, (0x6098,), "refuses 6098h:00 = 17.*the homing method"),
-        ("velocity", None, {}, (0x1600,), "refuses 1600h:00 = 0"),
-        ("velocity", None, {}, (0x6072, 0x6073), "refuses 6073h.*no limit of its own"),
+        ("torque", HomingConfig(method=17), {}, (0x6098,), "aborts the .* 6098h:00 = 17.*the homing method"),
+        ("velocity", None, {}, (0x1600,), "aborts the download of 1600h:00 = 0"),
+        ("velocity", None, {}, (0x6072, 0x6073), "aborts the download of 6073h.*no limit of its own"),
         ("torque", None, {0x6076: 0}, (), "6076h = 0"),
-        ("torque", None, {0x6502: None}, (), "refuses to tell 6502h:00 .abort 06020000h"),
+        ("torque", None, {0x6502: None}, (), "aborts the upload of 6502h:00 .abort 06020000h"),
     ],
 )  # fmt: skip
 def test_identification_refuses(follows, homing, values, refused, says):

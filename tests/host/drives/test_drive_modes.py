@@ -269,7 +269,7 @@ def test_a_drive_that_does_not_come_home_in_time_is_a_fault(bench, table_4):
     rig.run(2.0)
     status = rig.statuses[-1]
     assert status.mode is Mode.FAULT
-    assert "not home within homing.timeout_s = 0.5 s" in status.reason and "abduction_1" in status.reason
+    assert "not homed within homing.timeout_s = 0.5 s" in status.reason and "abduction_1" in status.reason
 
 
 def test_hand_toml_is_refused_without_the_sensors_force_or_a_home(tmp_path, bench):

@@ -42,6 +42,6 @@ COMMUNICATION_TIMEOUT = 0x85
 
 
 def text(code: int) -> str:
-    """What a person reads: code and name, or the code alone when the table does not have it."""
+    """Return the alarm for people: code and name, or a reference to the manual for a code without a name."""
     name = NAMES.get(code)
     return f"alarm {code:02X}h" + (f" ({name})" if name else " (see the manual)")

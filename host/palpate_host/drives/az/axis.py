@@ -1,7 +1,7 @@
-"""One AZ axis between two sides: the CiA 402 device orders and asks, the port's thread carries it out.
+"""One AZ axis between the CiA 402 device, which sets orders, and the port's thread, which carries them out.
 
-The newest order counts; an older one that was not carried out is forgotten. Pure but for the lock: time comes
-from the caller.
+Only the newest order counts; an older one that was not carried out is dropped. Pure except for the lock: the
+time is an argument.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from palpate_host.drives.az.temperature import TemperatureLimit
 from palpate_host.drives.cia402_motion import MotorState, OwnHoming
 
 ORDER_LIMIT_US = 200_000
-"""An order older than this is not carried out any more: the joint brakes."""
-SILENT_LIMIT = 3
-"""Transactions in a row that may fail before the axis is lost."""
+"""Age at which an order is no longer carried out: the joint brakes."""
+FAILURE_LIMIT = 3
+"""Failed transactions in a row after which the axis is lost."""
 TEMPERATURE_AGE_LIMIT_US = 5_000_000
-"""An axis that does not tell its temperatures for so long is lost, though it moves."""
+"""Age of the last temperatures at which the axis is lost, even if it moves."""
 EXCESS_TEMPERATURE = 0x4310  # CiA 402-2, error codes: excess temperature drive
 COMMUNICATION_ERROR = 0x7500  # CiA 402-2, error codes: communication
 MANUFACTURER_ERROR = 0xFF00  # the same: manufacturer specific; the alarm's code is its low byte
 
 
 class TorqueBy(enum.Enum):
-    """How an axis makes a torque.
+    """The way an axis follows a torque.
 
-    CURRENT: the drive's torque operation. ADMITTANCE: the joint turns with torque / B_d, the way a geared
-    stepper, whose friction exceeds what a hand needs, can feel like a compliant joint.
+    CURRENT: the drive's torque operation. ADMITTANCE: the joint turns with torque / B_d, which makes a geared
+    stepper compliant although its friction exceeds the torques of a hand.
     """
 
     CURRENT = "current"
     ADMITTANCE = "admittance"
 
 
-class Question(enum.Enum):
-    """What an axis is asked beside its motion."""
+class ExtraRead(enum.Enum):
+    """A read in addition to an axis' motion."""
 
     HEALTH = "status and alarm"
     TEMPERATURES = "temperatures"
@@ -52,7 +52,7 @@ class Question(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class AxisSettings:
-    """device_id: Modbus address. torque_limit_Nm: never more, by the operating current.
+    """One axis of az.toml. device_id: Modbus address. torque_limit_Nm: enforced by the operating current.
 
     temperature_limit_degC: above it, in drive or motor, the axis is in Fault.
     """
@@ -71,7 +71,7 @@ class AzAxis:
     def __init__(self, settings: AxisSettings) -> None:
         self.settings = settings
         self.rated_torque_mNm = round(settings.motor.torque_Nm * 1000)
-        self.problem = "not heard yet"
+        self.problem = "no response yet"
         self._lock = threading.Lock()
         self._command = JointCommand(DriveGoal.OFF)
         self._ordered_us: int | None = None
@@ -79,11 +79,11 @@ class AzAxis:
         self._inputs: Input | None = None
         self._reset = False
         self._failures = 0
-        self._is_heard = False
+        self._has_reported = False
         self._temperature = TemperatureLimit(settings.temperature_limit_degC)
         self._measured_us: int | None = None
 
-    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the newest answer, whenever it came
+    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the newest response, of any age
         with self._lock:
             return self._state
 
@@ -93,19 +93,20 @@ class AzAxis:
             self._ordered_us = now_us
 
     def reset_fault(self) -> None:
-        """Forget the error; the next exchange resets the drive's alarm, and one that stays comes back."""
+        """Forget the error; the next exchange resets the drive's alarm, and a lasting one is reported
+        again."""
         with self._lock:
             self._reset = True
             self._failures = 0
             self._state = replace(self._state, error_code=self._state.lasting_error)
 
     @property
-    def is_heard(self) -> bool:
-        """Whether the drive has told where its joint is."""
-        return self._is_heard
+    def has_reported(self) -> bool:
+        """True once the drive has reported its joint's position."""
+        return self._has_reported
 
     def measure(self, now_us: int, port: AzPort) -> None:
-        """Ask the temperatures; too hot is an error of its own, which lasts until it has cooled."""
+        """Read the temperatures; excess temperature is an error that lasts until the axis has cooled."""
         temperatures = port.temperatures(self.settings.device_id)
         was_exceeded = self._temperature.is_exceeded
         self._temperature.take(temperatures)
@@ -120,8 +121,8 @@ class AzAxis:
                 )
                 self._state = replace(self._state, error_code=EXCESS_TEMPERATURE)
 
-    def exchange(self, now_us: int, port: AzPort, question: Question | None) -> None:
-        """Carry the newest order out and take the answer; a failure is counted and becomes an error."""
+    def exchange(self, now_us: int, port: AzPort, extra: ExtraRead | None) -> None:
+        """Carry out the newest order and read the motion; a failure is counted and becomes an error."""
         with self._lock:
             command, reset, self._reset = self._command, self._reset, False
             if self._ordered_us is None or now_us - self._ordered_us > ORDER_LIMIT_US:
@@ -132,20 +133,20 @@ class AzAxis:
                 self._inputs = None
             words = self._carry_out(command, port)
             is_homing = command.goal is DriveGoal.HOME
-            asks_health = question is Question.HEALTH or reset or is_homing
-            health = port.health(self.settings.device_id) if asks_health else None
-            if question is Question.TEMPERATURES:
+            reads_health = extra is ExtraRead.HEALTH or reset or is_homing
+            health = port.health(self.settings.device_id) if reads_health else None
+            if extra is ExtraRead.TEMPERATURES:
                 self.measure(now_us, port)
         except BusError as exc:
-            self._failed(str(exc))
+            self._count_failure(str(exc))
             return
-        self._answered(words, health.alarm if health else None)
-        self._check_measured(now_us)
+        self._take_motion(words, health.alarm if health else None)
+        self._check_temperature_age(now_us)
         if is_homing and health is not None:
-            self._look_home(health.status)
+            self._check_homing(health.status)
 
     def release(self, port: AzPort) -> None:
-        """Let the joint go at the end; a drive that does not hear it stops by its own timeout."""
+        """Free the joint at the end; a drive that misses the command stops by its own timeout."""
         with contextlib.suppress(BusError):
             port.command(self.settings.device_id, Input.FREE)
 
@@ -163,11 +164,11 @@ class AzAxis:
             return list(port.motion(device_id))
         limit_Nm = self.settings.torque_limit_Nm
         if command.goal is DriveGoal.VELOCITY:
-            most_Nm = min(limit_Nm, command.torque_Nm)
-            return list(port.move(device_id, az.velocity_operation(motor, command.velocity_rad_s, most_Nm)))
+            cap_Nm = min(limit_Nm, command.torque_Nm)
+            return list(port.move(device_id, az.velocity_operation(motor, command.velocity_rad_s, cap_Nm)))
         if command.goal is DriveGoal.POSITION:
-            most_Nm = min(limit_Nm, command.torque_Nm)
-            return list(port.move(device_id, az.position_operation(motor, command.position_rad, most_Nm)))
+            cap_Nm = min(limit_Nm, command.torque_Nm)
+            return list(port.move(device_id, az.position_operation(motor, command.position_rad, cap_Nm)))
         torque_Nm = max(-limit_Nm, min(limit_Nm, command.torque_Nm))
         if self.settings.torque_by is TorqueBy.CURRENT:
             return list(port.move(device_id, az.torque_operation(motor, torque_Nm)))
@@ -175,8 +176,11 @@ class AzAxis:
         return list(port.move(device_id, az.velocity_operation(motor, velocity_rad_s, limit_Nm)))
 
     def _go_home(self, port: AzPort) -> list[int]:
-        """ZHOME, the drive's return to its own zero: told once. Should that be lost, homing has failed:
-        whether the drive moves is not known, and the trigger is not repeated."""
+        """Trigger ZHOME, the drive's return to its own zero, once.
+
+        When the response is lost, homing has failed: it is unknown whether the drive moves, and the trigger
+        is not repeated.
+        """
         if self._state.homing is OwnHoming.NONE:
             self._inputs = None
             try:
@@ -189,7 +193,7 @@ class AzAxis:
             self._set_homing(OwnHoming.RUNNING)
         return list(port.motion(self.settings.device_id))
 
-    def _look_home(self, status: AzStatus) -> None:
+    def _check_homing(self, status: AzStatus) -> None:
         if (
             self._state.homing is OwnHoming.RUNNING
             and AzStatus.HOME_END in status
@@ -201,10 +205,10 @@ class AzAxis:
         with self._lock:
             self._state = replace(self._state, homing=homing)
 
-    def _answered(self, words: list[int], alarm: int | None) -> None:
+    def _take_motion(self, words: list[int], alarm: int | None) -> None:
         motion = az.motion(self.settings.motor, words)
         with self._lock:
-            self._is_heard = True
+            self._has_reported = True
             self._failures = 0
             error_code = self._state.error_code
             if alarm:
@@ -219,16 +223,16 @@ class AzAxis:
                 error_code=error_code,
             )
 
-    def _check_measured(self, now_us: int) -> None:
+    def _check_temperature_age(self, now_us: int) -> None:
         if self._measured_us is None or now_us - self._measured_us > TEMPERATURE_AGE_LIMIT_US:
             with self._lock:
-                self.problem = "does not tell its temperatures"
+                self.problem = "its temperatures cannot be read"
                 self._state = replace(self._state, error_code=COMMUNICATION_ERROR)
 
-    def _failed(self, problem: str) -> None:
+    def _count_failure(self, problem: str) -> None:
         with self._lock:
-            self._inputs = None  # whether they arrived is not known
+            self._inputs = None  # it is unknown whether they arrived
             self._failures += 1
-            if self._failures >= SILENT_LIMIT:
+            if self._failures >= FAILURE_LIMIT:
                 self.problem = problem
                 self._state = replace(self._state, error_code=COMMUNICATION_ERROR)

@@ -1,4 +1,4 @@
-"""Whether all RS-485 lines go on, as one number for the watchdog. Pure."""
+"""The progress of all RS-485 lines as one number for the watchdog. Pure."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 
 class CommonRounds:
-    """Grows when every line has answered anew: it stands still with the first line that does."""
+    """A count that grows when every line has responded again, and stalls when one line does not."""
 
     def __init__(self, lines: int) -> None:
-        self._answers = [0] * lines
+        self._responses = [0] * lines
         self._rounds = 0
 
-    def count(self, answers: Sequence[int]) -> int:
-        """answers: of each line since the start."""
-        if all(now > before for now, before in zip(answers, self._answers, strict=True)):
-            self._answers = list(answers)
+    def count(self, responses: Sequence[int]) -> int:
+        """Return the count. responses: of each line since the start."""
+        if all(now > before for now, before in zip(responses, self._responses, strict=True)):
+            self._responses = list(responses)
             self._rounds += 1
         return self._rounds

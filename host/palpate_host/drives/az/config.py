@@ -1,4 +1,4 @@
-"""az.toml: which AZ drive behind which RS-485 port stands for which CANopen node."""
+"""The configuration az.toml: the CANopen node of each AZ drive on each RS-485 port."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
 class ParityName(enum.Enum):
-    """parity in az.toml."""
+    """The values of `parity` in az.toml."""
 
     EVEN = "even"
     NONE = "none"
@@ -30,9 +30,10 @@ class ParityName(enum.Enum):
 class AxisConfig(Strict, frozen=True):
     """One axis; the defaults are Table 4's AZM24AK with its 20:1 gear.
 
-    drive_node: the joint's node id in hand.toml. device_id: the drive's Modbus address. torque_limit_Nm: held
-    by the operating current, whatever the host asks. B_d_Nms_rad: counts with torque_by = "admittance".
-    temperature_limit_degC: of drive and motor; an axis above it is in Fault until it has cooled by 5 K.
+    drive_node: the joint's node id in hand.toml. device_id: the drive's Modbus address. torque_limit_Nm:
+    enforced by the operating current, independent of the host. B_d_Nms_rad: used with torque_by =
+    "admittance". temperature_limit_degC: of drive and motor; an axis above it is in Fault until it has cooled
+    by 5 K.
     """
 
     drive_node: Annotated[int, msgspec.Meta(ge=1, le=127)]
@@ -60,9 +61,9 @@ class AxisConfig(Strict, frozen=True):
 
 
 class PortConfig(Strict, frozen=True):
-    """One RS-485 adapter and the axes on it: one port a finger keeps a round below 20 ms.
+    """One RS-485 adapter and its axes; with one port a finger a round takes less than 20 ms.
 
-    timeout_ms: after so long without us a drive stops by itself (its alarm 85h).
+    timeout_ms: without communication for this time a drive stops by itself (its alarm 85h).
     """
 
     path: Text
@@ -77,14 +78,14 @@ class PortConfig(Strict, frozen=True):
 
 
 class AzConfig(Strict, frozen=True):
-    """The whole of az.toml; make it with `load`."""
+    """The contents of az.toml; make it with `load`."""
 
     bus: BusConfig
     ports: Annotated[tuple[PortConfig, ...], msgspec.Meta(min_length=1)]
 
 
 def load(path: Path) -> AzConfig:
-    """Read and check az.toml; ConfigError names file, key and way out."""
+    """Read and check az.toml. Raises ConfigError with file, key and way out."""
     config = read_toml(
         path, AzConfig, option="az.toml with --config", example="models/table4-az.toml shows them"
     )
@@ -104,4 +105,4 @@ def load(path: Path) -> AzConfig:
 def _check_unique(path: Path, what: str, values: list[str] | list[int]) -> None:
     for value in values:
         if values.count(value) > 1:  # type: ignore[arg-type]
-            raise ConfigError(f"{path}: {what} {value} is used twice: every one needs its own")
+            raise ConfigError(f"{path}: {what} {value} is used twice: give each entry its own")

@@ -1,4 +1,4 @@
-"""One AZ axis as registers: what a joint is asked, and what it answers. Pure.
+"""Register values of one AZ axis: direct data from an order, joint motion from the reply. Pure.
 
 Torque is the share of the motor's torque that the operating current allows, as the drive counts it. The
 motor is Table 4's AZM24AK: 0.36 deg a step, 20:1, 0.095 N m.
@@ -38,10 +38,10 @@ HIGHEST_RATE = 1_000_000  # 1 kHz/s is 1000
 
 @dataclass(frozen=True, slots=True)
 class AzMotor:
-    """A motor with its gear, seen at the joint.
+    """A motor with its gear, in quantities at the joint.
 
     steps_per_turn: of the joint. torque_Nm: at the joint with full current. speed_rad_s: limit in every mode.
-    rate_rad_s2: how fast speed may change.
+    rate_rad_s2: largest change of speed.
     """
 
     steps_per_turn: int = 20_000
@@ -56,13 +56,13 @@ class AzMotor:
         return round(angle_rad * self.steps_per_turn / math.tau)
 
     def to_current(self, torque_Nm: float) -> int:
-        """Per mille of the current for a torque's size, rounded down so that no limit is passed."""
+        """Return the per mille of the current for a torque, rounded down so that no limit is exceeded."""
         return min(math.floor(abs(torque_Nm) / self.torque_Nm * FULL_CURRENT), FULL_CURRENT)
 
 
 @dataclass(frozen=True, slots=True)
 class AzMotion:
-    """An axis' answer, at the joint in the drive's own direction."""
+    """The measured motion of an axis, at the joint in the drive's own direction."""
 
     position_rad: float
     velocity_rad_s: float
@@ -70,28 +70,28 @@ class AzMotion:
 
 
 def torque_operation(motor: AzMotor, torque_Nm: float) -> list[int]:
-    """Direct data that presses with a torque; the speed limit gives its sign. 16 words."""
+    """Return the direct data of a torque, 16 words; the sign is that of the speed limit."""
     speed = math.copysign(motor.speed_rad_s, torque_Nm)
     return _direct_data(motor, OperationType.CONTINUOUS_TORQUE, 0.0, speed, motor.to_current(torque_Nm))
 
 
 def velocity_operation(motor: AzMotor, velocity_rad_s: float, torque_limit_Nm: float) -> list[int]:
-    """Direct data that turns with a velocity, with no more than a torque. 16 words."""
+    """Return the direct data of a velocity with a torque limit, 16 words."""
     velocity = max(-motor.speed_rad_s, min(motor.speed_rad_s, velocity_rad_s))
     current = motor.to_current(torque_limit_Nm)
     return _direct_data(motor, OperationType.CONTINUOUS_SPEED, 0.0, velocity, current)
 
 
 def position_operation(motor: AzMotor, position_rad: float, torque_limit_Nm: float) -> list[int]:
-    """Direct data that goes to an absolute position, with no more than a torque. 16 words."""
+    """Return the direct data of an absolute position with a torque limit, 16 words."""
     current = motor.to_current(torque_limit_Nm)
     return _direct_data(motor, OperationType.ABSOLUTE_POSITIONING, position_rad, motor.speed_rad_s, current)
 
 
 def motion(motor: AzMotor, words: Sequence[int]) -> AzMotion:
-    """The MOTION_WORDS registers from MOTION_FIRST on; BusError when they are fewer or more."""
+    """Decode the MOTION_WORDS registers from MOTION_FIRST on. Raises BusError for another number of them."""
     if len(words) != MOTION_WORDS:
-        raise BusError(f"{len(words)} registers came where {MOTION_WORDS} were asked")
+        raise BusError(f"{len(words)} registers in the response, {MOTION_WORDS} were requested")
 
     def value(address: int) -> int:
         first = address - MOTION_FIRST

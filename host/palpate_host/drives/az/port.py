@@ -1,9 +1,8 @@
 """One RS-485 port with the axes on it: Modbus RTU in, joint motion out. The only I/O of the AZ drives.
 
-An axis costs one transaction a round: function 17h writes its direct data and reads its motion. Nothing is
-ever repeated: what a lost answer was about is overtaken by the next round's fresh order, and a trigger that
-was carried out twice would move the joint twice. Status and alarm, or the temperatures, of one axis a round
-are read in turn.
+Each round has one transaction for each axis: function 17h writes its direct data and reads its motion. No
+transaction is repeated: the next round's order replaces a lost one, and a trigger carried out twice would
+move the joint twice. In addition, status and alarm or the temperatures of one axis are read in each round.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ REPLY_TIMEOUT_S = 0.05
 
 
 class Parity(enum.Enum):
-    """As the drives are set; even when they come from the maker. A pseudo terminal knows none."""
+    """The drives' parity setting; even by default, none on a pseudo terminal."""
 
     EVEN = "E"
     NONE = "N"
@@ -49,7 +48,7 @@ class Parity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class AzHealth:
-    """What an axis says of itself: output status bits and the code of the present alarm, 0 for none."""
+    """The output status bits of an axis and the code of its present alarm, 0 for none."""
 
     status: AzStatus
     alarm: int
@@ -58,7 +57,7 @@ class AzHealth:
 class AzPort:
     """The axes of one port; every call is one transaction and raises BusError when it fails.
 
-    answers: replies that came since the port was opened, refusals too.
+    responses: received since the port was opened, exception responses too.
     """
 
     def __init__(
@@ -68,8 +67,8 @@ class AzPort:
         parity: Parity = Parity.EVEN,
         reply_timeout_s: float = REPLY_TIMEOUT_S,
     ) -> None:
-        """Open the port with 8 data bits and 1 stop bit; BusError when it cannot be."""
-        self.answers = 0
+        """Open the port with 8 data bits and 1 stop bit. Raises BusError when it cannot be opened."""
+        self.responses = 0
         self._path = path
         self._client = ModbusSerialClient(
             path,
@@ -82,23 +81,25 @@ class AzPort:
             retries=0,
         )
         if not self._client.connect():
-            raise BusError(f"{path}: cannot be opened: is the RS-485 adapter there, and yours (dialout)?")
+            raise BusError(
+                f"{path}: cannot be opened: plug in the RS-485 adapter, and be a member of the group dialout"
+            )
 
     def close(self) -> None:
         self._client.close()  # type: ignore[no-untyped-call]
 
     def watch(self, device_id: int, timeout_ms: int) -> None:
-        """Set the drive's own watchdog (alarm 85h after `timeout_ms` without us) and read it back."""
+        """Set the drive's own watchdog (alarm 85h after `timeout_ms` without a request) and read it back."""
         self._write(device_id, COMMUNICATION_TIMEOUT, timeout_ms)
         kept = from_words(self._read(device_id, COMMUNICATION_TIMEOUT.address, 2))[0]
         if kept != timeout_ms:
             raise BusError(
                 f"{self._name(device_id)} keeps {kept} ms as {COMMUNICATION_TIMEOUT.name}, not {timeout_ms}:"
-                " set it with the maker's tool; the drive would not stop when the host dies"
+                " set it with the maker's tool, or the drive would not stop when the host dies"
             )
 
     def move(self, device_id: int, direct_data: Sequence[int]) -> Sequence[int]:
-        """Start the operation of 16 words of direct data; the axis' motion registers."""
+        """Start the operation of 16 words of direct data; return the axis' motion registers."""
         return self._transact(
             device_id,
             lambda: self._client.readwrite_registers(
@@ -111,15 +112,15 @@ class AzPort:
         )
 
     def motion(self, device_id: int) -> Sequence[int]:
-        """The motion registers of an axis that is asked nothing."""
+        """Read the motion registers of an axis without an order."""
         return self._read(device_id, az.MOTION_FIRST, az.MOTION_WORDS)
 
     def command(self, device_id: int, inputs: Input) -> None:
-        """Hold these bits of the driver input command, and no others."""
+        """Set these bits of the driver input command, and no others."""
         self._write(device_id, INPUT_COMMAND, int(inputs))
 
     def health(self, device_id: int) -> AzHealth:
-        """Status and alarm."""
+        """Read status and alarm."""
         words = self._read(
             device_id, OUTPUT_STATUS.address, PRESENT_ALARM.address + 2 - OUTPUT_STATUS.address
         )
@@ -127,7 +128,7 @@ class AzPort:
         return AzHealth(AzStatus(status & 0xFFFF), alarm & 0xFF)
 
     def temperatures(self, device_id: int) -> AzTemperatures:
-        """Of drive and motor."""
+        """Read the temperatures of drive and motor."""
         first = DRIVER_TEMPERATURE.address
         driver, motor = from_words(self._read(device_id, first, MOTOR_TEMPERATURE.address + 2 - first))
         return AzTemperatures(
@@ -136,7 +137,7 @@ class AzPort:
         )
 
     def value(self, device_id: int, register: AzRegister) -> float:
-        """One quantity in its unit."""
+        """Read one quantity in its unit."""
         return from_words(self._read(device_id, register.address, 2))[0] * register.scale
 
     def _read(self, device_id: int, address: int, count: int) -> Sequence[int]:
@@ -152,16 +153,16 @@ class AzPort:
         )
 
     def _transact(self, device_id: int, request: Callable[[], Any]) -> Sequence[int]:
-        """The registers of the reply, once and never again."""
+        """Send one request, never repeated, and return the registers of the response."""
         try:
             if not self._client.connected and not self._client.connect():
-                raise BusError(f"{self._path}: the RS-485 adapter is gone: plug it in again")
+                raise BusError(f"{self._path}: the RS-485 adapter is lost: plug it in again")
             reply = request()
         except (ModbusException, OSError) as exc:
-            raise BusError(f"{self._name(device_id)} does not answer: {exc}") from exc
-        self.answers += 1
+            raise BusError(f"{self._name(device_id)} does not respond: {exc}") from exc
+        self.responses += 1
         if reply.isError():
-            raise BusError(f"{self._name(device_id)} refuses: {reply}")
+            raise BusError(f"{self._name(device_id)} rejects the request: {reply}")
         return list(reply.registers)
 
     def _name(self, device_id: int) -> str:

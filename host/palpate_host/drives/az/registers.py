@@ -1,9 +1,8 @@
 """Registers of the AZ drive as data (manual HM-60262E; every quantity is 32 bits, high word first).
 
-The addresses up to 0x00FB are those that public drivers use; those of the two temperatures, and their unit of
-0.1 degC, are to be confirmed on a drive like the others. COMMUNICATION_TIMEOUT is from the manual's table
-of Modbus parameters and was not tried on a drive: the port writes it and reads it back, so that a drive which
-keeps something else there is refused, not trusted.
+The addresses up to 0x00FB are those that public drivers use; none has been confirmed on a drive yet, nor has
+the temperatures' unit of 0.1 degC. COMMUNICATION_TIMEOUT is from the manual's table of Modbus parameters: the
+port writes it and reads it back, so a drive with another register there is refused.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class AzRegister:
     scale: float = 1.0
 
 
-# Direct data operation: one write of all eight starts an operation when TRIGGER says so.
+# Direct data operation: one write of all eight starts an operation according to TRIGGER.
 DATA_NUMBER = AzRegister(0x0058, "direct data: operation data number")
 OPERATION_TYPE = AzRegister(0x005A, "direct data: operation type")
 POSITION = AzRegister(0x005C, "direct data: position", "step")
@@ -61,7 +60,7 @@ COMMUNICATION_TIMEOUT = AzRegister(0x138A, "communication timeout (Modbus)", "ms
 
 
 class OperationType(enum.IntEnum):
-    """Operation types of direct data that a joint uses; sign and size of a torque are speed and current."""
+    """Operation types that a joint uses; a torque's sign is that of the speed, its size the current."""
 
     ABSOLUTE_POSITIONING = 1
     CONTINUOUS_SPEED = 16
@@ -69,7 +68,7 @@ class OperationType(enum.IntEnum):
 
 
 class Trigger(enum.IntEnum):
-    """What the write of TRIGGER starts."""
+    """Values of TRIGGER: what its write starts."""
 
     OFF = 0
     ALL = 1
@@ -86,7 +85,7 @@ class Input(enum.IntFlag):
 
 
 class AzStatus(enum.IntFlag):
-    """Bits of the driver output status; the others depend on the drive's assignment and are left alone."""
+    """Bits of the driver output status; the others depend on the drive's assignment and are ignored."""
 
     HOME_END = 1 << 4
     READY = 1 << 5
@@ -97,7 +96,8 @@ class AzStatus(enum.IntFlag):
 
 
 def to_words(values: Sequence[int]) -> list[int]:
-    """Signed 32-bit values as pairs of 16-bit words, high word first; BusError when one does not fit."""
+    """Convert signed 32-bit values to pairs of 16-bit words, high word first. BusError when one does not
+    fit."""
     try:
         packed = struct.pack(f">{len(values)}i", *values)
     except struct.error as exc:
@@ -106,7 +106,7 @@ def to_words(values: Sequence[int]) -> list[int]:
 
 
 def from_words(words: Sequence[int]) -> list[int]:
-    """Pairs of 16-bit words, high word first, as signed 32-bit values; BusError for half a value."""
+    """Convert pairs of 16-bit words, high word first, to signed 32-bit values. BusError for half a value."""
     if len(words) % 2:
         raise BusError(f"{len(words)} registers are not whole 32-bit values")
     packed = struct.pack(f">{len(words)}H", *words)

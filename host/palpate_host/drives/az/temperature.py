@@ -1,29 +1,29 @@
-"""Whether an AZ axis is too hot: the hotter of drive and motor against the axis' limit. Pure."""
+"""The temperature limit of an AZ axis: it applies to the hotter of drive and motor. Pure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 COOLED_K = 5.0
-"""An axis that was too hot is so until it is this far below its limit."""
+"""Hysteresis: an axis that was too hot stays so until it is this far below its limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class AzTemperatures:
-    """What an axis measures in its drive and at its motor."""
+    """The temperatures that an axis measures."""
 
     driver_degC: float
     motor_degC: float
 
 
 class TemperatureLimit:
-    """Exceeded above `limit_degC`, until both have cooled."""
+    """A limit with hysteresis: exceeded above `limit_degC`, until drive and motor have cooled."""
 
     def __init__(self, limit_degC: float) -> None:
         self.is_exceeded = False
         self._limit_degC = limit_degC
 
     def take(self, temperatures: AzTemperatures) -> None:
-        """The newest measurement counts."""
+        """Update `is_exceeded` with a measurement."""
         hottest_degC = max(temperatures.driver_degC, temperatures.motor_degC)
         self.is_exceeded = hottest_degC > self._limit_degC - (COOLED_K if self.is_exceeded else 0.0)

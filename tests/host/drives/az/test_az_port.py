@@ -10,7 +10,7 @@ import pytest
 
 from palpate_edge.common.errors import BusError
 from palpate_host.drives.az import alarms, motor
-from palpate_host.drives.az.axis import AxisSettings, AzAxis, Question
+from palpate_host.drives.az.axis import AxisSettings, AzAxis, ExtraRead
 from palpate_host.drives.az.port import AzPort, Parity
 from palpate_host.drives.az.registers import MOTOR_TEMPERATURE, AzStatus, Input
 from palpate_host.drives.az.temperature import AzTemperatures
@@ -124,15 +124,15 @@ def test_heat_beside_an_alarm_is_told_however_seldom_the_node_looks(
     node = Cia402Device(5, axis)
     drives[1].raise_alarm(0x30)
     drives[1].motor_degC = 80.0
-    for question in (Question.HEALTH, Question.TEMPERATURES, Question.HEALTH):
-        axis.exchange(0, port, question)
+    for extra in (ExtraRead.HEALTH, ExtraRead.TEMPERATURES, ExtraRead.HEALTH):
+        axis.exchange(0, port, extra)
     frames = [*node.process(0, ()).frames_out, *node.process(10_000, ()).frames_out]
     codes = [int.from_bytes(frame.data[:2], "little") for frame in frames if frame.can_id == 0x085]
     assert codes == [0xFF30, 0x4310]
 
 
 def test_missing_drive_is_named(port: AzPort) -> None:
-    with pytest.raises(BusError, match=r"AZ drive 9 on .* does not answer"):
+    with pytest.raises(BusError, match=r"AZ drive 9 on .* does not respond"):
         port.motion(9)
     assert port.health(1).alarm == 0  # and the port lives on
 

@@ -69,7 +69,7 @@ def test_motion_reads_position_speed_and_torque() -> None:
 
 
 def test_motion_of_too_few_words_is_refused() -> None:
-    with pytest.raises(BusError, match="10 registers came where 12"):
+    with pytest.raises(BusError, match="10 registers in the response, 12 were requested"):
         motor.motion(MOTOR, [0] * 10)
 
 

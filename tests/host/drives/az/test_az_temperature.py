@@ -6,8 +6,8 @@ from collections import Counter
 
 import pytest
 
-from palpate_host.drives.az.axis import Question
-from palpate_host.drives.az.gateway import turn
+from palpate_host.drives.az.axis import ExtraRead
+from palpate_host.drives.az.gateway import extra_read
 from palpate_host.drives.az.temperature import AzTemperatures, TemperatureLimit
 
 
@@ -36,8 +36,8 @@ def test_the_hotter_of_drive_and_motor_counts() -> None:
 @pytest.mark.parametrize("axes", [1, 2, 3, 9])
 def test_every_axis_is_asked_in_turn_and_one_a_round(axes: int) -> None:
     """In n (n + 1) rounds n times its status and alarm and once its temperatures."""
-    asked = Counter(turn(number, axes) for number in range(axes * (axes + 1)))
+    asked = Counter(extra_read(number, axes) for number in range(axes * (axes + 1)))
     assert asked == {
-        **{(axis, Question.HEALTH): axes for axis in range(axes)},
-        **{(axis, Question.TEMPERATURES): 1 for axis in range(axes)},
+        **{(axis, ExtraRead.HEALTH): axes for axis in range(axes)},
+        **{(axis, ExtraRead.TEMPERATURES): 1 for axis in range(axes)},
     }

@@ -316,7 +316,7 @@ def test_a_drive_without_temperatures_is_refused_at_the_start(
 ) -> None:
     deny_temperatures(line.drives[1])
     with (
-        pytest.raises(BusError, match=r"AZ drive 1 on .* refuses"),
+        pytest.raises(BusError, match=r"AZ drive 1 on .* rejects the request"),
         gateway.PortThread(config.ports[0]).running(),
     ):
         pass
