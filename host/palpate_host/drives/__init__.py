@@ -1,4 +1,4 @@
-"""Drives as their master sees them, and the device side of CiA 402.
+"""Joint drives: the master's side of each kind of drive, and the device's side of CiA 402.
 
 Belongs here: one kind of drive a file, their group, modes and homing. May use: safety, control, config,
 common, palpate_bus.

@@ -1,8 +1,8 @@
-"""A CiA 402 drive as its master uses it (CiA 402-2; IEC 61800-7-201).
+"""The master's side of a CiA 402 drive (CiA 402-2; IEC 61800-7-201).
 
 The frames are those of cia402.eds: RPDO 1 carries controlword, mode and target, TPDO 1 position and velocity
-after each SYNC, TPDO 2 statusword, mode display and torque. Torque is per mille of 6076h, position in
-6092h:01 increments a turn; both are read from the drive at start-up (identify.py).
+after each SYNC, TPDO 2 statusword, mode display and torque. Torque is in per mille of 6076h, position in
+increments of which 6092h:01 make a turn; both objects are read from the drive at start-up (identify.py).
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class Cia402Drive:
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
         """Take a TPDO or an SDO response.
 
-        Raises BusError for a PDO whose length is not the EDS's, and when the drive lacks what the hand needs.
+        Raises BusError for a PDO whose length differs from the EDS, and when the drive lacks an object or a
+        mode that the hand needs.
         """
         if frame.can_id == self.identification.reply_id:
             self.identification.receive(frame)
@@ -161,13 +162,16 @@ class Cia402Drive:
         self.state = None
 
     def command(self, order: JointCommand) -> tuple[CanFrame, ...]:
-        """Return RPDO 1 for this tick; the target is the order's only while the drive is to follow it.
+        """Return RPDO 1 for this tick.
 
-        Raises BusError before the drive is identified.
+        It carries the order's target together with the controlword Enable operation, otherwise 0 or the
+        present position. Raises BusError before the drive is identified.
         """
         scale, mode = self.scale, self.identification.mode
         if scale is None:
-            raise BusError(f"{self.name}: commanded before 6076h was read: identify the drive first")
+            raise BusError(
+                f"{self.name}: no command is possible before 6076h is read: identify the drive first"
+            )
         word = controlword_for(self.state, order.goal, self._last_word)
         self._last_word = word
         is_homing = order.goal is DriveGoal.HOME
@@ -201,11 +205,11 @@ class Cia402Drive:
 
 
 def command_codec(node_id: int, follows: Follows) -> PdoCodec:
-    """Return the codec of RPDO 1 for what the drive follows: the EDS's mapping, or the one of identify.py."""
+    """Return the codec of RPDO 1 with the mapping of COMMAND_MAPPING for what the drive follows."""
     od = load_eds(CIA402_EDS, node_id)
     layout = layout_of(od, COMMAND_MAPPING[follows], PdoDirection.RECEIVE)
     if isinstance(layout, MappingFault):
-        raise BusError(f"{od.source}: RPDO 1 maps {layout.value}: restore the file")
+        raise BusError(f"{od.source}: RPDO 1 maps {layout.value}: restore this file from the package")
     return replace(pdo_codec(od, PdoDirection.RECEIVE, 1), layout=layout)
 
 

@@ -1,8 +1,9 @@
 """A CiA 402 joint drive as a device: slave core, power state machine, and the motor behind them.
 
 Pure: time and frames in, frames out. The motor is a simulated joint or a drive on another bus. Watchdog: in
-Operation enabled, a missing RPDO 1 (event timer 1400h:05) or the end of NMT OPERATIONAL sets the torque to 0
-at once and leads to Fault. In Quick stop active the torque is 0 too: a stopping hand must not keep closing.
+Operation enabled and Quick stop active, a missing RPDO 1 (event timer 1400h:05) or the end of NMT OPERATIONAL
+sets the torque to 0 at once and leads to Fault. In Quick stop active the torque is 0 too: a stopping hand
+must not keep closing.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Cia402Device:
     def __init__(
         self, node_id: int, motor: Motor, modes: Sequence[OperationMode] = tuple(OperationMode)
     ) -> None:
-        """modes: the supported ones, of those that the EDS lists in 6502h."""
+        """Make the drive. modes: the supported ones, of those that the EDS lists in 6502h."""
         self.slave = Slave(load_eds(CIA402_EDS, node_id))
         self._modes = self._number(SUPPORTED_MODES) & sum(mode.supported_bit for mode in modes)
         self.slave.write(SUPPORTED_MODES, 0, self._modes)
@@ -101,7 +102,7 @@ class Cia402Device:
         return self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION)
 
     def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> SlaveOutput:
-        """Measure the joint, serve the frames, carry out their commands."""
+        """Measure the joint, process the frames, command the motor; return the frames to send."""
         step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)
         self._now_us = now_us
         self._measure(self._motor.state(now_us))

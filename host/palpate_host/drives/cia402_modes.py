@@ -73,8 +73,8 @@ def choose_mode(supported: int, follows: Follows) -> OperationMode:
     others = [
         other.value for other in Follows if any(supported & m.supported_bit for m in _BEST_FIRST[other])
     ]
-    way_out = f"set control.drives_follow to {' or '.join(others)}" if others else "use a drive that has one"
+    remedy = f"set control.drives_follow to {' or '.join(others)}" if others else "use a drive that has one"
     raise BusError(
         f"lacks cyclic synchronous and profile {follows.value} (6502h is {supported:08X}h, bits"
-        f" {cyclic - 1} and {profile - 1} are clear): {way_out}"
+        f" {cyclic - 1} and {profile - 1} are clear): {remedy}"
     )

@@ -36,12 +36,12 @@ class OwnHoming(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
-    """A motor's report of its joint.
+    """Measured state of a motor and its joint.
 
     error_code: for 603Fh, 0 for none. torque_Nm: the actual torque where the motor follows no torque.
     at_limit: -1 or 1 at the limit switch of that direction. homing: of the motor's own procedure.
     lasting_error: the code of an error whose cause persists, so that no reset helps; 0 for none. It is
-    reported beside another one.
+    reported in addition to error_code.
     """
 
     position_rad: float

@@ -10,7 +10,7 @@ FULL_SCALE_PER_MILLE = 1000
 
 @dataclass(frozen=True, slots=True)
 class DriveScale:
-    """The drive's units: 6076h in mN m, 6092h:01 in increments a turn of the joint."""
+    """Units of one drive: 6076h in mN m, 6092h:01 in increments per turn of the joint."""
 
     rated_torque_mNm: int
     increments_per_turn: int
@@ -22,8 +22,10 @@ class DriveScale:
         return round(angle_rad * self.increments_per_turn / math.tau)
 
     def to_per_mille(self, torque_Nm: float) -> int:
-        """Return the per mille of the rated torque, rounded towards zero so that no limit is exceeded, at
-        most 1000."""
+        """Return a torque in per mille of the rated torque, limited to +-1000.
+
+        Rounded towards zero so that no torque limit is exceeded.
+        """
         per_mille = math.trunc(torque_Nm * 1000.0 * FULL_SCALE_PER_MILLE / self.rated_torque_mNm)
         return max(-FULL_SCALE_PER_MILLE, min(FULL_SCALE_PER_MILLE, per_mille))
 

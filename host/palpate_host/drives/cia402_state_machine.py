@@ -57,7 +57,7 @@ STATE_BITS = {
 
 
 class DriveStateMachine:
-    """The state and the last controlword, which shows the rising edge of a fault reset."""
+    """Power state and last controlword; the latter shows the rising edge of a fault reset."""
 
     def __init__(self) -> None:
         self.state = DriveState.SWITCH_ON_DISABLED  # transitions 0 and 1 are automatic

@@ -24,9 +24,9 @@ class HomingState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DriveNeeds:
-    """The part of hand.toml that one drive is made from.
+    """Part of hand.toml from which one drive is made.
 
-    joint: its own entry. control: `control.drives_follow` and the limits of velocity and position drives.
+    joint: the joint's entry. control: `control.drives_follow` and the limits of velocity and position drives.
     homing: None when drives keep their zero.
     """
 
@@ -37,7 +37,7 @@ class DriveNeeds:
 
     @property
     def name(self) -> str:
-        """The drive in messages."""
+        """The drive's name in messages."""
         return f"drive of {self.joint.name}"
 
     @property
@@ -64,7 +64,7 @@ class Drive(Protocol):
 
     @property
     def name(self) -> str:
-        """The drive in messages, for example ``drive of abduction_1``."""
+        """The drive's name in messages, for example ``drive of abduction_1``."""
         ...
 
     @property
@@ -97,7 +97,7 @@ class Drive(Protocol):
 
     @property
     def state_name(self) -> str:
-        """The drive's state for people, `NO_STATUS` when it is unknown."""
+        """The drive's state for messages and status, `NO_STATUS` when it is unknown."""
         ...
 
     @property
@@ -120,7 +120,7 @@ class Drive(Protocol):
         ...
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
-        """Take a frame with one of `receive_ids`. BusError for a frame that breaks the drive's contract."""
+        """Take a frame with one of `receive_ids`. Raises BusError for a frame that violates the protocol."""
         ...
 
     def restart(self) -> None:

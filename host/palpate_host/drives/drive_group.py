@@ -18,7 +18,7 @@ from palpate_host.drives.registry import make_drive
 
 
 class DriveGroup:
-    """The hand's drives as one; `receive` takes frames with the identifiers `receive_ids`."""
+    """All drives of the hand; `receive` takes frames with the identifiers in `receive_ids`."""
 
     def __init__(self, config: HandConfig) -> None:
         """Make each joint's drive by its key in hand.toml; ConfigError when a key is unknown."""
@@ -27,9 +27,8 @@ class DriveGroup:
         self.homing = HomingRun(config.homing, self.drives)
         self._orders = JointOrders(config.joints, config.control)
         self._index_by_id = {can_id: i for i, drive in enumerate(self.drives) for can_id in drive.receive_ids}
-        self._excused_us = [0] * len(
-            self.drives
-        )  # of each joint state's age: the host sent no SYNC meanwhile
+        # Part of each joint state's age in which the host sent no SYNC.
+        self._excused_us = [0] * len(self.drives)
         self.receive_ids = frozenset(self._index_by_id)
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
@@ -109,8 +108,8 @@ class DriveGroup:
     def commands(self, goal: DriveGoal, torque_Nm: Array) -> list[CanFrame]:
         """Return the command frames to each identified drive.
 
-        `torque_Nm` (nq,) counts with the goal TORQUE, which each drive follows in its own way. HOME moves the
-        one drive whose turn it is, the others are off.
+        `torque_Nm` (nq,) is used with the goal TORQUE, which a drive follows by torque, velocity or position.
+        HOME moves the one drive whose turn it is; the others are off.
         """
         if goal is DriveGoal.TORQUE:
             angles = self.angles()

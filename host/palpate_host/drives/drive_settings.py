@@ -20,8 +20,8 @@ _DOWNLOAD = {1: 0x2F, 2: 0x2B, 4: 0x23}  # expedited download request by size, C
 class Write:
     """One expedited download.
 
-    purpose: why it is needed and the way out, which end the message when the drive aborts it. otherwise: the
-    download to try instead then.
+    purpose: why it is needed and what to do, for the message when the drive aborts it. otherwise: the
+    download to try in that case.
     """
 
     index: int
@@ -87,8 +87,9 @@ def _mapping(needs: DriveNeeds) -> Iterator[Write]:
 
 
 def _homing(joint: JointConfig, homing: HomingConfig, scale: DriveScale) -> Iterator[Write]:
-    purpose = "which homing needs: correct [homing], or home the drive with the maker's tool"
-    yield Write(0x6098, 0, 1, homing.method, f"the homing method: choose one of the drive's for {joint.name}")
+    purpose = "needed for homing: correct [homing], or home the drive with the maker's tool"
+    method_purpose = f"the homing method: set homing.method to one that the drive of {joint.name} supports"
+    yield Write(0x6098, 0, 1, homing.method, method_purpose)
     yield Write(0x6099, 1, 4, scale.to_increments(homing.search_rad_s), purpose)
     yield Write(0x6099, 2, 4, scale.to_increments(homing.zero_rad_s), purpose)
     yield Write(0x609A, 0, 4, scale.to_increments(homing.acceleration_rad_s2), purpose)

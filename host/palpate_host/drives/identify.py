@@ -119,7 +119,7 @@ class DriveIdentification:
         if self._needs.homing is not None and not modes & OperationMode.HOMING.supported_bit:
             raise BusError(
                 f"{self._name} lacks homing (6502h is {modes:08X}h, bit 5 is clear):"
-                " take [homing] out of hand.toml, or use a drive that has it"
+                " remove [homing] from hand.toml, or use a drive that supports homing"
             )
         return deque(settings(self._needs, self._checked_scale(), self.mode))
 

@@ -21,8 +21,7 @@ RANGE_TIME_S = 0.1
 
 
 class JointOrders:
-    """The orders of all joints; they keep the last ones, from which the next differ by at most their
-    rates."""
+    """The last orders of all joints; the next ones differ from them by at most the rate limits."""
 
     def __init__(self, joints: Sequence[JointConfig], control: ControlConfig) -> None:
         self._control = control
@@ -33,13 +32,15 @@ class JointOrders:
         self.stop()
 
     def stop(self) -> None:
-        """Forget the last orders: the next ones begin from standstill, wherever the joints are then."""
+        """Forget the last commands: the next ones start from standstill at the joints' positions."""
         self._last = np.zeros(len(self._limit_Nm))
         self._position_rad: Array | None = None
 
     def moving(self, torque_Nm: Array, q_rad: Array | None) -> list[JointCommand]:
-        """Return one order a joint for the torques u (nq,) at the joint angles `q_rad` (nq,), None:
-        unknown."""
+        """Return one order a joint for the torques u (nq,).
+
+        q_rad: the joint angles (nq,), None while unknown; the orders are then torques.
+        """
         control = self._control
         if control.drives_follow is Follows.TORQUE or q_rad is None:
             self._last = self._near_last(torque_Nm, control.torque_rate_Nm_s)

@@ -1,4 +1,4 @@
-"""Drives by their key in hand.toml (`fingers.joints.drive`): palpate's own, and those of other packages.
+"""Registry of drives by their key in hand.toml (`fingers.joints.drive`): palpate's and other packages'.
 
 Another package registers a factory under the entry-point group ``palpate_host.drives``; CONTRIBUTING.md has a
 worked example. AZ motors need no key of their own: the gateway makes each one a CiA 402 node.

@@ -24,7 +24,7 @@ def serve_devices(
 ) -> None:
     """Serve the devices until `stop` is set; `each_cycle` is called at least every LONGEST_WAIT_US.
 
-    Raises BusError when the bus is gone or when another node has the id of one of the devices.
+    Raises BusError when the bus is lost or when another node has the id of one of the devices.
     """
     nodes = [_Node(device) for device in devices]
     while not stop.is_set():
@@ -65,8 +65,8 @@ def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
     for event in events:
         if isinstance(event, NodeIdConflict):
             raise BusError(
-                f"node id {device.slave.node_id} is taken: frame {event.can_id:03X} came from another node; "
-                "stop that node or give the drive another id"
+                f"node id 0x{device.slave.node_id:02X} is taken: frame 0x{event.can_id:03X} came from another"
+                " node; stop that node or give the drive another id"
             )
 
 

@@ -1,4 +1,4 @@
-"""Alarm codes of the AZ drive by name (manual HM-60262E, table of alarms)."""
+"""Names of the AZ drive's alarm codes (manual HM-60262E, table of alarms)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NAMES = {
     0x85: "RS-485 communication timeout",
     0xF0: "processor error",
 }
-"""Code to name."""
+"""Alarm code -> name."""
 
 COMMUNICATION_TIMEOUT = 0x85
 

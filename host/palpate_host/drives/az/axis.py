@@ -66,7 +66,7 @@ class AxisSettings:
 
 
 class AzAxis:
-    """The Motor of a Cia402Device that an AZ drive moves."""
+    """The Motor of a Cia402Device whose joint is moved by an AZ drive."""
 
     def __init__(self, settings: AxisSettings) -> None:
         self.settings = settings
@@ -184,7 +184,7 @@ class AzAxis:
         if self._state.homing is OwnHoming.NONE:
             self._inputs = None
             try:
-                port.command(self.settings.device_id, Input(0))  # ZHOME counts when it rises
+                port.command(self.settings.device_id, Input(0))  # ZHOME acts on its rising edge
                 port.command(self.settings.device_id, Input.ZHOME)
             except BusError:
                 self._set_homing(OwnHoming.FAILED)

@@ -13,7 +13,7 @@ class CommonRounds:
         self._rounds = 0
 
     def count(self, responses: Sequence[int]) -> int:
-        """Return the count. responses: of each line since the start."""
+        """Return the count. responses: number received on each line since the start."""
         if all(now > before for now, before in zip(responses, self._responses, strict=True)):
             self._responses = list(responses)
             self._rounds += 1

@@ -85,7 +85,7 @@ class AzConfig(Strict, frozen=True):
 
 
 def load(path: Path) -> AzConfig:
-    """Read and check az.toml. Raises ConfigError with file, key and way out."""
+    """Read and check az.toml. Raises ConfigError with the file, the key and how to correct it."""
     config = read_toml(
         path, AzConfig, option="az.toml with --config", example="models/table4-az.toml shows them"
     )
@@ -96,8 +96,8 @@ def load(path: Path) -> AzConfig:
     for axis in (axis for port in config.ports for axis in port.axes):
         if axis.torque_limit_Nm > axis.torque_Nm:
             raise ConfigError(
-                f"{path}: ports.axes.torque_limit_Nm of drive_node {axis.drive_node} exceeds its torque_Nm"
-                f" {axis.torque_Nm}: lower it"
+                f"{path}: ports.axes.torque_limit_Nm = {axis.torque_limit_Nm} of drive_node {axis.drive_node}"
+                f" exceeds its torque_Nm {axis.torque_Nm}: lower it"
             )
     return config
 

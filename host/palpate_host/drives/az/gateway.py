@@ -43,7 +43,7 @@ class PortThread:
 
     @property
     def responses(self) -> int:
-        """Responses received over this port, exception responses too."""
+        """Number of responses received over this port, exception responses included."""
         return self._port.responses
 
     @contextmanager

@@ -1,7 +1,7 @@
 """Register values of one AZ axis: direct data from an order, joint motion from the reply. Pure.
 
-Torque is the share of the motor's torque that the operating current allows, as the drive counts it. The
-motor is Table 4's AZM24AK: 0.36 deg a step, 20:1, 0.095 N m.
+Torque is proportional to the operating current; full current gives the motor's torque. The default motor is
+Table 4's AZM24AK: 0.36 deg a step, 20:1, 0.095 N m.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class AzHealth:
 class AzPort:
     """The axes of one port; every call is one transaction and raises BusError when it fails.
 
-    responses: received since the port was opened, exception responses too.
+    responses: number received since the port was opened, exception responses included.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class AzPort:
         )
         if not self._client.connect():
             raise BusError(
-                f"{path}: cannot be opened: plug in the RS-485 adapter, and be a member of the group dialout"
+                f"{path}: cannot be opened: plug in the RS-485 adapter, and add this user to group dialout"
             )
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from palpate_edge.common.errors import BusError
 
 @dataclass(frozen=True, slots=True)
 class AzRegister:
-    """One quantity: two words from `address` on. A raw value times `scale` is in `unit`."""
+    """One quantity: two words from `address` on; the raw value times `scale` is in `unit`."""
 
     address: int
     name: str
