@@ -1,4 +1,4 @@
-"""The joint torques: grasping, Eqs. (9)-(11), and the turning of the object, Eqs. (13)-(14).
+"""The control law of the joint torques: grasping, Eqs. (9)-(11), and turning the object, Eqs. (13)-(14).
 
 Readings of the paper: f_d is no force, tip i is pulled with f_d rho_i/(3 r) towards the tips' centroid at the
 distance rho_i; with n fingers, of which the paper has three, the 3 is n. Eq. (13) has no sum in print; u_at
@@ -24,13 +24,13 @@ _Rows = list[tuple[float, float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What Tables 3 and 4 set, and the limits that real friction and real motors add.
+    """The gains of Tables 3 and 4, and the limits that real friction and real motors add.
 
     f_d_N: nominal grasping force. K_r: orientation gain. B_Nms_rad: (nq,) joint damping.
     tip_radius_m: r. friction_ratio: largest |F_di| over that finger's grasp force.
-    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. soft_limit_rad: before its end
-    torque outwards fades. velocity_joints: they turn with torque / B_d. object_weight_N,
-    position_stiffness_N_m: see `carrying_force_N`.
+    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. soft_limit_rad: width of
+    the zone before a range's end in which torque outwards fades. velocity_joints: joints turn with torque /
+    B_d. object_weight_N, position_stiffness_N_m: see `carrying_force_N`.
     """
 
     f_d_N: float
@@ -48,7 +48,7 @@ class Gains:
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
-    """(n, 3) force on each tip towards the centroid x_cp of the tips' centres, Eqs. (10)-(11)."""
+    """Return the force (n, 3) on each tip towards the centroid x_cp of the tips' centres, Eqs. (10)-(11)."""
     return np.asarray(-_pull_N_m(tip_centre_m, gains) * np.array(_levers_m(tip_centre_m)))
 
 
@@ -57,8 +57,10 @@ def _pull_N_m(tip_centre_m: Array, gains: Gains) -> float:
 
 
 def _levers_m(tip_centre_m: Array) -> _Rows:
-    """From the centroid to each tip's centre. Plain floats: numpy takes longer to look at nine numbers than
-    to compute with them."""
+    """Return the vectors from the centroid to each tip's centre.
+
+    Plain floats: for nine numbers numpy's overhead exceeds the computation.
+    """
     tips = tip_centre_m.tolist()
     share = 1.0 / len(tips)
     x0 = y0 = z0 = 0.0
@@ -68,10 +70,11 @@ def _levers_m(tip_centre_m: Array) -> _Rows:
 
 
 def rotation_error(R_vir: Array, R_d_vir: Array) -> Array:
-    """Sum over the axes of r_vir x r_d_vir (3,): the axis of the turn still missing times 2 sin(angle).
+    """Return the sum over the axes of r_vir x r_d_vir (3,): the axis of the remaining turn times 2
+    sin(angle).
 
-    As printed (Eq. 14) it vanishes again at 180 degrees. Beyond 60 degrees it therefore goes on with the
-    slope it has there, along the rotation's logarithm: continuous, growing up to half a turn.
+    As printed (Eq. 14) it vanishes again at 180 degrees. Beyond 60 degrees it therefore continues with its
+    slope at 60 degrees, along the rotation's logarithm: continuous, growing up to half a turn.
     """
     return np.array(_rotation_error(R_vir, R_d_vir))
 
@@ -88,7 +91,7 @@ def _rotation_error(R_vir: Array, R_d_vir: Array) -> tuple[float, float, float]:
 
 
 def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains: Gains) -> Array:
-    """(n, 3) F_di = omega_di x (x_ci - x_0), Eq. (14), scaled down to what friction bears.
+    """Return F_di = omega_di x (x_ci - x_0) (n, 3), Eq. (14), scaled down to what friction can hold.
 
     Print has l_di x omega_di with l_di pointing inwards, along axes n_i and a_i that are 0/0 at zero error.
     The two flips cancel: this form is identical and has no singularity; flipping one sign alone drives the
@@ -103,8 +106,10 @@ def orientation_force_N(tip_centre_m: Array, R_vir: Array, R_d_vir: Array, gains
 
 
 def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gains) -> tuple[_Rows, float]:
-    """F_di over the pull, and the share of it that friction bears. Both forces are the pull times a lever,
-    turned or not: it cancels from their ratio."""
+    """Return F_di divided by the pull, and the share of it that friction can hold.
+
+    Grasp force and F_di are the pull times a lever, so the pull cancels from their ratio.
+    """
     wx, wy, wz = _rotation_error(R_vir, R_d_vir)
     wx, wy, wz = gains.K_r * wx, gains.K_r * wy, gains.K_r * wz
     turning, excess = [], 0.0
@@ -117,10 +122,10 @@ def _turning_levers_m(levers_m: _Rows, R_vir: Array, R_d_vir: Array, gains: Gain
 
 
 def carrying_force_N(tip_centre_m: Array, hold_at_m: Array, gains: Gains) -> Array:
-    """(3,) that each tip adds to carry the object: its share of the weight, up the hand's +z, and of a
-    spring from the tips' centroid to `hold_at_m` (3,).
+    """Return the force (3,) that each tip adds to carry the object.
 
-    Not in the paper, whose object has no weight and whose law no term in the position: a real one would sink.
+    Its share of the weight along the hand's +z, and of a spring from the tips' centroid to `hold_at_m` (3,).
+    Not in the paper: its object has no weight and its law no position term, so a real object would sink.
     """
     pull = gains.position_stiffness_N_m * (hold_at_m - tip_centre_m.mean(axis=0))
     return np.asarray((pull + np.array([0.0, 0.0, gains.object_weight_N])) / len(tip_centre_m))
@@ -135,10 +140,10 @@ def joint_torque_Nm(
     hold_at_m: Array | None = None,
     tip_force_N: Array | None = None,
 ) -> Array:
-    """u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; grasp only without both frames.
+    """Return u (nq,) = u_sg + u_at, Eqs. (9), (10), (13), before the limits; u_sg alone without both frames.
 
-    hold_at_m: where the tips' centroid is to stay with a grasped object, None: nothing is carried.
-    tip_force_N: (n, 3) that the tips add (contact_force.py).
+    hold_at_m: the place of the tips' centroid with a grasped object, None when nothing is carried.
+    tip_force_N: forces (n, 3) added to the tips (contact_force.py).
     """
     tips_m = pose.tip_centre_m
     levers_m, pull = _levers_m(tips_m), _pull_N_m(tips_m, gains)
@@ -160,8 +165,11 @@ def joint_torque_Nm(
 
 
 def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains) -> Array:
-    """(nq,) sum over the tips of J_i^T F_i, less damping, plus gravity; neither where joints turn with
-    torque / B_d: their drives hold them up, and a torque against gravity would make them climb."""
+    """Return the sum over the tips of J_i^T F_i (nq,), less damping, plus gravity.
+
+    Without damping and gravity for joints that turn with torque / B_d: their drives hold them up, and a
+    torque against gravity would make them climb.
+    """
     jacobian = pose.tip_jacobian_m
     forces_to_joints = force_N.ravel().dot(jacobian.reshape(-1, jacobian.shape[2]))
     if gains.velocity_joints:
@@ -170,7 +178,7 @@ def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Ga
 
 
 def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
-    """Clamp each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
+    """Limit each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
     soft_rad = max(gains.soft_limit_rad, 1e-9)
     limited = []
     for u, q, low, high, most in zip(
@@ -188,9 +196,9 @@ def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
 
 
 def target_step(full_turn_rad: Array, elapsed_s: float, ramp_s: float) -> Array:
-    """The part of the turn by the rotation vector (3,) asked for after `elapsed_s`: a linear ramp.
+    """Return the rotation (3, 3) desired after `elapsed_s`: a linear ramp to the rotation vector (3,).
 
-    A step at once asks for more tangential force than friction bears; a second or more of ramp does not.
+    A step needs more tangential force than friction can hold; a ramp of a second or more does not.
     """
     share = 1.0 if ramp_s <= 0.0 else min(1.0, max(0.0, elapsed_s / ramp_s))
     return rotation.exp(share * full_turn_rad)

@@ -1,4 +1,4 @@
-"""A hand's shape as hand.toml tells it, and the MuJoCo model made from it.
+"""The MuJoCo model of a hand from its [geometry] in hand.toml.
 
 Every finger is the same chain of links. With all joints at zero a finger stands straight up from the palm
 (z = 0): its base frame has +x towards the hand's axis, +y tangential, +z up. Abduction turns about +x,
@@ -26,7 +26,7 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 @dataclass(frozen=True, slots=True)
 class JointRange:
-    """A joint's name and limits, as the rest of hand.toml gives them."""
+    """A joint's name and range, from [[fingers]] of hand.toml."""
 
     name: str
     min_rad: float
@@ -39,14 +39,14 @@ def hand_spec(
     tip_sites: Sequence[str],
     tip_radius_m: float,
 ) -> mujoco.MjSpec:
-    """The hand as a MuJoCo model: a body for each link, a sphere and a site for each tip.
+    """Return the hand as a MuJoCo model: a body for each link, a sphere and a site for each tip.
 
-    ConfigError when fingers, azimuths and joints do not fit each other.
+    Raises ConfigError when the numbers of fingers, azimuths and joints do not agree.
     """
     if len(geometry.base_azimuth_deg) != len(fingers):
         raise ConfigError(
             f"geometry.base_azimuth_deg has {len(geometry.base_azimuth_deg)} angles for"
-            f" {len(fingers)} fingers: give one for each"
+            f" {len(fingers)} fingers: give each finger one"
         )
     spec = mujoco.MjSpec()
     spec.modelname = "hand"
@@ -68,13 +68,13 @@ def _add_finger(
     site: str,
     tip_radius_m: float,
 ) -> None:
-    wanted = sum(len(link.joints) for link in geometry.links)
-    if len(joints) != wanted:
+    expected = sum(len(link.joints) for link in geometry.links)
+    if len(joints) != expected:
         raise ConfigError(
-            f"geometry.links has {wanted} joints, finger {number} of [[fingers]] {len(joints)}:"
-            " give each joint of the links one entry"
+            f"geometry.links has {expected} joints, finger {number} of [[fingers]] has {len(joints)}:"
+            " give each joint of the links one entry in fingers.joints"
         )
-    half_turn_rad = (azimuth_rad + math.pi) / 2.0  # the base's +x looks at the hand's axis
+    half_turn_rad = (azimuth_rad + math.pi) / 2.0  # the base's +x points to the hand's axis
     body = spec.worldbody.add_body(
         name=f"base_{number}",
         pos=geometry.base_circle_m * np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0]),

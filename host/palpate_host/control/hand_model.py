@@ -1,4 +1,4 @@
-"""The MuJoCo model of a hand: made from hand.toml's [geometry], or read from an MJCF or URDF file."""
+"""The MuJoCo model of a hand, from [geometry] of hand.toml or from an MJCF or URDF file."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from palpate_host.control.hand_geometry import JointRange, hand_spec
 
 
 def spec_of(config: HandConfig) -> mujoco.MjSpec:
-    """The hand as a specification to add to and to compile; each tip is a site of its name.
+    """Return the hand as a specification that can be extended and compiled; each tip is a site of its name.
 
-    ConfigError as `read_spec` and `hand_spec` say.
+    Raises ConfigError as `read_spec` and `hand_spec` do.
     """
     if config.geometry is None:
         return read_spec(config.model.mjcf or "", config.model.tip_sites)
@@ -24,15 +24,17 @@ def spec_of(config: HandConfig) -> mujoco.MjSpec:
 
 
 def read_spec(path: str, tip_sites: tuple[str, ...]) -> mujoco.MjSpec:
-    """An MJCF, or a URDF, which knows no sites: a tip is then the link of that name, its origin the dome's
-    centre, its +z the apex. ConfigError when the file cannot be read.
+    """Read an MJCF or URDF file.
+
+    A URDF has no sites: there a tip is the link of that name, its origin the dome's centre, its +z the apex.
+    Raises ConfigError when the file cannot be read.
     """
     try:
         spec = mujoco.MjSpec.from_file(path)
     except ValueError as exc:
         raise _unreadable(path, exc) from exc
-    spec.compiler.fusestatic = False  # or a tip link behind a fixed joint would vanish
-    spec.compiler.discardvisual = False  # or the geoms and sites of a tip that is only drawn would vanish
+    spec.compiler.fusestatic = False  # keeps a tip link behind a fixed joint
+    spec.compiler.discardvisual = False  # keeps the geoms and sites of a tip that is only drawn
     known = {site.name for site in spec.sites}
     for body in spec.bodies:
         if body.name in tip_sites and body.name not in known:
@@ -41,7 +43,7 @@ def read_spec(path: str, tip_sites: tuple[str, ...]) -> mujoco.MjSpec:
 
 
 def compiled(spec: mujoco.MjSpec, source: str) -> mujoco.MjModel:
-    """ConfigError, naming `source`, when MuJoCo refuses it."""
+    """Compile a specification. Raises ConfigError with `source` when MuJoCo rejects it."""
     try:
         return spec.compile()
     except ValueError as exc:
@@ -49,12 +51,12 @@ def compiled(spec: mujoco.MjSpec, source: str) -> mujoco.MjModel:
 
 
 def model_of(config: HandConfig) -> mujoco.MjModel:
-    """The hand alone, compiled."""
+    """Return the compiled model of the hand alone."""
     return compiled(spec_of(config), source_of(config))
 
 
 def source_of(config: HandConfig) -> str:
-    """What to name in a message about the model."""
+    """Return the model's source for messages."""
     return config.model.mjcf or "hand.toml's [geometry]"
 
 

@@ -1,6 +1,6 @@
-"""The hand's kinematics and gravity from its MuJoCo model.
+"""The hand's kinematics and gravity torques from its MuJoCo model.
 
-Everything is in the hand's frame, the world of the MJCF: the palm in z = 0, +z towards the object. x_ci is
+All quantities are in the hand frame, the world of the MJCF: the palm in z = 0, +z towards the object. x_ci is
 always the CENTRE of tip i, never the contact: the paper's text uses x_i for both, Eqs. (10)-(14) mean the
 centre.
 """
@@ -19,7 +19,7 @@ from palpate_edge.common.errors import ConfigError
 
 
 class HandPose(NamedTuple):
-    """What Eqs. (9)-(16) need of the hand in one joint configuration.
+    """The quantities of the hand in one joint configuration that Eqs. (9)-(16) use.
 
     q_rad: (nq,) the configuration it was computed for.
     tip_centre_m: (n, 3), row i is x_ci.
@@ -37,41 +37,43 @@ class HandPose(NamedTuple):
 
 
 class HandKinematics:
-    """A hand's model; joints and tips in the order of the configuration.
+    """The kinematics of one hand; joints and tips in the order of the configuration.
 
-    Pure towards its callers: the MuJoCo data is scratch memory, nothing of one call reaches the next. So a
-    copy is the hand itself; two threads take one each.
+    Pure for its callers: the MuJoCo data is scratch memory that carries nothing from one call to the next, so
+    a deep copy is the same object. Not thread-safe: each thread needs its own.
     """
 
     def __init__(
         self, model: mujoco.MjModel, joints: Sequence[str], tip_sites: Sequence[str], source: str
     ) -> None:
-        """ConfigError, naming `source`, when the model lacks a named joint or site or has another joint."""
+        """Raise ConfigError, with `source`, when the model lacks a named joint or site or has further
+        joints."""
         self._model = model
-        joint_ids = [_named(model, source, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints]
+        joint_ids = [_named(model, source, mujoco.mjtObj.mjOBJ_JOINT, name) for name in joints]
         if model.nv != len(joints) or model.nq != len(joints):
             raise ConfigError(
-                f"{source}: has {model.nv} degrees of freedom, hand.toml names {len(joints)} joints:"
+                f"{source} has {model.nv} degrees of freedom, hand.toml has {len(joints)} joints:"
                 " list every joint once under fingers.joints"
             )
         self._joint_count = len(joint_ids)
-        self._q_address = _places([int(model.jnt_qposadr[j]) for j in joint_ids])
-        self._v_address = _places([int(model.jnt_dofadr[j]) for j in joint_ids])
-        self._sites = [_named(model, source, mujoco.mjtObj.mjOBJ_SITE, "site", name) for name in tip_sites]
-        self._site_rows = _places(self._sites)
+        self._q_address = _index([int(model.jnt_qposadr[j]) for j in joint_ids])
+        self._v_address = _index([int(model.jnt_dofadr[j]) for j in joint_ids])
+        self._sites = [_named(model, source, mujoco.mjtObj.mjOBJ_SITE, name) for name in tip_sites]
+        self._site_rows = _index(self._sites)
         self._scratch = data = mujoco.MjData(model)
-        # Each look into MuJoCo's data makes another array; these go on showing what is there.
-        self._q_rad, self._place_m, self._axes = data.qpos, data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
+        # Every access to a field of MjData makes a new array; these views stay valid.
+        self._q_rad, self._site_m, self._axes = data.qpos, data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
 
     def __deepcopy__(self, _memo: object) -> HandKinematics:
         return self
 
     @property
     def joint_count(self) -> int:
+        """The length nq of q."""
         return self._joint_count
 
     def pose(self, q_rad: Array) -> HandPose:
-        """Kinematics, Jacobians and gravity torque at `q_rad` (nq,)."""
+        """Return kinematics, Jacobians and gravity torques at `q_rad` (nq,)."""
         model, data = self._model, self._scratch
         self._q_rad[self._q_address] = q_rad
         mujoco.mj_kinematics(model, data)
@@ -83,25 +85,33 @@ class HandKinematics:
             mujoco.mj_jacSite(model, data, jacobian[i], None, site)
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
-            tip_centre_m=self._place_m[self._site_rows].copy(),
+            tip_centre_m=self._site_m[self._site_rows].copy(),
             tip_jacobian_m=jacobian[:, :, self._v_address],
             tip_rotation=self._axes[self._site_rows].copy(),
             gravity_Nm=gravity[self._v_address],
         )
 
 
-def _places(numbers: list[int]) -> slice | npt.NDArray[np.int64]:
-    """Numbers as an index into an array: a slice, much the faster, where they follow each other."""
+def _index(numbers: list[int]) -> slice | npt.NDArray[np.int64]:
+    """Return the numbers as an index into an array: a slice, which is faster, when they are consecutive."""
     first = numbers[0] if numbers else 0
     if numbers == list(range(first, first + len(numbers))):
         return slice(first, first + len(numbers))
     return np.array(numbers)
 
 
-def _named(model: mujoco.MjModel, source: str, kind: mujoco.mjtObj, word: str, name: str) -> int:
+def _named(model: mujoco.MjModel, source: str, kind: mujoco.mjtObj, name: str) -> int:
+    """Return the number of a joint or site. Raises ConfigError with the names that the model has."""
     number = int(mujoco.mj_name2id(model, kind, name))
-    if number < 0:
-        raise ConfigError(
-            f"{source}: no {word} named {name!r}: correct the name in hand.toml or in the model"
-        )
-    return number
+    if number >= 0:
+        return number
+    if kind == mujoco.mjtObj.mjOBJ_JOINT:
+        word, names = "joint", [model.joint(i).name for i in range(model.njnt)]
+    elif source.endswith(".urdf"):  # a URDF's tips are links
+        word, names = "link", [model.body(i).name for i in range(1, model.nbody)]
+    else:
+        word, names = "site", [model.site(i).name for i in range(model.nsite)]
+    found = f"its {word}s: {', '.join(names)}" if names else f"it has no {word}s"
+    raise ConfigError(
+        f"{source} has no {word} {name!r}; {found}: correct the name in hand.toml or in the model"
+    )

@@ -1,9 +1,9 @@
-"""Turns the object: from contacts and the target to the desired virtual frame and the joint torques.
+"""The manipulation of the object: contacts and target in, desired virtual frame and joint torques out.
 
-Holds what Eqs. (9)-(16) need from one tick to the next and nothing of the bus: the estimate M, the object's
-orientation when turning began, how far the ramp has come, and the integral that the paper has not: its
-proportional law leaves a droop, which the integral moves the target by until it is gone. It begins where the
-ramp ends: the last degrees need the most friction, and less of it the slower they are turned.
+Keeps the state of Eqs. (9)-(16) from tick to tick, and nothing of the bus: the estimate M, the object's
+orientation when turning began, the progress of the ramp, and an integral that the paper does not have. The
+paper's proportional law leaves an error; the integral moves the target until the error is gone. It starts at
+the end of the ramp: the last degrees need the most friction, and the slower they are turned the less.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from palpate_host.control.object_orientation import ObjectOrientation, contact_n
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
-"""How far the integral may move the target: the droop of Eq. (14) is a few degrees, more is a jam."""
+"""Limit of the integral: Eq. (14) leaves an error of a few degrees, a larger one is a jammed object."""
 RELEASE_RATIO = 0.25
-"""With how much of the grasp force the fingers open."""
+"""Opening force over grasp force."""
 
 
 class Manipulation:
-    """The controller's memory; `torque_Nm` is one tick of it."""
+    """The controller with its state; call `torque_Nm` once a tick."""
 
     def __init__(self, config: HandConfig) -> None:
         self.gains = gains_of(config)
@@ -60,30 +60,30 @@ class Manipulation:
         self._trim_rad = np.zeros(3)
 
     def turn(self, rpy_deg: tuple[float, float, float], ramp_s: float) -> None:
-        """Turn on from here: from where the object was to be, or, not turned yet, from where it is."""
+        """Start a turn from the last desired orientation, or from the measured one when there is none."""
         self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
         self._ramp_s, self._turned_s = ramp_s, 0.0
         self._start = self.R_d
 
-    def rest(self) -> None:
-        """Turn no more; the next turn begins where the object is then."""
+    def stop_turning(self) -> None:
+        """Forget the desired orientation: the next turn starts from the measured one."""
         self.R_d = self.R_d_vir = self._start = None
         self._trim_rad = np.zeros(3)
 
     @property
     def M(self) -> Array | None:
-        """R_vir^T R_c. Tahara's blind law is the paper's with the virtual frame in the object's place."""
+        """R_vir^T R_c; the identity in Tahara's blind law, which takes the virtual frame for the object's."""
         return np.eye(3) if self._blind_by_choice else self.orientation.M
 
     @property
     def turned(self) -> float:
-        """Share of the ramp that is done."""
+        """The share of the ramp that has passed, 0 to 1."""
         return 1.0 if self._ramp_s <= 0.0 else min(1.0, self._turned_s / self._ramp_s)
 
     def add_contact(self, finger: int, contact: TipContact, exposure_pose: HandPose) -> None:
-        """A valid frame of one finger with the hand's pose at its exposure (pairs Eq. 15).
+        """Take the contact of one finger's valid frame with the hand's pose at its exposure (pairs Eq. 15).
 
-        FrameError when the tips' centres defined no virtual frame at that moment.
+        Raises FrameError when the tips' centres defined no virtual frame at that moment.
         """
         self._force.note(finger, contact)
         if not contact.in_contact:
@@ -97,7 +97,7 @@ class Manipulation:
     def torque_Nm(
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
     ) -> Array:
-        """Joint torques (nq,) within every limit; zero unless the mode moves joints."""
+        """Return the joint torques (nq,), within every limit; zero unless the mode moves joints."""
         if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
         if mode is Mode.RELEASE:
@@ -111,23 +111,23 @@ class Manipulation:
                 self._advance(R_vir, dt_s)
             R_d_vir = self.R_d_vir
         if self._carries:
-            self._hold_at_m = self._place_to_hold(mode, pose)
-        felt_N = None
+            self._hold_at_m = self._position_to_hold(mode, pose)
+        regulation_N = None
         if self._force.is_on:
             grasp_N = grasp_force_N(pose.tip_centre_m, self.gains)
-            felt_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s)
-        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m, felt_N)
+            regulation_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s)
+        u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m, regulation_N)
         return limit_torque_Nm(u, pose.q_rad, self.gains)
 
-    def _place_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
-        """Where the tips' centroid was when the object was first held; None while it is not."""
+    def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
+        """Return the tips' centroid (3,) at the time when the object was first held; None while it is not."""
         is_held = mode in (Mode.MANIPULATE, Mode.BLIND) or self.orientation.is_following
         if not is_held or self._hold_at_m is not None:
             return self._hold_at_m if is_held else None
         return np.asarray(pose.tip_centre_m.mean(axis=0))
 
     def _advance(self, R_vir: Array, dt_s: float) -> None:
-        """One tick along the ramp and a new R_d_vir, Eq. (15). In BLIND neither moves."""
+        """Advance the ramp by one tick and compute R_d_vir, Eq. (15); neither changes in BLIND."""
         M = self.M
         if M is None:
             return
@@ -135,21 +135,21 @@ class Manipulation:
             self._start = R_vir @ M
         self._turned_s += dt_s
         self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s) @ self._start
-        wanted = self.R_d
+        desired = self.R_d
         if self._integral_per_s > 0.0:
             if self.turned >= 1.0:
                 self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
-            wanted = rotation.exp(self._trim_rad) @ self.R_d
-        self.R_d_vir = desired_virtual_frame(wanted, M)
+            desired = rotation.exp(self._trim_rad) @ self.R_d
+        self.R_d_vir = desired_virtual_frame(desired, M)
 
-    def _trim(self, missing: Array, dt_s: float) -> Array:
-        """The integral of the turn still missing, as a rotation vector (3,) of bounded length."""
-        trim = self._trim_rad + self._integral_per_s * dt_s * rotation.log(missing)
+    def _trim(self, remaining: Array, dt_s: float) -> Array:
+        """Return the integral of the remaining turn as a rotation vector (3,) of bounded length."""
+        trim = self._trim_rad + self._integral_per_s * dt_s * rotation.log(remaining)
         return np.asarray(trim * min(1.0, TRIM_LIMIT_RAD / max(TRIM_LIMIT_RAD, float(np.linalg.norm(trim)))))
 
 
 def gains_of(config: HandConfig) -> Gains:
-    """The gains and limits of hand.toml as arrays in the order of q."""
+    """Return the gains and limits of hand.toml as arrays in the order of q."""
     joints, control = config.joints, config.control
     return Gains(
         f_d_N=control.f_d_N,

@@ -1,9 +1,9 @@
-"""Follows the grasped object's orientation through the contacts: M = R_vir^T R_c, kept and smoothed.
+"""The grasped object's orientation from the contacts: M = R_vir^T R_c, kept and smoothed.
 
-Each finger's normal arrives alone, already in R_vir of its own exposure (virtual_frame.py says why). The
-first ones are averaged to references; from then on every new normal refits M to all. When a finger lets go,
-the object is taken to have moved with the virtual frame until it is touched anew: M stays, and the new
-contacts' references are chosen so that it does. So the desired frame never jumps.
+Each finger's normal arrives on its own, expressed in R_vir at its own exposure (virtual_frame.py). The first
+ones are averaged to references; each later normal leads to a new fit of M to all. When a finger loses
+contact, the object is assumed to move with the virtual frame until the finger is in contact again: M is kept,
+and the new references are chosen to agree with it, so that the desired frame never jumps.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from palpate_host.control.virtual_frame import (
 
 
 class ObjectOrientation:
-    """The estimate of M (3, 3); None until the first references are complete."""
+    """The estimate of M (3, 3), None until the first references are complete."""
 
     def __init__(self, fingers: int, reference_frames: int, time_constant_s: float) -> None:
         self.M: Array | None = None
@@ -37,17 +37,17 @@ class ObjectOrientation:
 
     @property
     def is_following(self) -> bool:
-        """Every finger has its reference and the last fit was possible."""
+        """True when every finger has its reference and the last fit succeeded."""
         return self._reference is not None and not self.problem
 
     def release(self, finger: int) -> None:
-        """The finger touches nothing: its next contact is another place on the object."""
+        """Forget the finger's reference: it lost contact, its next contact is elsewhere on the object."""
         self._collected[finger].clear()
         self._reference = None
         self._updated_us = None
 
     def add(self, finger: int, normal_in_vir: Array, exposed_at_us: int) -> None:
-        """A new contact normal (3,) of one finger, in R_vir at its exposure."""
+        """Take a contact normal (3,) of one finger, expressed in R_vir at its exposure."""
         self._latest[finger] = normal_in_vir
         try:
             if self._reference is None:
@@ -60,9 +60,9 @@ class ObjectOrientation:
             self.problem = ""
 
     def _collect(self, finger: int, normal: Array) -> None:
-        mine = self._collected[finger]
-        mine.append(normal)
-        del mine[: -self._needed]
+        own = self._collected[finger]
+        own.append(normal)
+        del own[: -self._needed]
         if any(len(normals) < self._needed for normals in self._collected):
             return
         mean = np.array([np.mean(normals, axis=0) for normals in self._collected])
@@ -85,10 +85,10 @@ class ObjectOrientation:
 
 
 def contact_normal(pose: HandPose, finger: int, position_mm: tuple[float, float, float]) -> Array | None:
-    """d_i = (x_ci - x_i)/|x_ci - x_i| (3,) in the hand's frame, Eq. (16), at the pose of the exposure.
+    """Return d_i = (x_ci - x_i)/|x_ci - x_i| (3,) in the hand frame, Eq. (16), at the pose of the exposure.
 
-    The contact point in F is measured from the dome's centre, so d_i is that direction turned round. None
-    when the point is the centre itself, which no contact is.
+    The contact point in frame F starts at the dome's centre, so d_i is its opposite direction. None for a
+    point in the centre, where no contact can be.
     """
     point = np.array(position_mm)
     distance = float(np.linalg.norm(point))

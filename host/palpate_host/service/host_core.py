@@ -138,7 +138,7 @@ class HostCore:
                 self._recover()
             case Grasp():
                 self._goal = Goal.GRASP
-                self._control.rest()
+                self._control.stop_turning()
             case Rotate(rpy_deg=rpy_deg, ramp_s=ramp_s):
                 self._goal = Goal.TURN
                 self._target_rpy_deg = rpy_deg

@@ -98,8 +98,8 @@ def test_one_call_leaves_nothing_for_the_next(table_4):
     ("text", "joints", "sites", "says"),
     [
         ("<mujoco", [], [], "not a readable MJCF"),
-        ("<mujoco/>", ["curl_1"], [], "no joint named 'curl_1'"),
-        ("<mujoco/>", [], ["tip_1"], "no site named 'tip_1'"),
+        ("<mujoco/>", ["curl_1"], [], "has no joint 'curl_1'; it has no joints"),
+        ("<mujoco/>", [], ["tip_1"], "has no site 'tip_1'; it has no sites"),
     ],
 )
 def test_refusals_name_file_and_thing(tmp_path, text, joints, sites, says):
@@ -113,5 +113,22 @@ def test_refusals_name_file_and_thing(tmp_path, text, joints, sites, says):
 def test_a_joint_left_out_is_refused(table_4, tmp_path):
     mjcf = tmp_path / "hand.xml"
     mjcf.write_text('<mujoco><worldbody><body><joint name="a"/><geom size="1"/></body></worldbody></mujoco>')
-    with pytest.raises(ConfigError, match=r"1 degrees of freedom, hand\.toml names 0 joints"):
+    with pytest.raises(ConfigError, match=r"1 degrees of freedom, hand\.toml has 0 joints"):
         HandKinematics(compiled(read_spec(str(mjcf), ()), str(mjcf)), [], [], str(mjcf))
+
+
+def test_a_tip_that_a_urdf_lacks_is_refused_with_its_links(tmp_path):
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
+        ' iyz="0"/></inertial></link>'
+        for name in ("palm", "l1", "tip1")
+    )
+    joints = "".join(
+        f'<joint name="{child}_joint" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for parent, child in (("palm", "l1"), ("l1", "tip1"))
+    )
+    path = tmp_path / "myhand.urdf"
+    path.write_text(f'<robot name="hand">{links}{joints}</robot>')
+    spec = read_spec(str(path), ("tip1", "tip9"))
+    with pytest.raises(ConfigError, match=r"myhand\.urdf has no link 'tip9'; its links: .*l1, tip1: "):
+        HandKinematics(compiled(spec, str(path)), [], ["tip1", "tip9"], str(path))

@@ -92,7 +92,7 @@ def test_what_rests_begins_its_next_turn_without_the_integral_of_the_last(holdin
     manipulation, pose = holding(integral_per_s=0.5)
     tick(manipulation, pose, ticks=100)
     assert trim_deg(manipulation, pose)[2] > 4.0
-    manipulation.rest()
+    manipulation.stop_turning()
     manipulation.turn((0.0, 0.0, 10.0), 1.0)
     tick(manipulation, pose)
     np.testing.assert_allclose(trim_deg(manipulation, pose), 0.0, atol=1e-9)
