@@ -43,7 +43,7 @@ HEALTH = Health(None, 0, 0)
 class Camera:
     """Decodes the next JPEG every `PERIOD_S`; `FRAMES` of them."""
 
-    dropped = 0
+    dropped = damaged = 0
     exposure_us = 0
 
     def __init__(self, material: Material) -> None:

@@ -63,7 +63,7 @@ class BusCounters:
     """Counters of a `Bus` since it was opened.
 
     send_retries: attempts that a full transmit queue refused. error_frames: reported by the controller,
-    whatever their kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
+    of any kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
     the controller lost received frames. restarts: recoveries from bus-off.
     """
 

@@ -1,6 +1,6 @@
-"""A ring of frames in a file that two processes map: one writes, any number read, nobody waits.
+"""A ring of frames in a shared file: one process writes, any number read, and none waits for another.
 
-The file (little endian), at any path, best one in memory (/dev/shm, /run):
+The file (little endian) may have any path; use one in memory (/dev/shm, /run):
 
     0   8 bytes  magic
     8   u32      version
@@ -9,15 +9,14 @@ The file (little endian), at any path, best one in memory (/dev/shm, /run):
     32  16 bytes fingerprint of the sensor's description (Sensor.fingerprint), or zeros
     48  u64      count: frames written so far; the newest is number count - 1, in slot (count - 1) % slots
     64  slots, each a multiple of 4096 bytes:
-        0   u64  stamp: 2 n + 1 while frame number n is being written, 2 n + 2 when it is whole
-        8   u64  sequence: counts exposures, so that a gap is frames that the writer skipped
+        0   u64  stamp: 2 n + 1 while frame number n is being written, 2 n + 2 when it is complete
+        8   u64  sequence: counts exposures; a gap means that the writer skipped frames
         16  i64  time of exposure, microseconds of CLOCK_MONOTONIC, which all processes share
         64  pixels, row by row
 
-A reader copies a slot and takes the copy only if the stamp was the whole frame's before and after: a frame is
-never torn. The reader's mapping is read-only, so that it cannot hold the writer up; a writer that died leaves
-a count that stands still. A new writer puts a new file in the path's place, which a reader sees by opening it
-again.
+A reader copies a slot and uses the copy only if the stamp was that of a complete frame before and after: it
+never returns a torn frame. The reader's mapping is read-only, so that it cannot block the writer. When the
+writer dies, the count stops. A new writer replaces the file at the path; a reader has to open the path again.
 """
 
 from __future__ import annotations
@@ -44,12 +43,12 @@ WORD = struct.Struct("<Q")
 PAGE = 4096
 SLOTS = 4
 MOST_PIXELS = 8192 * 8192
-TRIES = 8  # a reader that is overtaken so often in a row is too slow
+TRIES = 8  # copies in a row that the writer may overwrite before `newest` returns None
 
 
 @dataclass(frozen=True, slots=True)
 class RingFormat:
-    """What all frames of a ring are like. fingerprint: of the sensor, empty when nobody said."""
+    """The format of all frames of a ring. fingerprint: of the sensor, empty when unknown."""
 
     width: int
     height: int
@@ -59,25 +58,28 @@ class RingFormat:
 
     @property
     def frame_bytes(self) -> int:
+        """Bytes of the pixels of a frame."""
         return self.width * self.height * self.channels
 
     @property
     def slot_bytes(self) -> int:
+        """Bytes of a slot, whole pages."""
         return -(-(SLOT_HEADER_BYTES + self.frame_bytes) // PAGE) * PAGE
 
     @property
     def file_bytes(self) -> int:
+        """Bytes of the file."""
         return HEADER_BYTES + self.slots * self.slot_bytes
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of an image."""
+        """The shape of an image: (height, width), or (height, width, channels)."""
         return (self.height, self.width) if self.channels == 1 else (self.height, self.width, self.channels)
 
 
 @dataclass(frozen=True, slots=True)
 class RingFrame:
-    """A whole frame; image is the reader's own copy. exposed_at_us: on CLOCK_MONOTONIC."""
+    """A complete frame; image is the reader's own copy. exposed_at_us: on CLOCK_MONOTONIC."""
 
     image: Image
     sequence: int
@@ -85,10 +87,10 @@ class RingFrame:
 
 
 class RingWriter:
-    """Makes the file and fills it. The file takes its name when it is ready, and is removed by `close`."""
+    """Makes and fills the file. The file gets its name when it is ready; `close` removes it."""
 
     def __init__(self, path: Path, form: RingFormat) -> None:
-        """Raises CaptureError where the file cannot be made."""
+        """Raises CaptureError when the file cannot be written."""
         self._path, self._form = path, form
         fresh = path.with_name(f"{path.name}.{os.getpid()}")
         try:
@@ -108,7 +110,7 @@ class RingWriter:
         self._count = 0
 
     def write(self, image: Image, sequence: int, exposed_at_us: int) -> None:
-        """image: of the ring's shape, uint8."""
+        """Write the next frame. image: of the ring's shape, uint8; exposed_at_us: on CLOCK_MONOTONIC."""
         number = self._count % self._form.slots
         at = HEADER_BYTES + number * self._form.slot_bytes
         SLOT.pack_into(self._map, at, 2 * self._count + 1, sequence, exposed_at_us)
@@ -121,7 +123,7 @@ class RingWriter:
         WORD.pack_into(self._map, COUNT_AT, self._count)
 
     def close(self) -> None:
-        """The path is left alone when another writer has taken it."""
+        """Remove the file, unless another writer has replaced it, and unmap it."""
         try:
             if self._path.stat().st_ino == self._inode:
                 self._path.unlink()
@@ -132,15 +134,15 @@ class RingWriter:
 
 
 class RingReader:
-    """Reads the newest frame of a ring, from the next one on that is written after it was opened."""
+    """Reads the newest frame of a ring; frames written before it was opened are not returned."""
 
     def __init__(self, path: Path) -> None:
-        """Raises FileNotFoundError, or CaptureError for a file that is no ring."""
+        """Raises FileNotFoundError, or CaptureError for a file that is not a ring."""
         try:
             with path.open("rb") as file:
                 size = os.fstat(file.fileno()).st_size
                 if size < HEADER_BYTES:
-                    raise CaptureError(f"{path} is no ring of frames: name the file of the running writer")
+                    raise CaptureError(f"{path} is not a ring of frames: give a running writer's file")
                 self._map = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
         except FileNotFoundError:
             raise
@@ -155,7 +157,7 @@ class RingReader:
         self._seen = self._count()
 
     def newest(self) -> RingFrame | None:
-        """The newest frame, None when it was given before (or the writer overtakes us again and again)."""
+        """Return the newest frame; None when it was returned before, or overwritten during `TRIES` copies."""
         for _ in range(TRIES):
             count = self._count()
             if count <= self._seen:
@@ -167,6 +169,7 @@ class RingReader:
         return None
 
     def close(self) -> None:
+        """Unmap the file."""
         self._slots = []
         self._map.close()
 
@@ -174,7 +177,7 @@ class RingReader:
         return int(WORD.unpack_from(self._map, COUNT_AT)[0])
 
     def _copy(self, frame_number: int) -> RingFrame | None:
-        """A frame, or None when the writer came to its slot meanwhile."""
+        """Copy a frame; return None when the writer overwrote it meanwhile."""
         slot = frame_number % self.format.slots
         at = HEADER_BYTES + slot * self.format.slot_bytes
         stamp, sequence, exposed_at_us = SLOT.unpack_from(self._map, at)
@@ -189,22 +192,23 @@ class RingReader:
 
 
 def _read_format(mapped: mmap.mmap, path: Path) -> RingFormat:
-    """Raises CaptureError for another kind of file, another version, or sizes that do not fit the file."""
+    """Read the header. Raises CaptureError for another kind of file, another version, or inconsistent
+    sizes."""
     magic, version, slots, width, height, channels, fingerprint = HEADER.unpack_from(mapped, 0)
     if magic != MAGIC:
-        raise CaptureError(f"{path} is no ring of frames: name the file of the running writer")
+        raise CaptureError(f"{path} is not a ring of frames: give a running writer's file")
     if version != VERSION:
-        raise CaptureError(f"{path} is a ring of version {version}, this is {VERSION}: update the older side")
+        raise CaptureError(f"{path} is a ring of version {version}, not {VERSION}: update the older program")
     fits = channels in {1, 3} and 2 <= slots <= 64 and 0 < width * height <= MOST_PIXELS
     name = fingerprint.rstrip(b"\0").decode("ascii", "replace")
     form = RingFormat(width, height, channels, slots, name)
     if not fits or form.file_bytes > len(mapped):
-        raise CaptureError(f"{path}: its header and its size do not fit: start its writer again")
+        raise CaptureError(f"{path}: header and file size are inconsistent: restart its writer")
     return form
 
 
 def _pixels(mapped: mmap.mmap, form: RingFormat, slot: int) -> Image:
-    """A slot's pixels, in place."""
+    """Return a view of a slot's pixels."""
     at = HEADER_BYTES + slot * form.slot_bytes + SLOT_HEADER_BYTES
     flat = np.frombuffer(mapped, dtype=np.uint8, count=form.frame_bytes, offset=at)
     return flat.reshape(form.shape)
@@ -214,8 +218,8 @@ _order = threading.Lock()
 
 
 def _barrier() -> None:
-    """Memory order for processors that do not keep it by themselves (aarch64): a store-release and then a
-    load-acquire of one lock stay in order, and nothing passes both."""
+    """Order memory accesses on processors that reorder them (aarch64): a store-release followed by a
+    load-acquire of the same lock is a full barrier."""
     for _ in range(2):
         with _order:
             pass

@@ -13,15 +13,15 @@ from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.geometry.sensor import Sensor
 
 POLL_S = 0.001
-QUIET_SHARE = 0.7  # of the time between two exposures, in which no next frame is looked for
+QUIET_SHARE = 0.7  # share of the frame period without polling after a frame
 STALLED_AFTER_S = 0.5
 
 
 class SharedMemorySource:
-    """The newest frame each time; those that were overtaken count as dropped.
+    """Reads the newest frame of a ring; frames that were overwritten before count as dropped.
 
-    at_monotonic_us: from CLOCK_MONOTONIC to the daemon's clock; now_us: that clock. A writer that stops, or
-    starts again, is noticed as a stall: open the source again.
+    at_monotonic_us: converts CLOCK_MONOTONIC to the daemon's clock; now_us: the daemon's clock. A writer that
+    stops or restarts appears as a stall; opening the source again finds the new ring.
     """
 
     def __init__(
@@ -31,12 +31,12 @@ class SharedMemorySource:
         at_monotonic_us: Callable[[int], int],
         now_us: Callable[[], int] = monotonic_us,
     ) -> None:
-        """Raises CameraLostError where there is no ring, CaptureError for another sensor or image size."""
+        """Raises CameraLostError when there is no ring, CaptureError for another sensor or image size."""
         try:
             self._reader = RingReader(path)
         except FileNotFoundError:
             raise CameraLostError(
-                f"{path} is missing: start what writes frames there (palpate-host simulate camera)"
+                f"{path} is missing: start the program that writes it (palpate-host simulate camera)"
             ) from None
         try:
             _check(self._reader.format, sensor, path)
@@ -47,34 +47,38 @@ class SharedMemorySource:
         self._next_sequence: int | None = None
         self._last_exposed_us = 0
         self._shortest_us = 0
-        self._quiet_until_s = 0.0
+        self._poll_from_s = 0.0
         self.dropped = 0
+        self.damaged = 0  # the ring's stamps show torn frames, which are read again
         self.exposure_us = 0
 
     def read(self) -> Frame | None:
-        """Wait for the next frame. Raises CameraStalledError when none comes for STALLED_AFTER_S."""
+        """Wait for the next frame and return it. Raises CameraStalledError after STALLED_AFTER_S without
+        one."""
         deadline_us = self._now_us() + round(1e6 * STALLED_AFTER_S)
         while (frame := self._reader.newest()) is None:
             if self._now_us() > deadline_us:
                 raise CameraStalledError(
-                    f"{self._path}: no frame for {STALLED_AFTER_S:g} s: look whether its writer still runs"
+                    f"{self._path}: no frame for {STALLED_AFTER_S:g} s: check that its writer runs"
                 )
-            time.sleep(max(POLL_S, self._quiet_until_s - time.monotonic()))
+            time.sleep(max(POLL_S, self._poll_from_s - time.monotonic()))
         if self._next_sequence is not None:
             self.dropped += max(0, frame.sequence - self._next_sequence)
-            self._be_quiet(frame.exposed_at_us - self._last_exposed_us)
+            self._pause_polling(frame.exposed_at_us - self._last_exposed_us)
         self._next_sequence = frame.sequence + 1
         self._last_exposed_us = frame.exposed_at_us
         exposed_at_us = self._at_monotonic_us(frame.exposed_at_us)
         return Frame(frame.image, exposed_at_us, frame.sequence, f"{self._path.name}#{frame.sequence}")
 
-    def _be_quiet(self, period_us: int) -> None:
-        """A thousand looks a second cost more than the estimate: none for most of the shortest gap."""
+    def _pause_polling(self, period_us: int) -> None:
+        """Skip polling for most of the shortest frame period: polling at 1 kHz costs more than the
+        estimate."""
         period_us = min(max(0, period_us), round(1e6 * STALLED_AFTER_S))
         self._shortest_us = min(self._shortest_us or period_us, period_us)
-        self._quiet_until_s = time.monotonic() + QUIET_SHARE * 1e-6 * self._shortest_us
+        self._poll_from_s = time.monotonic() + QUIET_SHARE * 1e-6 * self._shortest_us
 
     def close(self) -> None:
+        """Unmap the ring."""
         self._reader.close()
 
 
@@ -82,11 +86,11 @@ def _check(form: RingFormat, sensor: Sensor, path: Path) -> None:
     if (form.width, form.height) != sensor.image_size_px:
         width, height = sensor.image_size_px
         raise CaptureError(
-            f"{path} has frames of {form.width}x{form.height}, the calibration is of {width}x{height}: name "
-            "the ring of its sensor"
+            f"{path} has frames of {form.width}x{form.height}, the calibration is for {width}x{height}: "
+            "give the ring of the calibration's sensor"
         )
     if form.fingerprint and form.fingerprint != sensor.fingerprint():
         raise CaptureError(
-            f"{path} has frames of sensor {form.fingerprint}, the calibration is of {sensor.fingerprint()}: "
-            "name the ring of its sensor, or calibrate that one"
+            f"{path} has frames of sensor {form.fingerprint}, the calibration is for {sensor.fingerprint()}: "
+            "give the ring of that sensor, or calibrate this one"
         )

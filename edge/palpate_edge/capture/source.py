@@ -1,4 +1,4 @@
-"""What the pixel thread reads from, and a source that is opened again after its camera was lost."""
+"""The capture protocol, and a source that reopens its camera after a loss."""
 
 from __future__ import annotations
 
@@ -12,43 +12,60 @@ from palpate_edge.common.frame import Frame
 
 
 class Source(Protocol):
-    """A capture source that waits for its next frame.
-
-    dropped: frames that were exposed and not read; exposure_us: the camera's setting, 0 where it tells none.
-    """
+    """A capture source: the capture thread reads one frame after the other."""
 
     @property
-    def dropped(self) -> int: ...
-
-    @property
-    def exposure_us(self) -> int: ...
-
-    def read(self) -> Frame | None:
-        """The next frame, None when there will be no more. Raises CaptureError."""
+    def dropped(self) -> int:
+        """Frames that were exposed and not read, damaged ones included, since the source was opened."""
         ...
 
-    def close(self) -> None: ...
+    @property
+    def damaged(self) -> int:
+        """Frames that were received incomplete or undecodable, since the source was opened."""
+        ...
+
+    @property
+    def exposure_us(self) -> int:
+        """The camera's exposure time; 0 when it is not known."""
+        ...
+
+    def read(self) -> Frame | None:
+        """Wait for the next frame and return it; None when there will be no more.
+
+        Raises CameraLostError or CameraStalledError when another attempt may succeed, else CaptureError.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the camera."""
+        ...
 
 
 class ReopeningSource:
-    """A camera that may be lost: `read` fails once and opens it again when it is called the next time.
+    """A camera that may be lost: after a failed `read` the next call opens it again.
 
-    Sequence numbers and dropped frames run on over the gap.
+    Sequence numbers and counters continue over the gap.
     """
 
-    def __init__(self, open_one: Callable[[], Source]) -> None:
-        """Raises CaptureError for what will not come by waiting; a camera that is not there may come."""
-        self._open_one = open_one
+    def __init__(self, open_source: Callable[[], Source]) -> None:
+        """Raises CaptureError when the camera cannot be used; a missing camera is opened by a later
+        `read`."""
+        self._open_source = open_source
         self._source: Source | None = None
-        self._dropped_before = 0
+        self._dropped_before = self._damaged_before = 0
         self._next_sequence = self._first_sequence = 0
         with suppress(CameraLostError):
-            self._source = open_one()
+            self._source = open_source()
 
     @property
     def dropped(self) -> int:
         source = self._source
         return self._dropped_before + (0 if source is None else source.dropped)
+
+    @property
+    def damaged(self) -> int:
+        source = self._source
+        return self._damaged_before + (0 if source is None else source.damaged)
 
     @property
     def exposure_us(self) -> int:
@@ -57,7 +74,7 @@ class ReopeningSource:
 
     def read(self) -> Frame | None:
         if self._source is None:
-            self._source = self._open_one()
+            self._source = self._open_source()
         try:
             frame = self._source.read()
         except CaptureError:
@@ -70,9 +87,10 @@ class ReopeningSource:
         return replace(frame, sequence=sequence)
 
     def close(self) -> None:
-        """Also between two readings, which then opens it again."""
-        source, self._source = self._source, None  # at once: the bus loop asks for `dropped` meanwhile
+        """Close the camera; a later `read` opens it again."""
+        source, self._source = self._source, None  # at once: the bus loop reads the counters meanwhile
         if source is not None:
             self._dropped_before += source.dropped
+            self._damaged_before += source.damaged
             self._first_sequence = self._next_sequence
             source.close()

@@ -155,7 +155,7 @@ class RealTimeSource:
         self._sleep_s = sleep_s
         self._start_us: int | None = None
         self._next = 0
-        self.dropped = 0
+        self.dropped = self.damaged = 0
         self.exposure_us = 0
 
     def read(self) -> Frame | None:

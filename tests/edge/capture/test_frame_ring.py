@@ -180,12 +180,12 @@ def test_a_writer_leaves_the_path_to_the_one_that_took_it(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "no ring of frames"),
-        (b"x" * 5000, "no ring of frames"),
+        (b"", "not a ring of frames"),
+        (b"x" * 5000, "not a ring of frames"),
         (struct.pack("<8sIIIII", b"PALPRING", 9, 2, 64, 48, 3) + bytes(5000), "version 9"),
-        (struct.pack("<8sIIIII", b"PALPRING", 1, 2, 64, 48, 3) + bytes(5000), "do not fit"),
-        (struct.pack("<8sIIIII", b"PALPRING", 1, 0, 64, 48, 3) + bytes(5000), "do not fit"),
-        (struct.pack("<8sIIIII", b"PALPRING", 1, 2, 0, 48, 3) + bytes(5000), "do not fit"),
+        (struct.pack("<8sIIIII", b"PALPRING", 1, 2, 64, 48, 3) + bytes(5000), "are inconsistent"),
+        (struct.pack("<8sIIIII", b"PALPRING", 1, 0, 64, 48, 3) + bytes(5000), "are inconsistent"),
+        (struct.pack("<8sIIIII", b"PALPRING", 1, 2, 0, 48, 3) + bytes(5000), "are inconsistent"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
@@ -205,7 +205,7 @@ def test_a_ring_of_another_sensor_or_size_is_refused_by_name(tmp_path: Path) -> 
         finally:
             writer.close()
 
-    with pytest.raises(CaptureError, match="32x48, the calibration is of 64x48"):
+    with pytest.raises(CaptureError, match="32x48, the calibration is for 64x48"):
         open_with(RingFormat(32, 48, 3))
     with pytest.raises(CaptureError, match="frames of sensor 0123456789abcdef"):
         open_with(RingFormat(64, 48, 3, fingerprint="0123456789abcdef"))

@@ -22,7 +22,7 @@ class Camera:
     def __init__(self, *steps, exposure_us=0):
         self._steps = list(steps)
         self.exposure_us = exposure_us
-        self.dropped = 0
+        self.dropped = self.damaged = 0
         self.closed = 0
 
     def read(self):
@@ -30,6 +30,7 @@ class Camera:
         if isinstance(step, Exception):
             raise step
         self.dropped = max(self.dropped, step // 10)
+        self.damaged = max(self.damaged, step // 20)
         return Frame(np.zeros((2, 2), dtype=np.uint8), 1000 * step, step, "camera")
 
     def close(self):
@@ -65,6 +66,7 @@ def test_numbers_and_drops_run_on_over_the_gap():
     assert read_all(source, 8) == [0, 1, 12, "unplugged", "unplugged", 13, 14, 38]
     assert first.closed == 1
     assert source.dropped == 1 + 2
+    assert source.damaged == 0 + 1
 
 
 def test_a_camera_that_is_not_there_at_the_start_may_come():

@@ -20,7 +20,7 @@ PATIENCE_S = 30.0
 class Script:
     """A source that plays a list: a frame number, or an exception to raise; then it ends."""
 
-    dropped = 0
+    dropped = damaged = 0
     exposure_us = 0
 
     def __init__(self, *steps):

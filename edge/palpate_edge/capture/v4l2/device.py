@@ -1,4 +1,4 @@
-"""An open video device: its ioctls with errors that name the camera."""
+"""An open video device: its ioctls, with errors that name the camera."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ UNPLUGGED = frozenset({errno.ENODEV, errno.ENXIO, errno.ENOENT})
 class VideoDevice:
     """A camera that can stream.
 
-    Raises CameraLostError when it is not there or was unplugged, CaptureError when it cannot be used.
+    Methods raise CameraLostError when the camera is missing or was unplugged, CaptureError when it cannot be
+    used.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,14 +47,15 @@ class VideoDevice:
             raise
 
     def call(self, request: Ioctl, argument: Structure | c_int) -> None:
-        """One ioctl that has to succeed."""
+        """Execute an ioctl that has to succeed."""
         try:
             self._ioctl(request, argument)
         except OSError as error:
             raise self._failure(f"refuses VIDIOC_{request.name}", error) from error
 
-    def ask(self, request: Ioctl, argument: Structure) -> bool:
-        """One ioctl whose refusal is an answer: False for EINVAL, ENOTTY, EBUSY, EAGAIN, EIO and the like."""
+    def try_call(self, request: Ioctl, argument: Structure) -> bool:
+        """Execute an ioctl that may be refused; return False for EINVAL, ENOTTY, EBUSY, EAGAIN, EIO and the
+        like."""
         try:
             self._ioctl(request, argument)
         except OSError as error:
@@ -63,35 +65,37 @@ class VideoDevice:
         return True
 
     def formats(self) -> list[int]:
-        """FourCC codes the camera offers."""
+        """Return the FourCC codes of the camera's formats."""
         codes = []
         description = FormatDescription(type=BufferType.VIDEO_CAPTURE)
-        while self.ask(Ioctl.ENUM_FMT, description):
+        while self.try_call(Ioctl.ENUM_FMT, description):
             codes.append(description.pixelformat)
             description = FormatDescription(index=len(codes), type=BufferType.VIDEO_CAPTURE)
         return codes
 
     def sizes(self, fourcc: int) -> Iterator[tuple[int, int]]:
-        """Discrete (width, height) of one format; none for a camera with ranges."""
+        """Yield the discrete sizes (width, height) of a format; none for a camera with ranges."""
         size = FrameSize(pixel_format=fourcc)
-        while self.ask(Ioctl.ENUM_FRAMESIZES, size) and size.type == FRAME_SIZE_DISCRETE:
+        while self.try_call(Ioctl.ENUM_FRAMESIZES, size) and size.type == FRAME_SIZE_DISCRETE:
             yield size.width, size.height
             size = FrameSize(index=size.index + 1, pixel_format=fourcc)
 
     def query_control(self, control_id: int) -> QueryControl | None:
-        """None when the camera has no such control."""
+        """Return the description of a control; None when the camera does not have it."""
         query = QueryControl(id=control_id)
-        return query if self.ask(Ioctl.QUERYCTRL, query) else None
+        return query if self.try_call(Ioctl.QUERYCTRL, query) else None
 
     def get_control(self, control_id: int) -> int | None:
+        """Return the value of a control; None when the camera does not have it."""
         control = Control(id=control_id)
-        return control.value if self.ask(Ioctl.G_CTRL, control) else None
+        return control.value if self.try_call(Ioctl.G_CTRL, control) else None
 
     def set_control(self, control_id: int, value: int) -> bool:
-        return self.ask(Ioctl.S_CTRL, Control(id=control_id, value=value))
+        """Set a control; return whether the driver accepted the value."""
+        return self.try_call(Ioctl.S_CTRL, Control(id=control_id, value=value))
 
     def close(self) -> None:
-        """A second call does nothing."""
+        """Close the device; a second call does nothing."""
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
@@ -108,16 +112,16 @@ class VideoDevice:
         needed = Capability.VIDEO_CAPTURE | Capability.STREAMING
         if self.capabilities.device_caps & needed != needed:
             raise CaptureError(
-                f"camera {self.path} is no capture device that streams: of a camera's nodes choose "
-                "the one that ends with video-index0 (ls -l /dev/v4l/by-path)"
+                f"camera {self.path} is no capture device that streams: choose the camera's node that ends "
+                "with video-index0 (ls -l /dev/v4l/by-path)"
             )
 
     def _failure(self, what: str, error: OSError) -> CaptureError:
         reason = f"camera {self.path} {what} ({error.strerror})"
         if error.errno in UNPLUGGED:
-            return CameraLostError(f"{reason}: check its cable; it is looked for again")
+            return CameraLostError(f"{reason}: check its cable; it is being searched for")
         if error.errno == errno.EBUSY:
-            return CaptureError(f"{reason}: another program has it (fuser -v {self.path})")
+            return CaptureError(f"{reason}: another program uses it (fuser -v {self.path})")
         if error.errno in {errno.EACCES, errno.EPERM}:
             return CaptureError(f"{reason}: add this user to the group video")
-        return CaptureError(f"{reason}: try it with v4l2-ctl --all -d {self.path}")
+        return CaptureError(f"{reason}: see v4l2-ctl --all -d {self.path}")

@@ -1,4 +1,4 @@
-"""The pixel formats that cameras give, and the way from each to a grey or a BGR image."""
+"""Pixel formats of cameras, and their conversion to grey or BGR images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ JPEG_PADDING = 1024  # bytes that a driver may leave after the end marker
 
 
 class PixelCode(Enum):
-    """FourCC codes, those first that give a grey image at the least cost."""
+    """FourCC codes, ordered by the cost of the conversion to grey."""
 
     GREY = "GREY"
     NV12 = "NV12"
@@ -26,13 +26,13 @@ class PixelCode(Enum):
 
     @property
     def fourcc(self) -> int:
-        """v4l2_fourcc()."""
+        """The code as the kernel's v4l2_fourcc() makes it."""
         return int.from_bytes(self.value.encode(), "little")
 
 
 @dataclass(frozen=True, slots=True)
 class PixelLayout:
-    """What the driver agreed to. bytesperline: of the first plane; 0 for MJPG."""
+    """The negotiated layout of a frame. bytesperline: of the first plane; 0 for MJPG."""
 
     code: PixelCode
     width: int
@@ -41,7 +41,7 @@ class PixelLayout:
 
     @property
     def expected_bytes(self) -> int:
-        """Of a whole frame; for MJPG the least that one can have."""
+        """Bytes of a complete frame; for MJPG the least possible number."""
         if self.code is PixelCode.MJPG:
             return len(JPEG_START) + len(JPEG_END)
         rows = self.height * 3 // 2 if self.code in {PixelCode.NV12, PixelCode.YU12} else self.height
@@ -49,9 +49,9 @@ class PixelLayout:
 
 
 def decode(data: memoryview, layout: PixelLayout, *, grey: bool) -> Image | None:
-    """A new image (height, width) or (height, width, 3) BGR, uint8; None for a frame that is not whole.
+    """Return a new image (height, width) or (height, width, 3) BGR, uint8; None for an incomplete frame.
 
-    data: the buffer's used bytes; it may be given back to the driver afterwards.
+    data: the used bytes of the buffer, which may be returned to the driver afterwards.
     """
     if len(data) < layout.expected_bytes:
         return None
@@ -81,7 +81,7 @@ def _from_yuyv(raw: NDArray[np.uint8], layout: PixelLayout, grey: bool) -> Image
 
 
 def _from_planes(raw: NDArray[np.uint8], luma: Image, layout: PixelLayout) -> Image:
-    """NV12 and YU12: the chroma planes behind the luma plane, without the padding at the end of lines."""
+    """Convert NV12 and YU12: chroma planes follow the luma plane; padding at the end of lines is removed."""
     chroma = raw[layout.height * layout.bytesperline :]
     if layout.code is PixelCode.NV12:
         uv = _plane(chroma, layout.height // 2, layout.bytesperline, layout.width)
@@ -92,13 +92,14 @@ def _from_planes(raw: NDArray[np.uint8], luma: Image, layout: PixelLayout) -> Im
 
 
 def _decode_jpeg(data: memoryview, grey: bool) -> Image | None:
-    """A JPEG without its end marker would decode to a half-grey picture: a transfer that was cut short."""
+    """Decode a JPEG; None without its end marker: a truncated transfer would decode to a half-grey
+    picture."""
     if data[:2] != JPEG_START or bytes(data[-JPEG_PADDING:]).rfind(JPEG_END) < 0:
         return None
     flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    except cv2.error:  # a header that promises more pixels than OpenCV allows
+    except cv2.error:  # the header has more pixels than OpenCV allows
         return None
     return None if image is None else np.asarray(image, dtype=np.uint8)
 

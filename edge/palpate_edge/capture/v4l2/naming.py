@@ -1,7 +1,7 @@
-"""Which camera is meant: a stable name for each of several that look the same.
+"""Stable names of cameras, to distinguish several cameras of one make.
 
-``/dev/videoN`` is numbered in the order of plugging in; ``/dev/v4l/by-path`` names the port, the USB serial
-number names the camera itself.
+``/dev/videoN`` is numbered in the order of detection; ``/dev/v4l/by-path`` identifies the port, the USB
+serial number the camera itself.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ SYSFS = Path("/sys/class/video4linux")
 def find_camera(
     path: str, usb_serial: str, *, sysfs: Path = SYSFS, by_path: Path = BY_PATH, dev: Path = Path("/dev")
 ) -> Path:
-    """The device node of the camera with this path, or else with this USB serial number.
+    """Return the device node of the camera with this path, or with this USB serial number when `path` is
+    empty.
 
-    Raises CameraLostError when it is not there, CaptureError when two have the serial number.
+    Raises CameraLostError when there is none, CaptureError when several have the serial number.
     """
     if path:
         if not Path(path).exists():
@@ -31,22 +32,23 @@ def find_camera(
     if len(nodes) > 1:
         found = ", ".join(_stable_name(node, by_path) for node in nodes)
         raise CaptureError(
-            f"{len(nodes)} cameras have the serial number {usb_serial!r}: {found}: name one of these as "
-            "capture.path instead"
+            f"{len(nodes)} cameras have the serial number {usb_serial!r}: {found}: "
+            "set capture.path to one of these instead"
         )
     return nodes[0]
 
 
 def is_stable_name(path: str) -> bool:
-    """False for a name that another camera may have after the next boot.
+    """Return False for a name that another camera may have after the next boot.
 
-    That in ``by-id`` is of the make and the serial number; many makes give all their cameras one.
+    A name in ``by-id`` is made of make and serial number; many makes give all their cameras the same number.
     """
     return not Path(path).name.startswith("video") and Path(path).parent.name != "by-id"
 
 
 def _is_image_node(node: Path, usb_serial: str) -> bool:
-    """A USB camera's node 0 gives images (others give metadata); its USB device is above its interface."""
+    """Return whether a node gives images (index 0; others give metadata) and its USB device has this
+    number."""
     return _text(node / "index") == "0" and _text(node / "device" / ".." / "serial") == usb_serial
 
 
@@ -64,4 +66,4 @@ def _stable_name(node: Path, by_path: Path) -> str:
 
 def _offer(by_path: Path) -> str:
     there = ", ".join(str(link) for link in sorted(by_path.glob("*-index0")))
-    return f"; there are: {there}" if there else ""
+    return f"; present cameras: {there}" if there else ""

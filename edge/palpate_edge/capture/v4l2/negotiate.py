@@ -1,4 +1,4 @@
-"""Agreeing with a camera on format, size and rate, and believing only what it reads back."""
+"""Negotiation of format, size and rate with a camera; only values read back from the driver count."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RATE_TOLERANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """fps: what the driver says it gives; None where it does not tell."""
+    """The negotiated stream. fps: the rate that the driver reports; None when it reports none."""
 
     layout: PixelLayout
     fps: float | None
@@ -30,7 +30,7 @@ class Agreement:
 def negotiate(device: VideoDevice, width: int, height: int, fps: float, code: PixelCode | None) -> Agreement:
     """Set the camera to this size and the nearest rate, in format `code` or in the first that reaches `fps`.
 
-    Raises CaptureError naming what the camera offers when no format that we read has this size.
+    Raises CaptureError with the camera's formats when none that this program reads has this size.
     """
     offered = device.formats()
     candidates = [one for one in PixelCode if one.fourcc in offered and code in (None, one)]
@@ -45,11 +45,11 @@ def negotiate(device: VideoDevice, width: int, height: int, fps: float, code: Pi
             best = agreement
     if best is None:
         raise CaptureError(_refusal(device, width, height, code, offered))
-    return _try(device, width, height, fps, best.layout.code) or best  # the last one tried is set
+    return _try(device, width, height, fps, best.layout.code) or best  # set it again: another was tried since
 
 
 def reaches(fps: float | None, wanted: float) -> bool:
-    """Whether a rate is the wanted one, within what cameras round."""
+    """Return whether a rate equals the wanted one within `RATE_TOLERANCE`."""
     return fps is not None and abs(fps - wanted) <= RATE_TOLERANCE * wanted
 
 
@@ -67,7 +67,7 @@ def _set_rate(device: VideoDevice, fps: float) -> float | None:
     parm = StreamParm(type=BufferType.VIDEO_CAPTURE)
     interval = parm.parm.capture.timeperframe
     interval.numerator, interval.denominator = 1000, round(1000 * fps)
-    if not device.ask(Ioctl.S_PARM, parm) or not parm.parm.capture.capability & CAP_TIMEPERFRAME:
+    if not device.try_call(Ioctl.S_PARM, parm) or not parm.parm.capture.capability & CAP_TIMEPERFRAME:
         return None
     return interval.denominator / interval.numerator if interval.numerator else None
 
@@ -80,10 +80,10 @@ def _refusal(device: VideoDevice, width: int, height: int, code: PixelCode | Non
     }
     return (
         f"camera {device.path} gives no {width}x{height} in {wanted}; it offers {', '.join(sorted(sizes))}: "
-        "choose capture.camera.format, or calibrate for a size that it has"
+        "choose capture.camera.format, or calibrate for one of these sizes"
     )
 
 
 def four_characters(fourcc: int) -> str:
-    """``YUYV`` of its code."""
+    """Return the characters of a FourCC code, for example ``YUYV``."""
     return fourcc.to_bytes(4, "little").decode("ascii", "replace").strip()

@@ -1,4 +1,4 @@
-"""A V4L2 camera as a capture source: opened, set, and read frame by frame on the daemon's clock."""
+"""A V4L2 camera as a capture source: opened, configured, and read frame by frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ STALLED_AFTER_AT_LEAST_S = 0.5  # a camera needs this long for its first frame
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """What the stream is to be. code: None for the first format that reaches fps; grey: give grey images."""
+    """The requested stream. code: None for the first format that reaches fps; grey: convert images to
+    grey."""
 
     width: int
     height: int
@@ -36,12 +37,17 @@ class CameraSettings:
 
 
 class V4l2Source:
-    """Frames of one camera; see `pixel_thread.Source`. `report` gets a line for each thing not as asked."""
+    """Frames of one camera; implements `palpate_edge.capture.source.Source`.
+
+    report: called with one line for each setting that differs from the request.
+    damaged: frames that the driver flagged or that were incomplete. measured_fps: measured over the first
+    second, None until then.
+    """
 
     def __init__(
         self, path: Path, settings: CameraSettings, clock: LocalClock, report: Callable[[str], None]
     ) -> None:
-        """Raises CameraLostError, or CaptureError for a camera that cannot give this."""
+        """Raises CameraLostError when there is no camera, CaptureError when it cannot deliver this stream."""
         self._settings = settings
         self._clock = clock
         self._report = report
@@ -61,10 +67,10 @@ class V4l2Source:
         self._last_sequence: int | None = None
         self._sequence = -1
         self._first_us = 0
-        self._told_about_stamps = False
+        self._reported_stamps = False
 
     def read(self) -> Frame | None:
-        """The next whole frame. Raises CameraStalledError and CameraLostError."""
+        """Wait for the next complete frame and return it. Raises CameraStalledError and CameraLostError."""
         frames: list[Frame] = []
         deadline_s = time.monotonic() + self._timeout_s
         while not frames:
@@ -72,12 +78,13 @@ class V4l2Source:
             if left_s <= 0:
                 raise CameraStalledError(
                     f"camera {self._name} gave no whole frame for {self._timeout_s:.2f} s "
-                    f"({self.damaged} damaged): check its cable and USB bandwidth; it is opened again"
+                    f"({self.damaged} damaged): check its cable and USB bandwidth; it is being reopened"
                 )
             self._stream.read(left_s, lambda raw: self._use(raw, frames))
         return frames[0]
 
     def close(self) -> None:
+        """Stop the stream and close the device."""
         self._stream.close()
         self._device.close()
 
@@ -97,7 +104,7 @@ class V4l2Source:
         return Frame(image, exposed_at_us, self._sequence, f"{self._name}#{self._sequence}")
 
     def _count(self, sequence: int) -> int:
-        """Frames missed before this one; a driver that does not count is taken to miss none."""
+        """Return the number of frames missed before this one; 0 for a driver that does not count frames."""
         step = 1 if self._last_sequence is None else (sequence - self._last_sequence) % SEQUENCE_WRAP
         if not 0 < step < SEQUENCE_WRAP // 2:
             step = 1
@@ -108,8 +115,8 @@ class V4l2Source:
     def _exposed_at_us(self, raw: RawFrame) -> int:
         if raw.stamp_us is not None:
             return self._clock.at_monotonic_us(raw.stamp_us)
-        if not self._told_about_stamps:
-            self._told_about_stamps = True
+        if not self._reported_stamps:
+            self._reported_stamps = True
             self._report(
                 f"camera {self._name} has no monotonic time stamps: exposures are stamped on arrival"
             )
@@ -121,14 +128,12 @@ class V4l2Source:
         for finding in lock_controls(self._device, wanted.fixed):
             self._report(f"camera {self._name}: {finding}")
         if not reaches(agreement.fps, wanted.fps):
-            said = (
-                "does not tell its rate" if agreement.fps is None else f"gives {agreement.fps:.1f} frames/s"
-            )
-            self._report(f"camera {self._name} {said}, not {wanted.fps:.1f} as asked")
+            given = "an unknown rate" if agreement.fps is None else f"{agreement.fps:.1f} frames/s"
+            self._report(f"camera {self._name} gives {given}, {wanted.fps:.1f} frames/s were requested")
         return agreement
 
     def _measure_rate(self, exposed_at_us: int) -> None:
-        """Once, over the first second: exposures over time, missed ones counted in."""
+        """Measure the rate of exposures once, over the first second; missed frames count."""
         if self.measured_fps is not None:
             return
         if self._sequence == 0 or not self._first_us:
@@ -142,6 +147,6 @@ class V4l2Source:
         promised = self.agreement.fps or self._settings.fps
         if abs(self.measured_fps - promised) > RATE_TOLERANCE * promised:
             self._report(
-                f"camera {self._name} gives {self.measured_fps:.1f} frames/s, not the {promised:.1f} "
-                "it promised: shorten the exposure, or ask for that rate"
+                f"camera {self._name} gives {self.measured_fps:.1f} frames/s, its driver reported "
+                f"{promised:.1f}: shorten the exposure, or request that rate"
             )

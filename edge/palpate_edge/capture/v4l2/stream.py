@@ -1,4 +1,4 @@
-"""A running stream: the driver's buffers in our memory, frames in order, the newest first served."""
+"""A running stream: the driver's buffers, mapped; reading returns the newest frame."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from palpate_edge.capture.v4l2.structures import (
 )
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 
-BUFFERS = 4  # one being filled, one being read, two for a reader that is late
+BUFFERS = 4  # one being filled, one being read, two spare for a late reader
 
 
 @dataclass(frozen=True, slots=True)
 class RawFrame:
-    """A filled buffer. data: valid until it is given back; stamp_us: CLOCK_MONOTONIC, None where the driver
-    stamps with another clock; damaged: the driver says that data were lost in it."""
+    """A filled buffer. data: valid until the buffer is returned; stamp_us: CLOCK_MONOTONIC, None when the
+    driver uses another clock; damaged: the driver flagged lost data."""
 
     index: int
     data: memoryview
@@ -36,7 +36,7 @@ class RawFrame:
 
 
 class BufferStream:
-    """Buffers mapped and streaming since it was made; `close` ends it, but not the device."""
+    """Maps buffers and starts streaming; `close` stops the stream and leaves the device open."""
 
     def __init__(self, device: VideoDevice) -> None:
         self._device = device
@@ -51,9 +51,9 @@ class BufferStream:
             raise
 
     def read(self, timeout_s: float, use: Callable[[RawFrame], None]) -> None:
-        """Wait for a frame and call `use` with the newest; older ones are passed over.
+        """Wait for a frame and call `use` with the newest; older frames are skipped.
 
-        Raises CameraStalledError when none comes in time, CameraLostError when the camera is gone.
+        Raises CameraStalledError when none comes in time, CameraLostError when the camera was unplugged.
         """
         self._wait(timeout_s)
         frame = self._take()
@@ -68,7 +68,7 @@ class BufferStream:
             self._give_back(frame)
 
     def close(self) -> None:
-        """Stop and release the buffers, also of a camera that is gone."""
+        """Stop and release the buffers, also those of an unplugged camera."""
         with suppress(CaptureError):
             self._device.call(Ioctl.STREAMOFF, ctypes.c_int(BufferType.VIDEO_CAPTURE))
         self._unmap()
@@ -78,12 +78,12 @@ class BufferStream:
         if not events:
             raise CameraStalledError(
                 f"camera {self._device.path} gave no frame for {timeout_s:.2f} s: check its cable and power; "
-                "it is opened again"
+                "it is being reopened"
             )
         if events[0][1] & (select.POLLERR | select.POLLHUP | select.POLLNVAL):
             raise CameraLostError(
                 f"camera {self._device.path} was unplugged or stopped: check its cable; "
-                "it is looked for again"
+                "it is being searched for"
             )
 
     def _map_buffers(self) -> None:
@@ -91,7 +91,8 @@ class BufferStream:
         self._device.call(Ioctl.REQBUFS, request)
         if request.count < 2:
             raise CaptureError(
-                f"camera {self._device.path} has memory for {request.count} buffers, not for 2"
+                f"camera {self._device.path} has memory for {request.count} buffers, at least 2 are needed: "
+                "use another camera or a smaller image"
             )
         for index in range(request.count):
             buffer = _buffer(index)
@@ -104,7 +105,7 @@ class BufferStream:
 
     def _take(self) -> RawFrame | None:
         buffer = _buffer(0)
-        if not self._device.ask(Ioctl.DQBUF, buffer):
+        if not self._device.try_call(Ioctl.DQBUF, buffer):
             return None
         monotonic = buffer.flags & BufferFlag.TIMESTAMP_MASK == BufferFlag.TIMESTAMP_MONOTONIC
         stamp = buffer.timestamp

@@ -1,7 +1,7 @@
 """The structures and ioctl numbers of ``linux/videodev2.h`` that a capture stream needs, for 64-bit kernels.
 
-Names are the kernel's without their prefix; "The Linux Media Infrastructure userspace API", part I, tells
-what each field means.
+Names are the kernel's without their prefix. "The Linux Media Infrastructure userspace API", part I, describes
+each field.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Memory(IntEnum):
 
 
 class Capability(IntFlag):
-    """Of Capabilities.device_caps."""
+    """Bits of Capabilities.device_caps."""
 
     VIDEO_CAPTURE = 0x0000_0001
     STREAMING = 0x0400_0000
@@ -76,7 +76,7 @@ class FormatDescription(Structure):
 
 
 class FrameSize(Structure):
-    """width, height: of a discrete size; the union's other reading, a stepwise range, is left unread."""
+    """A frame size. width, height: of a discrete size; the union's stepwise range is not used."""
 
     _fields_ = [
         ("index", c_uint32),
@@ -209,7 +209,7 @@ _WRITE, _READ = 1, 2
 
 
 def _ioc(direction: int, number: int, argument: type[Structure] | type[ctypes.c_int]) -> int:
-    """_IOC of ``asm-generic/ioctl.h``, which x86-64 and aarch64 share; 'V' is the video group."""
+    """Return the request number: _IOC of ``asm-generic/ioctl.h`` (x86-64 and aarch64), video group 'V'."""
     return direction << 30 | ctypes.sizeof(argument) << 16 | ord("V") << 8 | number
 
 

@@ -59,7 +59,7 @@ class Camera:
         pix.bytesperline = 2 * pix.width
         self.format = code, (pix.width, pix.height)
 
-    def ask(self, request, argument):
+    def try_call(self, request, argument):
         assert request is Ioctl.S_PARM
         fps = self.modes[self.format[0]][self.format[1]]
         if fps is None:
@@ -136,12 +136,12 @@ def test_a_control_that_keeps_its_value_is_told():
 def test_a_rounded_value_is_told():
     camera = uvc_camera()
     camera.get_control = lambda control_id: 10 if control_id == ID.GAIN else camera.ranges[control_id][2]
-    assert lock_controls(camera, WANTED) == ["gain is 10, not 12 as asked"]
+    assert lock_controls(camera, WANTED) == ["gain is 10, requested was 12"]
 
 
 def test_a_value_out_of_range_names_key_and_range():
     wanted = FixedExposure(exposure_us=5000, gain=101, white_balance_K=None)
-    with pytest.raises(CaptureError, match=r"capture.camera.gain: .* from 0 to 100, not 101"):
+    with pytest.raises(CaptureError, match=r"capture.camera.gain: 101 is out of range: .* takes 0 to 100"):
         lock_controls(uvc_camera(), wanted)
 
 
