@@ -20,8 +20,8 @@ from palpate_host.common.status import HostStatus
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore, HostOutput
 from palpate_twin.cli.hand import CONTACT_NOISE_MM
-from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.demo.programme import Programme
 from palpate_twin.demo.run_folder import make_run_folder
 from palpate_twin.paper.trial import make_engine
@@ -68,8 +68,8 @@ def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator
     with tempfile.TemporaryDirectory() as name:
         folder = make_run_folder(Path(name) / "run", None, 1_000_000)
         config, hand = load_hand(folder.hand_toml)
-        feel = DirectFeel(1e3 * config.control.tip_radius_m, CONTACT_NOISE_MM, seed)
-        loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), feel)
+        contacts = TrueContactSource(1e3 * config.control.tip_radius_m, CONTACT_NOISE_MM, seed)
+        loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), contacts)
         host = loop.host = TimedHost(loop.host)  # type: ignore[assignment]
 
         def ask(rotate: Rotate) -> HostStatus | None:

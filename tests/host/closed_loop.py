@@ -145,14 +145,14 @@ def make_closed_loop(
             ratio = np.abs([one.ordered_Nm for one in self.motors]) / self._torque_limit_Nm
             self.largest_order_ratio = max(self.largest_order_ratio, float(ratio.max()))
             self.torque_trace.append((self.now_us, ratio))
-            for touch in self.engine.touches():
+            for touch in self.engine.tip_contacts():
                 if touch is not None:
                     self.largest_force_N = max(self.largest_force_N, touch.normal_force_N)
 
         def _feel_and_publish(self, now_us: int) -> None:
             due = [f for f in range(len(self.tips)) if now_us >= self._next_exposure_us[f]]
             if due:
-                pose, touches = self.pose(), self.engine.touches()
+                pose, touches = self.pose(), self.engine.tip_contacts()
             for finger in due:
                 self._next_exposure_us[finger] += bench.FRAME_PERIOD_US
                 self._sequence[finger] += 1

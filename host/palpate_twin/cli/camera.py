@@ -1,4 +1,4 @@
-"""``palpate-host simulate dataset`` and ``camera``: a sensor's pictures as files, and live."""
+"""Commands ``palpate-host simulate dataset`` and ``camera``: rendered frames as files and in real time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import cv2
 
 from palpate_edge.common.signals import stop_event
 from palpate_twin.camera.layouts import NAMES
+from palpate_twin.cli.options import FILE
 from palpate_twin.dome.probe import Probe
 
 SHIPPED_PROBES = {probe.label: probe for probe in (Probe.PLATE, Probe.SPHERE5)}
@@ -17,12 +18,13 @@ sensor_option = click.option(
     "--sensor",
     "sensor_path",
     type=click.Path(path_type=Path, exists=True),
-    help="A dataset made by `simulate dataset`, its twin.json, or a sensor.toml.  [default: made up]",
+    help="Sensor to simulate: a dataset of `simulate dataset`, its twin.json, or a sensor.toml.  "
+    "[default: a random sensor]",
 )
 seed_option = click.option(
     "--random-seed",
     type=click.IntRange(0),
-    help="Of everything random in the sensor: all of it, or what a sensor.toml leaves open.  [default: 0]",
+    help="Random seed of the sensor, or of the properties that a sensor.toml does not specify.  [default: 0]",
 )
 probe_option = click.option(
     "--probe",
@@ -31,23 +33,44 @@ probe_option = click.option(
     multiple=True,
     default=("plate",),
     show_default=True,
-    help="What presses; may be given many times.",
+    help="Probe that presses the dome; may be repeated.",
+)
+press_seed_option = click.option(
+    "--press-seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of the presses."
 )
 
 
 @click.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="A folder, new.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="New folder for the dataset."
+)
 @sensor_option
 @seed_option
-@click.option("--layout", type=click.Choice(NAMES), help="Of a made-up sensor.  [default: by the seed]")
-@click.option("--presses", type=click.IntRange(0), default=200, show_default=True, help="To train with.")
-@click.option("--test-presses", type=click.IntRange(0), default=60, show_default=True)
 @click.option(
-    "--seconds", type=click.FloatRange(0, min_open=True), help="A moving contact, no single presses."
+    "--layout", type=click.Choice(NAMES), help="Bead layout of a random sensor.  [default: by the seed]"
+)
+@click.option(
+    "--presses",
+    type=click.IntRange(0),
+    default=200,
+    show_default=True,
+    help="Number of presses for training.",
+)
+@click.option(
+    "--test-presses",
+    type=click.IntRange(0),
+    default=60,
+    show_default=True,
+    help="Number of presses for testing.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0, min_open=True),
+    help="Write a moving contact of this duration instead of single presses.",
 )
 @probe_option
-@click.option("--hide", type=click.IntRange(0), default=0, help="The most beads hidden in a frame.")
-@click.option("--press-seed", type=click.IntRange(0), default=0, show_default=True, help="Of the presses.")
+@click.option("--hide", type=click.IntRange(0), default=0, help="Largest number of beads hidden in a frame.")
+@press_seed_option
 def dataset(
     output: Path,
     sensor_path: Path | None,
@@ -60,9 +83,10 @@ def dataset(
     hide: int,
     press_seed: int,
 ) -> None:
-    """Writes a press dataset of a simulated sensor, for `palpate-edge calibrate` and `evaluate`.
+    """Write a press dataset of a simulated sensor for `palpate-edge calibrate` and `evaluate`.
 
-    The same options give the same bytes. Beside sensor.toml stands twin.json: the sensor as it really is.
+    The same options give the same bytes. Besides sensor.toml, which describes the nominal sensor, the folder
+    contains twin.json with the true one.
 
     \b
     Examples:
@@ -70,7 +94,7 @@ def dataset(
       palpate-host simulate dataset -o moving-7 --sensor dome-7 --seconds 8 --press-seed 1
       palpate-host simulate dataset -o mine --sensor sensor.toml --presses 500 --probe plate --probe sphere5
     """
-    from rich.progress import Progress  # noqa: PLC0415 (as below: what --help need not wait for)
+    from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
     from palpate_twin.camera.renderer import CameraView  # noqa: PLC0415
@@ -100,16 +124,18 @@ def dataset(
 @click.option(
     "--shm",
     "ring",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     required=True,
-    help="Where to make the ring of frames, best in /dev/shm or /run.",
+    help="Path of the frame ring to create, preferably in /dev/shm or /run.",
 )
 @sensor_option
 @seed_option
 @probe_option
-@click.option("--press-seed", type=click.IntRange(0), default=0, show_default=True, help="Of the presses.")
-@click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Stop by itself after so long.")
-@click.option("--truth", type=click.Path(path_type=Path, dir_okay=False), help="Write what pressed as CSV.")
+@press_seed_option
+@click.option(
+    "--seconds", type=click.FloatRange(0, min_open=True), help="Stop after this time.  [default: never]"
+)
+@click.option("--truth", type=FILE, help="CSV file for the true contact of each frame.")
 def camera(
     ring: Path,
     sensor_path: Path | None,
@@ -119,9 +145,10 @@ def camera(
     seconds: float | None,
     truth: Path | None,
 ) -> None:
-    """A simulated sensor's camera, live: something presses it here and there, until SIGTERM or SIGINT.
+    """Simulate the camera of a sensor that is pressed at random places, in real time.
 
-    `palpate-edge run` reads the frames with `source = "shared_memory"` and the ring's path.
+    Runs until SIGTERM or SIGINT. `palpate-edge run` reads the frames with `source = "shared_memory"` and the
+    ring's path.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""``palpate-host simulate dome``: the paper's Table 2 and Fig. 11, one press, and the library of fields."""
+"""Commands ``palpate-host simulate dome``: the paper's Table 2 and Fig. 11, a press, the field library."""
 
 from __future__ import annotations
 
@@ -24,23 +24,48 @@ MESH = click.option(
     default=DEFAULT_MESH,
     show_default=True,
     metavar="CAP SIDE WALL",
-    help="Elements along the cap (even), down the side and through the wall.",
+    help="Number of elements along the cap (even), down the side and through the wall.",
 )
 THETA = click.option(
-    "--theta-deg", type=click.FloatRange(0, 85), default=30.0, show_default=True, help="From the pole."
+    "--theta-deg",
+    type=click.FloatRange(0, 85),
+    default=30.0,
+    show_default=True,
+    help="Polar angle of the contact, measured from the pole.",
 )
-DEPTH = click.option("--depth-mm", type=click.FloatRange(0, min_open=True), default=2.0, show_default=True)
-ONE_PROBE = click.option("--probe", "probe_name", type=PROBE, default="plate", show_default=True)
+DEPTH = click.option(
+    "--depth-mm",
+    type=click.FloatRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    help="Indentation of the probe.",
+)
+ONE_PROBE = click.option(
+    "--probe",
+    "probe_name",
+    type=PROBE,
+    default="plate",
+    show_default=True,
+    help="Probe that presses the dome.",
+)
 
 
 @click.group(invoke_without_command=True)
 @click.pass_context
 def dome(context: click.Context) -> None:
-    """The dome by finite elements; without a command, `analysis`. Needs the extra `twin`."""
+    """Compute the dome's deformation by finite elements. Without a command, run `analysis`.
+
+    Needs the extra `twin`.
+
+    \b
+    Examples:
+      palpate-host simulate dome
+      palpate-host simulate dome press --theta-deg 45 --depth-mm 2 --picture press.png
+    """
     try:
-        import scipy.sparse  # noqa: F401, PLC0415 (an extra, and slow to import)
+        import scipy.sparse  # noqa: F401, PLC0415 (optional, and slow to import)
     except ImportError:
-        raise ConfigError("the finite elements need the extra twin: pip install 'palpate[twin]'") from None
+        raise ConfigError("finite elements need the extra twin: pip install 'palpate[twin]'") from None
     if context.invoked_subcommand is None:
         context.invoke(analysis)
 
@@ -56,8 +81,13 @@ def analysis(
     depth_mm: float = 2.0,
     probe_name: str = "plate",
 ) -> None:
-    """Table 2's ratios as this dome gives them, and one press on finer and finer meshes."""
-    import numpy as np  # noqa: PLC0415 (as below: these load scipy)
+    """Print the ratios of the paper's Table 2, and one press on meshes of increasing resolution.
+
+    \b
+    Example:
+      palpate-host simulate dome analysis --mesh 4 3 1
+    """
+    import numpy as np  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_twin.dome.convergence import converge  # noqa: PLC0415
     from palpate_twin.dome.equilibrium import ElasticDome  # noqa: PLC0415
@@ -71,7 +101,9 @@ def analysis(
             f"{pair.contact_angle_deg:10d} deg  {pair.depth_mm:8.2f}  {pair.before_mm:9.2f}"
             f"  {pair.after_mm:8.2f}  {pair.ratio:.3f}  {TABLE_2[pair.contact_angle_deg]:.3f}"
         )
-    click.echo(f"\nMeshes: {probe_name}, theta {theta_deg:g} deg, depth {depth_mm:g} mm, slid by 0.15 of it")
+    click.echo(
+        f"\nMeshes: {probe_name}, theta {theta_deg:g} deg, depth {depth_mm:g} mm, slide 0.15 of the depth"
+    )
     click.echo("cap side wall  unknowns  force mm^2 mu  |contact+base|/|contact|  field rms um")
     for result in converge(float(np.radians(theta_deg)), depth_mm, PROBES[probe_name]):
         size = result.resolution
@@ -90,10 +122,12 @@ def analysis(
     type=(float, float),
     default=(0.0, 0.0),
     show_default=True,
-    help="Slide towards the base, and along the azimuth.",
+    help="Slide after the press: towards the base, along the azimuth.",
 )
 @ONE_PROBE
-@click.option("--picture", type=FILE, help="Draw the press: section and bead sphere (.png, .svg, .pdf).")
+@click.option(
+    "--picture", type=FILE, help="File for a drawing of section and bead sphere (.png, .svg, .pdf)."
+)
 def press(
     mesh: tuple[int, int, int],
     theta_deg: float,
@@ -102,7 +136,12 @@ def press(
     probe_name: str,
     picture: Path | None,
 ) -> None:
-    """One press: force on the dome and on its base, centre of pressure, and a picture (Fig. 11)."""
+    """Compute one press: forces on dome and base, centre of pressure, and a picture (Fig. 11).
+
+    \b
+    Example:
+      palpate-host simulate dome press --theta-deg 45 --depth-mm 2 --picture press.png
+    """
     import numpy as np  # noqa: PLC0415
 
     from palpate_twin.dome import press as pressing  # noqa: PLC0415
@@ -133,11 +172,16 @@ def press(
     multiple=True,
     default=("plate", "sphere5"),
     show_default=True,
-    help="May be given many times.",
+    help="Probe to solve for; may be repeated.",
 )
-@click.option("--out", type=FILE, help="Where to write  [default: the library that ships with palpate]")
+@click.option("--out", type=FILE, help="File to write.  [default: the library in the package]")
 def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path | None) -> None:
-    """Solves the library of displacement fields again (half an hour of one core)."""
+    """Solve the library of displacement fields (half an hour on one core).
+
+    \b
+    Example:
+      palpate-host simulate dome library --out fields.npz
+    """
     import numpy as np  # noqa: PLC0415
     from rich.progress import Progress  # noqa: PLC0415
 
@@ -147,7 +191,7 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
 
     target = out or SHIPPED
     if not os.access(target.parent, os.W_OK):
-        raise ConfigError(f"--out {target}: its folder is missing or cannot be written: give another")
+        raise ConfigError(f"--out {target}: the folder {target.parent} does not exist or is not writable")
     resolution = _resolution(mesh)
     domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
     probes = [PROBES[name] for name in dict.fromkeys(probe_names)]
@@ -163,10 +207,15 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
 
 
 @dome.command()
-@click.option("--seed", default=1, show_default=True, help="Of the random sensors and presses.")
-@click.option("--out", type=FILE, help="Where to write  [default: the dome model that ships with palpate]")
+@click.option("--seed", default=1, show_default=True, help="Random seed of sensors and presses.")
+@click.option("--out", type=FILE, help="File to write.  [default: the dome model in the package]")
 def model(seed: int, out: Path | None) -> None:
-    """Makes the dome model that calibrations start from, out of the library's fields."""
+    """Create the dome model, from which calibrations start, from the library's fields.
+
+    \b
+    Example:
+      palpate-host simulate dome model --out dome-model.npz
+    """
     from rich.progress import Progress  # noqa: PLC0415
 
     from palpate_edge.calibration.training.dome_model import SHIPPED, save_dome_model  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""``palpate-host simulate film``: what a simulated hand did, as a film."""
+"""Command ``palpate-host simulate film``: a film of a simulated hand."""
 
 from __future__ import annotations
 
@@ -6,33 +6,29 @@ from pathlib import Path
 
 import click
 
+from palpate_twin.cli.options import FILE, config_option
+
 STILLS, COLUMNS = 6, 3
 
 
 @click.command()
-@click.option(
-    "--config",
-    "config_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="hand.toml with [twin].",
-)
+@config_option("hand.toml with [twin].")
 @click.option(
     "--motion",
     "motion_path",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     required=True,
     help="motion.csv of `simulate live` or of the demo (run/truth/).",
 )
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     required=True,
-    help="The film, .webp; six of its pictures with roll, pitch, yaw go beside it as .png.",
+    help="Film to write (.webp). Six stills with roll, pitch, yaw are written next to it (.png).",
 )
 @click.option(
-    "--rate", type=click.FloatRange(1, 50), default=10.0, show_default=True, help="Pictures a second."
+    "--rate", type=click.FloatRange(1, 50), default=10.0, show_default=True, help="Frames per second."
 )
 @click.option(
     "--longest",
@@ -41,21 +37,23 @@ STILLS, COLUMNS = 6, 3
     default=60.0,
     show_default=True,
     metavar="SECONDS",
-    help="A longer motion is shown from its beginning. A picture takes 0.5 MB of memory.",
+    help="Longest film; of a longer motion, the beginning is shown. Each frame takes 0.5 MB of memory.",
 )
-@click.option("--plain", is_flag=True, help="Draw without OpenGL.")
+@click.option("--plain", is_flag=True, help="Use the plain renderer, which needs no OpenGL.")
 def film(
     config_path: Path, motion_path: Path, output: Path, rate: float, longest_s: float, plain: bool
 ) -> None:
-    """Draws a hand's motion, as fast as it was.
+    """Make a film of a simulated hand's motion at its original speed.
 
-    Without a display OpenGL needs MUJOCO_GL=egl or osmesa, --plain neither.
+    Without a display, OpenGL needs MUJOCO_GL=egl or osmesa; --plain works without.
 
     \b
-    MUJOCO_GL=egl palpate-host simulate film --config demo/run/hand.toml \\
-      --motion demo/run/truth/motion.csv -o hand.webp
+    Example:
+      palpate-host demo --lockstep
+      MUJOCO_GL=egl palpate-host simulate film --config demo/run/hand.toml \\
+        --motion demo/run/truth/motion.csv -o hand.webp
     """
-    import numpy as np  # noqa: PLC0415 (as below: what --help need not wait for)
+    import numpy as np  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.common.rotation import to_rpy_deg  # noqa: PLC0415
     from palpate_host.config import hand_config  # noqa: PLC0415
@@ -84,4 +82,5 @@ def film(
         stills.append(label(pictures[index], f"{seconds:.0f} s: {roll}, {pitch}, {yaw} deg"))
     write_grid(output.with_suffix(".png"), stills, COLUMNS)
     part = f"the first {longest_s:g} of {cut.whole_s:.1f} s, " if cut.whole_s > longest_s else ""
-    click.echo(f"{output}: {len(pictures)} pictures, {part}drawn {'plainly' if plain else 'by OpenGL'}")
+    renderer = "the plain renderer" if plain else "OpenGL"
+    click.echo(f"{output}: {len(pictures)} pictures, {part}drawn by {renderer}")

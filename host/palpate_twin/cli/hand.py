@@ -1,4 +1,4 @@
-"""``palpate-host simulate paper`` and ``hand``: the paper's experiments on a simulated hand."""
+"""Commands ``palpate-host simulate paper``, ``hand`` and ``loop``: experiments with a simulated hand."""
 
 from __future__ import annotations
 
@@ -7,29 +7,13 @@ from pathlib import Path
 
 import click
 
-from palpate_host.config.packaged import MODELS
+from palpate_twin.cli.options import FILE, FOLDER, hand_file, hand_option
 
-PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
 CONTACT_NOISE_MM = 0.15
-"""Standard deviation along each axis: the mean length of such a vector is sqrt(8/pi) = 1.596 times it, 0.24
-mm of error; the estimator's on the twin's ten sensors is 0.16 to 0.35, 0.22 on average
+"""Standard deviation along each axis. The mean length of such a vector is sqrt(8/pi) = 1.596 times it, an
+error of 0.24 mm; the estimator's error on the twin's ten sensors is 0.16 to 0.35 mm, 0.22 mm on average
 (docs/accuracy-twin.md)."""
-FILM_STRIDE = 2  # a picture a second
-
-
-def hand_file(name: str) -> Path:
-    """`table3`, `table4`, `table4-wide`, or a hand.toml."""
-    return PACKAGED.get(name, Path(name))
-
-
-hand_option = click.option(
-    "--hand",
-    "hand_name",
-    default="table4-wide",
-    show_default=True,
-    metavar="table3|table4|table4-wide|FILE",
-    help="A hand of the paper, Table 4's on a wider object, or a hand.toml with [twin].",
-)
+FILM_STRIDE = 2  # one picture per second
 
 
 @click.command()
@@ -38,7 +22,7 @@ hand_option = click.option(
     type=click.Choice(["eqs", "mujoco", "both"]),
     default="both",
     show_default=True,
-    help="Eqs. (4)-(8) with rolling tips, or MuJoCo's contacts with friction.",
+    help="Physics engine: eqs is Eqs. (4)-(8) with rolling tips, mujoco has contacts with friction.",
 )
 @click.option(
     "--hand",
@@ -47,24 +31,34 @@ hand_option = click.option(
     default=("table3", "table4"),
     show_default=True,
     metavar="table3|table4|FILE",
-    help="Table 3 makes Fig. 17, Table 4 (with a camera's ArUco truth) Fig. 20; may be given many times.",
+    help="table3 gives Fig. 17, table4 (with an ArUco marker as ground truth) Fig. 20; may be repeated.",
 )
 @click.option(
-    "--friction", type=click.FloatRange(0.05, 5.0), help="Of the tips in mujoco.  [default: the hand's]"
+    "--friction",
+    type=click.FloatRange(0.05, 5.0),
+    help="Friction coefficient of the tips in mujoco.  [default: from hand.toml]",
 )
 @click.option(
     "--noise",
     "noise_mm",
     type=click.FloatRange(0.0, 5.0),
-    help="Of contacts, standard deviation along each axis, mm.  [default: 0.15; Table 3: 0]",
+    help="Noise of contact positions: standard deviation along each axis in mm.  [default: 0.15; table3: 0]",
 )
-@click.option("--seconds", type=click.FloatRange(0.5, 600), default=10.0, show_default=True, help="Of a run.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the noise.")
-@click.option("--jobs", type=click.IntRange(1), help="Runs at the same time.  [default: one a core]")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.5, 600),
+    default=10.0,
+    show_default=True,
+    help="Duration of each run.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the noise."
+)
+@click.option("--jobs", type=click.IntRange(1), help="Number of parallel runs.  [default: one per core]")
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("paper"),
     show_default=True,
     help="Folder for the figures and results.md.",
@@ -79,11 +73,11 @@ def paper(
     jobs: int | None,
     output: Path,
 ) -> None:
-    """Turns an object by 30 deg in roll, pitch and yaw: the paper's law beside the blind one.
+    """Turn an object by 30 deg in roll, pitch and yaw under the paper's law and the blind law.
 
-    Contacts come 30 times a second and 50 ms late. Table 3's are exact; other hands' have the estimator's
-    noise, and the object's turn is also measured by an external camera. The third column of errors is the
-    paper's law with an integral. The same options give the same numbers.
+    Contacts arrive at 30 Hz with a delay of 50 ms. For table3 they are exact; for other hands they have the
+    estimator's noise, and an external camera also measures the object's rotation. A third law is the paper's
+    with an integral term. The same options give the same numbers.
 
     \b
     Examples:
@@ -91,7 +85,7 @@ def paper(
       palpate-host simulate paper --hand table3 --engine eqs --seconds 5 -o fig17
       palpate-host simulate paper --hand my-hand.toml --noise 0.24
     """
-    from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
+    from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_twin.paper.figure_data import all_cases, engines_table, run_all, table  # noqa: PLC0415
     from palpate_twin.paper.figures import draw_turns  # noqa: PLC0415
@@ -102,8 +96,8 @@ def paper(
     cases = []
     for name in dict.fromkeys(hand_names):
         is_simulation = name == "table3"
-        usual_mm = 0.0 if is_simulation else CONTACT_NOISE_MM
-        noise = usual_mm if noise_mm is None else noise_mm
+        default_mm = 0.0 if is_simulation else CONTACT_NOISE_MM
+        noise = default_mm if noise_mm is None else noise_mm
         cases += all_cases(hand_file(name), engines, seconds, noise, seed, not is_simulation, friction)
     with Progress() as progress:
         task = progress.add_task("runs", total=len(cases))
@@ -119,18 +113,15 @@ def paper(
 
 @click.command()
 @hand_option
-@click.option(
-    "--write",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the hand's MuJoCo model (MJCF) there.",
-)
+@click.option("--write", type=FILE, help="File for the hand's MuJoCo model (MJCF).")
 @click.option(
     "--picture",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Draw hand and object there (.png); needs OpenGL: MUJOCO_GL=egl or osmesa without a display.",
+    type=FILE,
+    help="File for a picture of hand and object (.png). Needs OpenGL; without a display set MUJOCO_GL=egl "
+    "or osmesa.",
 )
 def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
-    """Checks a hand.toml and prints its hand: joints, tips in the start pose, where they meet the object.
+    """Check a hand.toml and print its joints, its tips in the start pose and their first contacts.
 
     \b
     Examples:
@@ -158,31 +149,49 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
     multiple=True,
     default=("roll", "pitch", "yaw"),
     show_default=True,
-    help="About which axis, by 30 deg; each is a run of its own.",
+    help="Axis of the 30 deg turn; may be repeated, one run each.",
 )
-@click.option("--seconds", type=click.FloatRange(2.0, 600), default=8.0, show_default=True, help="Of a run.")
-@click.option("--friction", type=click.FloatRange(0.05, 5.0), help="Of the tips.  [default: the hand's]")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(2.0, 600),
+    default=8.0,
+    show_default=True,
+    help="Duration of each run.",
+)
+@click.option(
+    "--friction",
+    type=click.FloatRange(0.05, 5.0),
+    help="Friction coefficient of the tips.  [default: from hand.toml]",
+)
 @click.option(
     "--integral",
     type=click.FloatRange(0.0, 10.0),
     default=0.0,
     show_default=True,
-    help="control.integral_per_s.",
+    help="Integral gain, control.integral_per_s of hand.toml.",
 )
-@click.option("--engine", type=click.Choice(["eqs", "mujoco"]), default="mujoco", show_default=True)
-@click.option("--direct", is_flag=True, help="True contacts with noise in place of rendered frames.")
 @click.option(
-    "--weight", "has_weight", is_flag=True, help="The object has its weight, and the host carries it."
+    "--engine",
+    type=click.Choice(["eqs", "mujoco"]),
+    default="mujoco",
+    show_default=True,
+    help="Physics engine: eqs is Eqs. (4)-(8) with rolling tips, mujoco has contacts with friction.",
+)
+@click.option("--direct", is_flag=True, help="Use true contacts with noise instead of rendered frames.")
+@click.option(
+    "--weight", "has_weight", is_flag=True, help="Give the object weight, which the host compensates."
 )
 @click.option("--film", "with_film", is_flag=True, help="Draw each run (film-yaw.png, ...); needs OpenGL.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of sensors and noise.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of sensors and noise."
+)
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("loop"),
     show_default=True,
-    help="Folder for the sensors, kept for the next run, and results.md.",
+    help="Folder for results.md and for the sensors, which later runs use again.",
 )
 def loop(
     hand_name: str,
@@ -197,21 +206,26 @@ def loop(
     seed: int,
     output: Path,
 ) -> None:
-    """The whole chain in lock step: physics, rendered fingertips, estimators, CAN nodes, drives, host.
+    """Grasp and turn an object with the whole chain in lock step.
 
-    Grasps the object and turns it. One process on a virtual clock: the same options give the same numbers,
-    however busy the machine is. The first run makes a sensor for each finger and calibrates it.
+    The chain is physics, rendered fingertips, estimators, CAN nodes, drives and host, in one process on
+    simulated time: the same options give the same numbers on any machine. The first run creates a sensor for
+    each finger and calibrates it.
 
     \b
     Examples:
       palpate-host simulate loop --turn yaw
       palpate-host simulate loop --direct --friction 0.8 --integral 1
     """
-    from rich.progress import Progress  # noqa: PLC0415 (as below: slow to import)
+    from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.config import hand_config  # noqa: PLC0415
-    from palpate_twin.closed_loop.fingertip_feel import DirectFeel, Feel, RenderedFeel  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
+    from palpate_twin.closed_loop.tactile_rendering import (  # noqa: PLC0415
+        ContactSource,
+        RenderedContactSource,
+        TrueContactSource,
+    )
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, write_row  # noqa: PLC0415
     from palpate_twin.paper.figure_data import AXES  # noqa: PLC0415
@@ -231,10 +245,10 @@ def loop(
                 output, names, radius_mm, seed, library, lambda text: progress.update(task, description=text)
             )
 
-        def make_feel() -> Feel:
+        def make_contact_source() -> ContactSource:
             if sensors is None:
-                return DirectFeel(radius_mm, CONTACT_NOISE_MM, seed)
-            return RenderedFeel(sensors, library, seed)
+                return TrueContactSource(radius_mm, CONTACT_NOISE_MM, seed)
+            return RenderedContactSource(sensors, library, seed)
 
         results = []
         for turn in turns:
@@ -243,7 +257,7 @@ def loop(
                 run_loop(
                     path,
                     AXES.index(turn),
-                    make_feel,
+                    make_contact_source,
                     seconds=seconds,
                     friction=friction,
                     integral_per_s=integral,

@@ -1,4 +1,4 @@
-"""``palpate-host simulate fingertips`` and ``live``: a hand in real time on a bus, and the tips it needs."""
+"""Commands ``palpate-host simulate fingertips`` and ``live``: a hand in real time, and its sensors."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
-from palpate_twin.cli.hand import hand_file, hand_option
+from palpate_twin.cli.options import FILE, FOLDER, config_option, hand_file, hand_option
 
 seed_option = click.option(
-    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the made-up sensors."
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the sensors."
 )
 
 
@@ -20,17 +20,18 @@ seed_option = click.option(
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     required=True,
-    help="Takes a dataset and a calibration for each finger; what is there already is kept.",
+    help="Folder for a dataset and a calibration per finger; existing ones are kept.",
 )
 def fingertips(hand_name: str, seed: int, output: Path) -> None:
-    """Makes up a sensor for each finger of a hand, presses it 60 times, and calibrates it.
+    """Create a random sensor for each finger of a hand, press it 60 times, and calibrate it.
 
     \b
-    palpate-host simulate fingertips -o sensors
+    Example:
+      palpate-host simulate fingertips -o sensors
     """
-    from palpate_host.config import hand_config  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_host.config import hand_config  # noqa: PLC0415 (as below: keeps --help fast)
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
@@ -42,44 +43,39 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
 
 
 @click.command()
-@click.option(
-    "--config",
-    "config_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="hand.toml with [twin]: its bus, drives, fingertips.",
-)
+@config_option("hand.toml with [twin], bus, drives and fingertips.")
 @click.option(
     "--sensors",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     required=True,
-    help="What `simulate fingertips` made.",
+    help="Folder written by `simulate fingertips`.",
 )
 @click.option(
     "--ring",
     "rings",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     multiple=True,
     required=True,
-    help="Where a fingertip's daemon finds its frames; once a finger, in the hand's order.",
+    help="Path of a fingertip's frame ring to create; once per finger, in the order of hand.toml.",
 )
 @click.option(
     "--truth",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     required=True,
-    help="Folder that takes motion.csv and one FINGER.csv each: what really was.",
+    help="Folder for the truth: motion.csv of hand and object, FINGER.csv of each fingertip's contacts.",
 )
 @seed_option
 def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path, seed: int) -> None:
-    """Hand, object and drives in real time on a bus, the fingertips' pictures in shared memory.
+    """Simulate hand, object and drives in real time on a bus, with the cameras in shared memory.
 
-    Runs until SIGTERM or SIGINT. `palpate-edge run` reads the pictures, `palpate-host run` moves the drives.
+    Runs until SIGTERM or SIGINT. `palpate-edge run` reads the frames, `palpate-host run` controls the drives.
 
     \b
-    palpate-host simulate live --config hand.toml --sensors sensors --truth truth \\
-      --ring /dev/shm/finger-1 --ring /dev/shm/finger-2 --ring /dev/shm/finger-3
+    Example (with the bus of hand.toml running):
+      palpate-host simulate live --config hand.toml --sensors sensors --truth truth \\
+        --ring /dev/shm/finger-1 --ring /dev/shm/finger-2 --ring /dev/shm/finger-3
     """
-    from palpate_edge.can_bus.bus import open_bus  # noqa: PLC0415 (as below: what --help need not wait for)
+    from palpate_edge.can_bus.bus import open_bus  # noqa: PLC0415 (as below: keeps --help fast)
     from palpate_edge.can_bus.simulated_clock import ClockKeeper  # noqa: PLC0415
     from palpate_edge.common.errors import ConfigError  # noqa: PLC0415
     from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
@@ -94,7 +90,9 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     config, kinematics = load_hand(config_path)
     names = [finger.name for finger in config.fingers]
     if len(rings) != len(names):
-        raise ConfigError(f"--ring is given {len(rings)} times, the hand has {len(names)} fingers")
+        raise ConfigError(
+            f"{len(rings)} --ring for {len(names)} fingers of the hand: give --ring once per finger"
+        )
     truth.mkdir(parents=True, exist_ok=True)
     files = [
         CameraFiles(sensors / name / TWIN_FILE, ring, truth / f"{name}.csv")
@@ -114,7 +112,7 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
         click.echo(f"simulated hand: {len(config.joints)} drives, {len(names)} cameras", err=True)
         hand.serve(bus, stop, keeper)
     click.echo(
-        f"simulated hand stopped: {hand.exposures} exposures; {hand.own_us / 1e6:.2f} s of its own time, "
-        f"{hand.pace:.3f} of real time",
+        f"simulated hand stopped: {hand.exposures} exposures in {hand.simulated_us / 1e6:.2f} s of simulated "
+        f"time, {hand.pace:.3f} of real time",
         err=True,
     )

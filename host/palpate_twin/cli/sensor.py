@@ -1,4 +1,4 @@
-"""``palpate-host simulate sensor``: a sensor.toml in figures and as a drawing."""
+"""Command ``palpate-host simulate sensor``: a sensor.toml as a table and as a drawing."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from pathlib import Path
 import click
 
 from palpate_edge.datasets.sensor_file import read_sensor
+from palpate_twin.cli.options import FILE
 
 
 @click.command()
 @click.argument("sensor_toml", type=click.Path(path_type=Path))
-@click.option(
-    "--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw it there (.svg, .png, .pdf)."
-)
+@click.option("--picture", type=FILE, help="File for a drawing (.svg, .png, .pdf).")
 def sensor(sensor_toml: Path, picture: Path | None) -> None:
-    """Checks a sensor.toml and prints where its beads go: what a mould is made from.
+    """Check a sensor.toml and print the bead positions, from which a mould can be made.
 
     \b
     Examples:

@@ -1,7 +1,7 @@
-"""A simulated external camera over the hand: an ArUco marker on the object's upper end, seen by a pinhole.
+"""Simulated external camera above the hand, which sees an ArUco marker on the object's upper end.
 
-The picture of a flat marker is a homography of its pattern, exactly; so no renderer is needed. Nothing hides
-the marker. What a real camera adds: blur of the lens, noise of the sensor.
+For a pinhole camera, the image of a flat marker is exactly a homography of its pattern, so no renderer is
+needed. Lens blur and sensor noise are added. The marker is never occluded.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ OVERSAMPLING = 2
 
 @dataclass(frozen=True, slots=True)
 class ExternalCamera:
-    """Where camera and marker are.
+    """Pose of the camera, and size and place of the marker.
 
-    position_m (3,), target_m (3,): the camera looks from one at the other, in the hand's frame, its picture
-    upright for +y. top_m: height of the object's upper end over its centre of mass.
+    position_m (3,), target_m (3,): position of the camera and the point at which it looks, in the hand frame;
+    +y is up in the image. top_m: height of the object's upper end above its centre of mass.
     """
 
     position_m: Array
@@ -51,7 +51,7 @@ class ExternalCamera:
 
     @property
     def rotation(self) -> Array:
-        """(3, 3): rows are the camera's axes (right, down, ahead) in the hand's frame."""
+        """(3, 3): rows are the camera's axes (right, down, ahead) in the hand frame."""
         ahead = self.target_m - self.position_m
         ahead = ahead / np.linalg.norm(ahead)
         right = rotation.cross(ahead, np.array([0.0, 1.0, 0.0]))
@@ -59,7 +59,7 @@ class ExternalCamera:
         return np.array([right, rotation.cross(ahead, right), ahead])
 
     def picture(self, object_rotation: Array, object_m: Array, rng: np.random.Generator) -> Image:
-        """(height, width) grey picture of the marker on an object of that pose."""
+        """Return the grey image (height, width) of the marker on an object with the given pose."""
         pattern, metres_of_pattern = self._pattern()
         R = self.rotation @ object_rotation
         origin = self.rotation @ (object_m + object_rotation @ [0.0, 0.0, self.top_m] - self.position_m)
@@ -77,7 +77,7 @@ class ExternalCamera:
         return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
     def _pattern(self) -> tuple[Image, Array]:
-        """The marker with its white margin, and (3, 3) from its pixels to metres in the marker's frame."""
+        """Return the marker with its white margin, and the map (3, 3) from its pixels to metres."""
         dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
         marker = cv2.aruco.generateImageMarker(dictionary, self.marker_id, PATTERN_PX)
         q = QUIET_ZONE_PX
@@ -89,19 +89,19 @@ class ExternalCamera:
 
 
 class MarkerTruth:
-    """The object's pose as the marker tells it: what an experiment without a simulator would know."""
+    """Ground truth of the object's orientation, measured by the marker as in a real experiment."""
 
     def __init__(self, camera: ExternalCamera) -> None:
         self._camera = camera
         self._detector = MarkerCamera(camera.intrinsics_px, camera.marker_id, camera.side_m)
 
     def object_rotation(self, image: Image) -> Array | None:
-        """(3, 3) in the hand's frame; None when the marker is not found."""
+        """Return the orientation (3, 3) in the hand frame, or None if the marker is not found."""
         pose = self._detector.pose(image)
         return None if pose is None else np.asarray(self._camera.rotation.T @ pose.rotation)
 
 
 def camera_above(object_m: Array, length_m: float) -> ExternalCamera:
-    """The camera of Fig. 18: 0.35 m above and to the side, so that the flat marker's pose is unambiguous."""
+    """Return the camera of Fig. 18, 0.35 m above and to the side: the marker's pose is then unambiguous."""
     top = np.array(object_m) + np.array([0.0, 0.0, length_m / 2.0])
     return ExternalCamera(top + np.array([0.10, -0.20, 0.28]), top, length_m / 2.0)

@@ -1,4 +1,4 @@
-"""Simulated fingertip sensors for a hand, each made up from a seed, pressed, and calibrated as a real one."""
+"""Simulated fingertip sensors for a hand: random sensors, pressed and calibrated like real ones."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def fingertip_sensors(
     library: FieldLibrary,
     done: Callable[[str], None],
 ) -> list[tuple[TwinSensor, Calibration]]:
-    """A sensor and its calibration for each finger, made in `folder` or found there from an earlier run.
+    """Return a sensor and its calibration for each finger; those missing in `folder` are created there.
 
-    radius_mm: of the hand's domes. ConfigError when no seed near `seed` has that size, or when a sensor found
-    there has another.
+    radius_mm: radius of the hand's domes. done: called with a text before each step. Raises ConfigError if
+    none of the tried seeds gives that radius, or if a sensor in `folder` has a different one.
     """
     sensors = []
     candidates = iter(range(1000 * seed, 1000 * seed + SEEDS_TO_TRY))
@@ -44,7 +44,7 @@ def fingertip_sensors(
         if not (dataset / TWIN_FILE).exists():
             view = CameraView(_sensor_of_size(candidates, radius_mm), library)
             done(f"{name}: {PRESSES} presses")
-            part = folder / f"{name}.part"  # what an interrupted run left is made anew
+            part = folder / f"{name}.part"  # renamed once complete; left over by an interrupted run
             shutil.rmtree(part, ignore_errors=True)
             write_dataset(part, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
             part.rename(dataset)
@@ -54,15 +54,15 @@ def fingertip_sensors(
         twin = load_twin(dataset / TWIN_FILE)
         if abs(twin.sensor.dome.outer_radius_mm - radius_mm) > RADIUS_TOLERANCE_MM:
             raise ConfigError(
-                f"{dataset}: a dome of {twin.sensor.dome.outer_radius_mm:g} mm, the hand's tips have"
-                f" {radius_mm:g}: give another --output, or remove that folder and {calibration.name}"
+                f"{dataset}: dome radius {twin.sensor.dome.outer_radius_mm:g} mm, but the hand's tips have"
+                f" {radius_mm:g} mm: give another --output, or remove that folder and {calibration.name}"
             )
         sensors.append((twin, load_calibration(calibration)))
     return sensors
 
 
 def _can_load(calibration: Path) -> bool:
-    """Not one that another version of palpate made."""
+    """Return whether a calibration file exists that this version of palpate can read."""
     try:
         load_calibration(calibration)
     except CalibrationError:
@@ -71,11 +71,11 @@ def _can_load(calibration: Path) -> bool:
 
 
 def _sensor_of_size(seeds: Iterator[int], radius_mm: float) -> TwinSensor:
-    """The next made-up sensor with 85 beads in rings and that radius."""
+    """Return the next random sensor with 85 beads in rings and the given radius."""
     for seed in seeds:
         twin = random_sensor(seed, layouts.NAMES[0])
         if abs(twin.sensor.dome.outer_radius_mm - radius_mm) <= RADIUS_TOLERANCE_MM:
             return twin
     raise ConfigError(
-        f"no made-up sensor has a dome of {radius_mm:g} mm: use a hand with tips of 30 mm, or --direct"
+        f"no random sensor has a dome radius of {radius_mm:g} mm: use a hand with tips of 30 mm, or --direct"
     )

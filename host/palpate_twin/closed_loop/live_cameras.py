@@ -1,6 +1,6 @@
-"""The fingertips' cameras of a simulated hand: a process that renders what it is told into rings of frames.
+"""Cameras of the simulated fingertips: a process that renders frames into shared-memory rings.
 
-A process of its own, because a picture takes longer than the drives may wait for the hand.
+It is a separate process because rendering a frame takes longer than the drives may wait for the hand.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ import numpy as np
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.errors import ConfigError
+from palpate_twin.camera.frame_truth import FrameTruth, FrameTruthFile
 from palpate_twin.camera.look import load_twin
 from palpate_twin.camera.renderer import CameraView
-from palpate_twin.closed_loop.fingertip_feel import DomeTouch, Picture, press_of
-from palpate_twin.closed_loop.picture_file import PictureFile
+from palpate_twin.closed_loop.tactile_rendering import DomeContact, press_for
 from palpate_twin.dome.library import load_library
 
-READY_S = 60.0
-STOP_S = 5.0
-ENDED = "the cameras' process has ended: see what it said above"
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 5.0
+ENDED = "the camera process has ended: its error message is above"
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFiles:
-    """One fingertip's files: the sensor as it is (twin.json), the ring to make, the truth to write."""
+    """Files of one fingertip: its true sensor (twin.json), the frame ring and the truth to write."""
 
     sensor: Path
     ring: Path
@@ -41,40 +41,43 @@ class CameraFiles:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """What one camera shall see. exposed_at_us: of CLOCK_MONOTONIC."""
+    """A frame to render. exposed_at_us: time of the exposure on CLOCK_MONOTONIC."""
 
     finger: int
     sequence: int
     exposed_at_us: int
-    touch: DomeTouch | None
+    contact: DomeContact | None
 
 
 class LiveCameras:
-    """The process; `fps` is known once it is ready."""
+    """Client of the camera process. fps: frame rate of each camera."""
 
     def __init__(self, files: Sequence[CameraFiles], seed: int) -> None:
-        """Raises ConfigError when the cameras cannot be made."""
+        """Start the process and wait until it is ready. Raises ConfigError if a camera cannot be created."""
         context = get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(list(files), seed, theirs), daemon=True)
+        self._pipe, child_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(list(files), seed, child_end), daemon=True)
         self._process.start()
-        theirs.close()
+        child_end.close()
         try:
-            if not self._pipe.poll(READY_S):
-                raise ConfigError(f"the cameras were not ready within {READY_S:g} s: is the machine busy?")
-            answer = self._pipe.recv()
+            if not self._pipe.poll(START_TIMEOUT_S):
+                raise ConfigError(
+                    f"the camera process was not ready within {START_TIMEOUT_S:g} s: "
+                    "stop other programs on this machine and try again"
+                )
+            reply = self._pipe.recv()
         except EOFError:
-            raise ConfigError("the cameras' process ended at its start: see what it said above") from None
+            raise ConfigError(ENDED) from None
         finally:
             if not self._process.is_alive():
                 self._process.join()
-        if isinstance(answer, str):
-            raise ConfigError(answer)
-        self.fps: list[float] = answer
+        if isinstance(reply, str):
+            raise ConfigError(reply)
+        self.fps: list[float] = reply
         self._busy: set[int] = set()
 
     def is_busy(self, finger: int) -> bool:
-        """Whether its last picture is not drawn yet. Raises ConfigError when the process has died."""
+        """Return whether a frame is being rendered. Raises ConfigError if the process has ended."""
         try:
             while self._busy and self._pipe.poll():
                 self._busy.discard(self._pipe.recv())
@@ -83,7 +86,7 @@ class LiveCameras:
         return finger in self._busy
 
     def expose(self, exposure: Exposure) -> None:
-        """Begin a picture. Raises ConfigError when the process has died."""
+        """Start rendering a frame. Raises ConfigError if the process has ended."""
         try:
             self._pipe.send(exposure)
         except OSError:
@@ -94,7 +97,7 @@ class LiveCameras:
         """End the process and remove the rings."""
         with suppress(OSError):
             self._pipe.send(None)
-        self._process.join(STOP_S)
+        self._process.join(STOP_TIMEOUT_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
@@ -102,39 +105,44 @@ class LiveCameras:
 
 
 def _serve(files: Sequence[CameraFiles], seed: int, pipe: Connection) -> None:
-    """Answers with the frame rates, or with what is wrong as text; then renders until None or the end of the
-    pipe, and tells of each picture whose it was."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the hand, which then closes the pipe
-    os.setsid()  # Linux shares the processor out by session (autogroup): pictures get a share of their own
+    """Run the camera process.
+
+    It first sends the frame rates, or an error message as text. Then it renders each received exposure and
+    sends back its finger, until it receives None or the pipe is closed.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the hand handles Ctrl-C and closes the pipe
+    os.setsid()  # Linux divides processor time between sessions (autogroup): rendering gets its own share
     cv2.setNumThreads(1)
     with ExitStack() as stack:
         try:
             library = load_library()
             cameras = [_Camera(paths, CameraView(load_twin(paths.sensor), library), stack) for paths in files]
-        except Exception as error:  # noqa: BLE001 - not swallowed: the hand's process raises it
+        except Exception as error:  # noqa: BLE001 - reported to the hand's process, which raises it
             pipe.send(str(error))
             return
         rng = np.random.default_rng([seed, 9])
         pipe.send([camera.view.twin.sensor.camera.fps for camera in cameras])
-        with suppress(EOFError, OSError):  # the hand's process is gone
+        with suppress(EOFError, OSError):  # the hand's process has ended
             while (exposure := pipe.recv()) is not None:
                 cameras[exposure.finger].render(exposure, rng)
                 pipe.send(exposure.finger)
 
 
 class _Camera:
+    """One fingertip's renderer with its frame ring and truth file."""
+
     def __init__(self, paths: CameraFiles, view: CameraView, stack: ExitStack) -> None:
         camera = view.twin.sensor.camera
         form = RingFormat(camera.width, camera.height, 3, fingerprint=view.twin.sensor.fingerprint())
         self.view = view
         self._radius_mm = view.twin.sensor.dome.outer_radius_mm
         self._ring = stack.enter_context(closing(RingWriter(paths.ring, form)))
-        self._truth = stack.enter_context(PictureFile(paths.truth))
+        self._truth = stack.enter_context(FrameTruthFile(paths.truth))
 
     def render(self, exposure: Exposure, rng: np.random.Generator) -> None:
-        """A frame into the ring, and what pressed into the truth."""
-        press = None if exposure.touch is None else press_of(self.view, exposure.touch)
+        """Write a frame into the ring and its true contact into the truth file."""
+        press = None if exposure.contact is None else press_for(self.view, exposure.contact)
         image, force_N = self.view.frame(press, rng)
         self._ring.write(image, exposure.sequence, exposure.exposed_at_us)
         point_mm = None if press is None else self._radius_mm * press.outward
-        self._truth.note(Picture(exposure.sequence, exposure.exposed_at_us, point_mm, force_N))
+        self._truth.write(FrameTruth(exposure.sequence, exposure.exposed_at_us, point_mm, force_N))

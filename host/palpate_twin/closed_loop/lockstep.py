@@ -1,8 +1,8 @@
-"""The closed loop in one process on a virtual clock: hand, object, fingertips, drives and host, on one bus.
+"""The closed loop in one process on simulated time: hand, object, fingertips, drives and host on one bus.
 
-Everything but the physics is what runs as a process elsewhere: the host's core, the fingertips' CANopen
-nodes, the drives' CiA 402 slaves, and every frame between them. Time goes on in steps of the engine; nothing
-waits, nothing depends on the machine: the same arguments give the same bits.
+Apart from the physics engine, all parts are the real ones: the host core, the fingertips' CANopen nodes, the
+drives' CiA 402 slaves, and every CAN frame between them. Time advances by the engine's step. Nothing depends
+on the machine's speed, so the same arguments give the same bits.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host_core import HostCore
-from palpate_twin.closed_loop.fingertip_feel import Feel, touches_in_F
+from palpate_twin.closed_loop.tactile_rendering import ContactSource, dome_contacts
 from palpate_twin.hand.driven_hand import DrivenHand
 from palpate_twin.hand.engine import Engine, LostGraspError
 
 START_US = 1_700_000_000_000_000
 FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
-"""From a frame's exposure to its contact in the node: half a frame of exposure, read-out, the estimate."""
+"""Time from a frame's exposure to its contact in the node: half the exposure, read-out and estimate."""
 FILM_PERIOD_US = 500_000
 WIRE_US = 130
-"""A frame of 8 bytes with its stuff bits at 1 Mbit/s."""
+"""Duration of a CAN frame of 8 bytes with stuff bits at 1 Mbit/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One host tick: virtual seconds since the start, the host's mode, the object's pose (3, 3) and (3,)."""
+    """One host tick: simulated seconds since the start, the host's mode, the object's pose (3, 3), (3,)."""
 
     time_s: float
     mode: Mode
@@ -51,8 +51,11 @@ class Sample:
 
 @dataclass(slots=True)
 class LoopRecord:
-    """contacts: (finger, what was published, the true point on the dome or None). film: MuJoCo's qpos, every
-    half second from the start."""
+    """Recorded data of a run.
+
+    contacts: finger, published contact and true position on the dome (None without contact) of each frame.
+    film: MuJoCo's qpos every half second from the start.
+    """
 
     samples: list[Sample] = field(default_factory=list)
     contacts: list[tuple[int, Contact, Array | None]] = field(default_factory=list)
@@ -62,23 +65,26 @@ class LoopRecord:
 
 
 class LockstepLoop:
-    """Everything on one virtual bus; `run` moves it on. status: the host's newest; is_over: stopped."""
+    """All parts on one simulated bus. status: newest status of the host; is_over: the host has stopped."""
 
     def __init__(
         self,
         config: HandConfig,
         hand: HandKinematics,
         engine: Engine,
-        feel: Feel,
+        contact_source: ContactSource,
         has_weight: bool = False,
         on_frame: Callable[[int, CanFrame], None] = lambda _stamp_us, _frame: None,
         on_step: Callable[[int], None] = lambda _now_us: None,
     ) -> None:
-        """has_weight: when the host begins to turn the object, what it stood on is taken away. on_frame: sees
-        each frame with the time at which it is over the wire; on_step: called before each step."""
+        """Connect the parts.
+
+        has_weight: the object's support is removed when the host begins to turn the object. on_frame: called
+        with each CAN frame and the time at which its transmission ends. on_step: called before each step.
+        """
         self._is_supported = has_weight
         self.engine, self.record = engine, LoopRecord()
-        self._hand, self._feel = hand, feel
+        self._hand, self._contact_source = hand, contact_source
         self._on_frame, self._on_step = on_frame, on_step
         self._radius_mm = 1e3 * config.control.tip_radius_m
         self.host = HostCore(config, hand)
@@ -96,7 +102,7 @@ class LockstepLoop:
         self._pending: deque[tuple[int, int, Contact]] = deque()
 
     def run(self, duration_s: float) -> LoopRecord:
-        """Move on; ends early when the host has stopped the hand."""
+        """Simulate `duration_s`, less if the host stops the hand."""
         end_us = self._now_us + round(duration_s * 1e6)
         while self._now_us < end_us and not self.is_over:
             self.is_over = self._step()
@@ -111,12 +117,12 @@ class LockstepLoop:
         self._expose(now_us)
         self._publish(now_us)
         if to_nodes or now_us >= min(self._due_us):
-            self._driven.look()
+            self._driven.read_joints()
         for index, node in enumerate(self._nodes):
             if to_nodes or now_us >= self._due_us[index]:
-                answer = node.process(now_us, to_nodes)
-                self._due_us[index] = answer.next_due_us
-                self._send(now_us, answer.frames_out, from_host=False)
+                sent = node.process(now_us, to_nodes)
+                self._due_us[index] = sent.next_due_us
+                self._send(now_us, sent.frames_out, from_host=False)
         output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
         self.status = output.status
@@ -127,7 +133,7 @@ class LockstepLoop:
                 Sample(seconds, mode, engine.object_rotation, engine.object_position_m)
             )
             if self._is_supported and mode is Mode.MANIPULATE:
-                engine.take_support_away()
+                engine.remove_support()
                 self._is_supported = False
         self.record.failure = output.failure
         self._driven.step()
@@ -135,7 +141,7 @@ class LockstepLoop:
         return output.finished
 
     def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
-        """Onto the wire, one after the other."""
+        """Transmit frames one after the other."""
         for frame in frames:
             self._wire_free_us = max(self._wire_free_us, now_us) + WIRE_US
             self._wire.append((self._wire_free_us, frame, from_host))
@@ -143,7 +149,7 @@ class LockstepLoop:
             self.record.bus_frames += 1
 
     def _arrived(self, now_us: int) -> tuple[list[CanFrame], list[tuple[int, CanFrame]]]:
-        """What nodes and host receive until now; the host hears its own SYNC."""
+        """Return the frames that nodes and host have received; the host also receives its own SYNC."""
         to_nodes: list[CanFrame] = []
         to_host: list[tuple[int, CanFrame]] = []
         while self._wire and self._wire[0][0] <= now_us:
@@ -155,16 +161,16 @@ class LockstepLoop:
         return to_nodes, to_host
 
     def _expose(self, now_us: int) -> None:
-        """A frame of each fingertip that is due, taken now, known to the node DELAY_US later."""
+        """Expose each camera that is due; its contact reaches the node DELAY_US later."""
         due = [finger for finger in range(3) if now_us >= self._exposure[finger]]
         if not due:
             return
-        touches = touches_in_F(self.engine, self._hand)
+        truths = dome_contacts(self.engine, self._hand)
         for finger in due:
-            touch = touches[finger]
-            contact = self._feel.contact(finger, touch, now_us, self._sequence[finger])
-            truth = None if touch is None else touch.on_dome_mm(self._radius_mm)
-            self.record.contacts.append((finger, contact, truth))
+            truth = truths[finger]
+            contact = self._contact_source.contact(finger, truth, now_us, self._sequence[finger])
+            true_mm = None if truth is None else truth.on_dome_mm(self._radius_mm)
+            self.record.contacts.append((finger, contact, true_mm))
             self._pending.append((now_us, finger, contact))
             self._sequence[finger] += 1
             self._exposure[finger] += FRAME_PERIOD_US
@@ -176,9 +182,11 @@ class LockstepLoop:
             self._due_us[self._nodes.index(self._tips[finger])] = now_us
 
 
-def missing_turn_deg(record: LoopRecord, rpy_deg: tuple[float, float, float]) -> tuple[float, Array]:
-    """Angle between the object and where it should be at the end, and its roll, pitch, yaw (n, 3) since the
-    host began to turn it; the start is the first tick in MANIPULATE."""
+def final_error_deg(record: LoopRecord, rpy_deg: tuple[float, float, float]) -> tuple[float, Array]:
+    """Return the final angle between true and desired orientation, and roll, pitch, yaw (n, 3) over time.
+
+    Both are relative to the orientation in the first tick that turns the object.
+    """
     turning = turning_samples(record)
     start = turning[0].object_rotation
     rpy = np.array([rotation.to_rpy_deg(sample.object_rotation @ start.T) for sample in turning])
@@ -187,12 +195,12 @@ def missing_turn_deg(record: LoopRecord, rpy_deg: tuple[float, float, float]) ->
 
 
 def turning_samples(record: LoopRecord) -> list[Sample]:
-    """From the first tick in which the host turned the object. LostGraspError when it never did."""
+    """Return the samples from the first tick that turns the object; LostGraspError if there is none."""
     turning = (Mode.MANIPULATE, Mode.BLIND)
     first = next((i for i, sample in enumerate(record.samples) if sample.mode in turning), None)
     if first is None:
         raise LostGraspError(
-            f"the host never turned the object ({record.failure or 'no contact, or too short a run'}):"
-            " give more --seconds, or correct the start pose in hand.toml"
+            f"the host never turned the object ({record.failure or 'no contact, or the run is too short'}):"
+            " increase --seconds, or correct the start pose in hand.toml"
         )
     return record.samples[first:]

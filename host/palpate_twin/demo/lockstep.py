@@ -17,10 +17,10 @@ from palpate_host.common.command import Rotate
 from palpate_host.common.mode import STARTING
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host import load_hand
-from palpate_twin.closed_loop.fingertip_feel import RenderedFeel
+from palpate_twin.camera.frame_truth import FrameTruthFile
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
-from palpate_twin.closed_loop.picture_file import PictureFile
+from palpate_twin.closed_loop.tactile_rendering import RenderedContactSource
 from palpate_twin.demo.monitor import MonitorSample
 from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample, log_header
 from palpate_twin.demo.programme import Programme
@@ -62,17 +62,19 @@ def run(
         stopped = stack.enter_context(stop_event())
         log = stack.enter_context(LogWriter(folder.log, LogHeader(log_header(config, ORIGIN))))
         motion = stack.enter_context(MotionFile(folder.motion, [joint.name for joint in config.joints]))
-        truths = [stack.enter_context(PictureFile(folder.truth / f"{name}.csv")) for name in names]
-        feel = RenderedFeel(sensors, library, seed, lambda finger, picture: truths[finger].note(picture))
+        truths = [stack.enter_context(FrameTruthFile(folder.truth / f"{name}.csv")) for name in names]
+        contact_source = RenderedContactSource(
+            sensors, library, seed, lambda finger, truth: truths[finger].write(truth)
+        )
 
         def log_frame(stamp_us: int, frame: CanFrame) -> None:
             log.write(LogRecord(stamp_us, frame))
 
-        def note_motion(now_us: int) -> None:
+        def record_motion(now_us: int) -> None:
             if now_us % PERIOD_US == 0:
-                motion.note(now_us, engine)
+                motion.write(now_us, engine)
 
-        loop = LockstepLoop(config, hand, engine, feel, on_frame=log_frame, on_step=note_motion)
+        loop = LockstepLoop(config, hand, engine, contact_source, on_frame=log_frame, on_step=record_motion)
 
         def advance(seconds: float) -> Iterator[float]:
             """Run the loop for `seconds` and yield the elapsed simulated time after each poll."""

@@ -22,6 +22,7 @@ from palpate_edge.node.nmt import NmtState
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.network.fingertips import SEQUENCE_WRAP, Fingertip
 from palpate_host.network.nmt_master import HEARTBEAT_ID
+from palpate_twin.camera.frame_truth import COLUMNS
 from palpate_twin.demo.distribution import Distribution, distribution
 
 
@@ -48,13 +49,10 @@ def truth_of_twin(path: Path) -> TruthOf:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()[1:]
         rows = [line.split(",") for line in lines]
-        contacts = {int(row[0]): _true_contact(row[2:]) for row in rows if len(row) == TWIN_COLUMNS}
+        contacts = {int(row[0]): _true_contact(row[2:]) for row in rows if len(row) == len(COLUMNS)}
     except (OSError, ValueError) as error:
         raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None
     return contacts.get
-
-
-TWIN_COLUMNS = 8  # palpate_twin.camera.live.COLUMNS
 
 
 def _true_contact(cells: Sequence[str]) -> TrueContact:

@@ -1,7 +1,7 @@
-"""A hand with a CiA 402 drive on each joint: what stands between the bus and the physics.
+"""Simulated hand with a CiA 402 drive on each joint: the link between bus and physics engine.
 
-A joint without power stands: gear and detent torque of Table 4's motor (20:1) hold the finger's weight. Here
-that is a brake, which the drive lets go while it moves the joint.
+A joint without power stays where it is: gear and detent torque of Table 4's motor (20:1) carry the finger's
+weight. This is modelled as a brake that is released while the drive is enabled.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from palpate_twin.hand.engine import Engine
 
 
 class HandMotor:
-    """Table 4's motor on a joint that the engine moves; the angles are the drive's own."""
+    """Table 4's motor on a joint of the engine; its angles have the drive's zero and direction."""
 
     def __init__(self, joint: JointConfig) -> None:
         self._joint = joint
@@ -31,19 +31,19 @@ class HandMotor:
 
     @property
     def is_servoing(self) -> bool:
-        """Its torque depends on where the joint is now."""
+        """True if the torque depends on the joint's current position or velocity."""
         return self._command.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION, DriveGoal.HOME)
 
     def joint_torque_Nm(self, step_s: float) -> float:
-        """On the joint over the next step, in the direction of q."""
+        """Return the torque on the joint over the next step, positive in the direction of q."""
         state = self._state
         self._torque_Nm = self._servo.torque_Nm(
             self._command, state.position_rad, state.velocity_rad_s, step_s
         )
         return self._joint.direction * self._torque_Nm
 
-    def moved(self, q_rad: float, qdot_rad_s: float) -> None:
-        """Where the engine brought the joint."""
+    def set_joint_state(self, q_rad: float, qdot_rad_s: float) -> None:
+        """Update position and velocity from the engine."""
         joint, direction = self._joint, self._joint.direction
         at_limit = direction * (int(q_rad >= joint.max_rad) - int(q_rad <= joint.min_rad))
         self._state = MotorState(
@@ -53,7 +53,7 @@ class HandMotor:
             at_limit=at_limit,
         )
 
-    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - the hand keeps it up to date
+    def state(self, now_us: int) -> MotorState:  # noqa: ARG002 - updated by set_joint_state
         return self._state
 
     def order(self, now_us: int, command: JointCommand) -> None:  # noqa: ARG002 - no delay
@@ -61,11 +61,11 @@ class HandMotor:
         self._command = command
 
     def reset_fault(self) -> None:
-        """Has none."""
+        """Do nothing: the simulated motor has no faults."""
 
 
 class DrivenHand:
-    """The engine under its drives; `step` moves it on by the engine's step."""
+    """The engine with its drives; `step` advances both by the engine's step."""
 
     def __init__(self, config: HandConfig, engine: Engine) -> None:
         self.engine = engine
@@ -75,12 +75,12 @@ class DrivenHand:
             for joint, motor in zip(config.joints, self._motors, strict=True)
         ]
         self._powered = [False] * len(self._motors)
-        self.look()
+        self.read_joints()
         engine.brake(np.ones(len(self._motors), dtype=bool))
 
     @property
     def is_powered(self) -> bool:
-        """Whether any joint is held by commands, not by its brake."""
+        """True if a drive is enabled, so that commands hold a joint and not its brake."""
         return any(motor.is_powered for motor in self._motors)
 
     def step(self) -> None:
@@ -89,12 +89,12 @@ class DrivenHand:
             self._powered = powered
             self.engine.brake(np.logical_not(powered))
         if any(motor.is_servoing for motor in self._motors):
-            self.look()
+            self.read_joints()
         self.engine.step(np.array([motor.joint_torque_Nm(self.engine.step_s) for motor in self._motors]))
 
-    def look(self) -> None:
-        """The drives see where their joints are: to be called before they are served."""
+    def read_joints(self) -> None:
+        """Update the drives' joint positions; has to be called before the drives are served."""
         for motor, q_rad, qdot_rad_s in zip(
             self._motors, self.engine.q_rad.tolist(), self.engine.qdot_rad_s.tolist(), strict=True
         ):
-            motor.moved(q_rad, qdot_rad_s)
+            motor.set_joint_state(q_rad, qdot_rad_s)

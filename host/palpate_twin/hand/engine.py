@@ -1,4 +1,4 @@
-"""What both engines of the hand and its object offer."""
+"""Interface of the two physics engines of hand and object."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from palpate_twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4
 BRAKE_KGM2 = 1e6
-"""Inertia of a joint that stands: contacts then meet a wall, as damping would not let the solver know."""
+"""Inertia of a braked joint, which makes it a rigid wall for contacts; the solver would ignore damping."""
 
 
 class LostGraspError(PalpateError):
-    """A tip has left its face of the object or let go."""
+    """A tip has left its face of the object or lost contact."""
 
 
 @dataclass(frozen=True, slots=True)
-class TipTouch:
-    """One tip on the object. point_m: x_i (3,) and friction_N (3,), the tangential force on the tip, in the
-    hand's frame."""
+class EngineContact:
+    """Contact of one tip with the object, in the hand frame.
+
+    point_m: (3,) contact point x_i; friction_N: (3,) tangential force on the tip.
+    """
 
     point_m: Array
     normal_force_N: float
@@ -33,51 +35,74 @@ class TipTouch:
 
 
 class Engine(Protocol):
-    """Hand and object, moved on step by step under joint torques."""
+    """Dynamics of hand and object under joint torques."""
 
     twin: TwinModel
     data: mujoco.MjData
     step_s: float
     slip_m: Array
-    """(3,) path of each tip's skin against the object since the start."""
+    """(3,) sliding distance of each tip on the object since the start."""
 
     @property
     def time_s(self) -> float:
-        """Since the start."""
+        """Simulated time since the start."""
         ...
 
     @property
     def q_rad(self) -> Array:
-        """(nq,) joint angles in hand.toml's order."""
+        """(nq,) joint angles in the order of hand.toml."""
         ...
 
     @property
     def qdot_rad_s(self) -> Array:
-        """(nq,)."""
+        """(nq,) joint velocities."""
         ...
 
     @property
     def object_rotation(self) -> Array:
-        """(3, 3), columns are the object's axes in the hand's frame."""
+        """(3, 3), columns are the object's axes in the hand frame."""
         ...
 
     @property
     def object_position_m(self) -> Array:
-        """(3,) centre of mass in the hand's frame."""
+        """(3,) centre of mass in the hand frame."""
         ...
 
     def step(self, torque_Nm: Array) -> None:
-        """Move on by step_s under the torques u (nq,)."""
+        """Advance by step_s under the joint torques u (nq,)."""
         ...
 
     def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
-        """Which joints (nq,) stand from now on, whatever their torque; the others are free."""
+        """Brake the selected joints (nq,), which then ignore their torque, and release the others."""
         ...
 
-    def take_support_away(self) -> None:
-        """From now on the object has its weight, which Eq. (5) leaves out."""
+    def remove_support(self) -> None:
+        """Let the object's weight act, which Eq. (5) omits."""
         ...
 
-    def touches(self) -> tuple[TipTouch | None, ...]:
-        """Each tip's contact, None where it touches nothing. LostGraspError when a tip has left its face."""
+    def tip_contacts(self) -> tuple[EngineContact | None, ...]:
+        """Return each tip's contact, None without one. Raises LostGraspError if a tip has left its face."""
         ...
+
+
+class EngineState:
+    """State that both engines keep in MuJoCo's data: joint angles, joint velocities and brakes."""
+
+    def __init__(self, twin: TwinModel, step_s: float) -> None:
+        self.twin, self.step_s = twin, step_s
+        self.data = twin.start()
+        self.slip_m = np.zeros(3)
+        self._braked = twin.v_address[:0]
+
+    @property
+    def q_rad(self) -> Array:
+        return np.asarray(self.data.qpos[self.twin.q_address])
+
+    @property
+    def qdot_rad_s(self) -> Array:
+        return np.asarray(self.data.qvel[self.twin.v_address])
+
+    def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
+        twin = self.twin
+        self._braked = twin.v_address[is_braked]
+        twin.model.dof_armature[twin.v_address] = twin.twin.armature_kgm2 + BRAKE_KGM2 * is_braked

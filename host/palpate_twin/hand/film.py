@@ -1,4 +1,4 @@
-"""Hand and object as pictures and films: by MuJoCo where there is OpenGL for it, plainly elsewhere."""
+"""Images and films of hand and object, rendered by MuJoCo with OpenGL or by the plain renderer."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ FILM_QUALITY = 70
 def draw_states(
     twin: TwinModel, states: Sequence[Array], size_px: tuple[int, int] = PICTURE_PX, *, plainly: bool = False
 ) -> list[Image]:
-    """States of the model (qpos) as pictures (height, width, 3), BGR, all seen from the same place.
+    """Render states of the model (qpos) as BGR images (height, width, 3), all from the same viewpoint.
 
-    ConfigError when this machine's OpenGL draws nothing, which `plainly` does not need.
+    plainly: use the plain renderer, which needs no OpenGL. Raises ConfigError if OpenGL does not work.
     """
     model, data = twin.model, mujoco.MjData(twin.model)
     model.vis.headlight.ambient[:] = 0.5
@@ -45,38 +45,42 @@ def draw_states(
                     mujoco.mj_forward(model, data)
                     renderer.update_scene(data, camera)
                     pictures.append(_bgr(renderer.render()))
-        except Exception as exc:  # MuJoCo raises whatever the OpenGL binding does
+        except Exception as exc:  # MuJoCo passes on any exception of the OpenGL binding
             raise ConfigError(
-                f"no OpenGL to draw with ({exc}): set MUJOCO_GL=egl or MUJOCO_GL=osmesa"
+                f"rendering with OpenGL failed ({exc}): set MUJOCO_GL=egl or MUJOCO_GL=osmesa, "
+                "or give --plain to `simulate film`"
             ) from exc
     return pictures
 
 
 def write_grid(path: Path, pictures: Sequence[Image], columns: int) -> None:
-    """Pictures in rows, all of one size; those that fill no row are left out. ConfigError as `write_row`."""
+    """Write images of one size as a grid; images that do not fill a row are left out.
+
+    Raises ConfigError if `path` cannot be written.
+    """
     rows = [pictures[i : i + columns] for i in range(0, len(pictures) - columns + 1, columns)]
     write_row(path, [np.vstack([np.hstack(row) for row in rows])])
 
 
 def label(picture: Image, text: str) -> Image:
-    """The picture with a line of text in its upper left corner."""
+    """Return a copy of the image with a line of text in its upper left corner."""
     place, font = (12, 28), cv2.FONT_HERSHEY_SIMPLEX
     return np.asarray(cv2.putText(picture.copy(), text, place, font, 0.7, (60, 60, 60), 1, cv2.LINE_AA))
 
 
 def write_row(path: Path, pictures: Sequence[Image]) -> None:
-    """Pictures side by side. ConfigError when `path` cannot be written."""
+    """Write images side by side. Raises ConfigError if `path` cannot be written."""
     if not cv2.imwrite(str(path), np.hstack(pictures)):
-        raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .png")
+        raise ConfigError(f"{path}: cannot be written: give a writable folder and a name that ends in .png")
 
 
 def write_film(path: Path, pictures: Sequence[Image], period_ms: int) -> None:
-    """An animated WebP, which any browser plays again and again. ConfigError as `write_row`."""
+    """Write an animated WebP, which browsers play in a loop. Raises ConfigError if `path` is not writable."""
     animation = cv2.Animation()
     animation.frames = list(pictures)
     animation.durations = [period_ms] * len(pictures)
     if not cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, FILM_QUALITY]):
-        raise ConfigError(f"{path}: cannot be written: give another folder or a name that ends in .webp")
+        raise ConfigError(f"{path}: cannot be written: give a writable folder and a name that ends in .webp")
 
 
 def _bgr(picture: Image) -> Image:
@@ -84,7 +88,7 @@ def _bgr(picture: Image) -> Image:
 
 
 def _aim(camera: mujoco.MjvCamera, data: mujoco.MjData) -> None:
-    """From above and the side, hand and object filling the picture."""
+    """Place the camera above and to the side so that hand and object fill the image."""
     places = data.xpos[1:]
     camera.lookat = places.mean(axis=0)
     camera.distance = 1.45 * float(np.ptp(places, axis=0).max())

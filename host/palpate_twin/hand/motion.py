@@ -1,4 +1,4 @@
-"""What hand and object really did, as a file: the truth that a run of the demo is measured against."""
+"""CSV file of the true motion of hand and object, with which a demo run is compared."""
 
 from __future__ import annotations
 
@@ -19,16 +19,20 @@ POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 TIP_COLUMNS = ("slip_{}_mm", "force_{}_N", "friction_{}_N")
 TIPS = 3
 PERIOD_US = 20_000
-"""Of the hand's own time, from row to row."""
+"""Simulated time between two rows."""
 MOVED_RAD = 1e-3
+"""Joint angle change from which the hand counts as moving."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrueMotion:
-    """stamps_us (n,), Unix time of the hand; held_us (n,): how far that is behind the machine's; q_rad
-    (n, nq); pose (n, 7), the object's place in m and its quaternion (w first) in the hand's frame; slip_mm,
-    force_N, friction_N (n, 3): of each tip the path of its skin against the object so far, normal and
-    tangential force."""
+    """Motion of hand and object over time.
+
+    stamps_us (n,): Unix time on the bus clock; held_us (n,): lag of the bus clock behind the machine's; q_rad
+    (n, nq): joint angles; pose (n, 7): the object's position in m and its quaternion (w first) in the hand
+    frame; slip_mm, force_N, friction_N (n, 3): sliding distance so far, normal and tangential force of each
+    tip.
+    """
 
     stamps_us: Array
     held_us: Array
@@ -40,31 +44,33 @@ class TrueMotion:
 
     @property
     def rotations(self) -> Array:
-        """(n, 3, 3): the object's axes, as columns, in the hand's frame."""
+        """(n, 3, 3): columns are the object's axes in the hand frame."""
         flat = np.zeros((len(self.pose), 9))
         for row, quaternion in zip(flat, self.pose[:, 3:], strict=True):
             mujoco.mju_quat2Mat(row, quaternion)
         return flat.reshape(-1, 3, 3)
 
     def pace(self, first: int, last: int) -> float:
-        """From row to row, the hand's own time over the machine's: less than 1 where it had to wait."""
+        """Return simulated time over real time between two rows; below 1 if the simulation had to wait."""
         machine_us = self.stamps_us + self.held_us
-        clock_us = float(machine_us[last] - machine_us[first])
-        return float(last - first) * PERIOD_US / clock_us if clock_us > 0.0 else 1.0
+        real_us = float(machine_us[last] - machine_us[first])
+        return float(last - first) * PERIOD_US / real_us if real_us > 0.0 else 1.0
 
 
 class MotionFile:
-    """A CSV of the motion, a row a call."""
+    """CSV writer of the motion; each line is flushed."""
 
     def __init__(self, path: Path, joint_names: Sequence[str]) -> None:
-        """Raises ConfigError where `path` cannot be written."""
+        """Open the file and write the header. Raises ConfigError if `path` cannot be written."""
         try:
             self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
         except OSError as error:
             raise ConfigError(f"{path} cannot be written: {error.strerror}: give another --truth") from None
-        self._write: Callable[[list[str]], object] = csv.writer(self._file, lineterminator="\n").writerow
+        self._write_row: Callable[[list[str]], object] = csv.writer(self._file, lineterminator="\n").writerow
         tips = [name.format(tip) for name in TIP_COLUMNS for tip in range(1, TIPS + 1)]
-        self._write(["time_us", "held_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *tips])
+        self._write_row(
+            ["time_us", "held_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *tips]
+        )
 
     def __enter__(self) -> MotionFile:
         return self
@@ -74,22 +80,24 @@ class MotionFile:
     ) -> None:
         self._file.close()
 
-    def note(self, stamp_us: int, engine: Engine, held_us: int = 0) -> None:
-        """The engine as it is now."""
-        at = engine.twin.object_q
+    def write(self, stamp_us: int, engine: Engine, held_us: int = 0) -> None:
+        """Write the engine's current state as one row."""
+        start = engine.twin.object_q
         normal_N, tangential_N = np.zeros(TIPS), np.zeros(TIPS)
-        for tip, touch in enumerate(engine.touches()):
-            if touch is not None:
-                normal_N[tip] = touch.normal_force_N
-                tangential_N[tip] = np.linalg.norm(touch.friction_N)
-        pose = engine.data.qpos[at : at + 7]
+        for tip, contact in enumerate(engine.tip_contacts()):
+            if contact is not None:
+                normal_N[tip] = contact.normal_force_N
+                tangential_N[tip] = np.linalg.norm(contact.friction_N)
+        pose = engine.data.qpos[start : start + 7]
         values = np.concatenate((engine.q_rad, pose, 1e3 * engine.slip_m, normal_N, tangential_N))
-        self._write([str(stamp_us), str(held_us), *(f"{value:.7g}" for value in values)])
+        self._write_row([str(stamp_us), str(held_us), *(f"{value:.7g}" for value in values)])
 
 
 def read_motion(path: Path) -> TrueMotion:
-    """Raises DatasetError for a file that is missing or was not written by `MotionFile`; a last line that was
-    cut short by a sudden end is left out."""
+    """Read a file written by `MotionFile`; a truncated last line is left out.
+
+    Raises DatasetError if the file is missing or damaged.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
@@ -102,7 +110,7 @@ def read_motion(path: Path) -> TrueMotion:
     except ValueError:
         raise DatasetError(f"{path} is damaged: run the demo again") from None
     if joints < 1 or len(table) < 2:
-        raise DatasetError(f"{path} holds no motion: run the demo again")
+        raise DatasetError(f"{path} contains no motion: run the demo again")
     ends = np.cumsum([1, 1, joints, len(POSE_COLUMNS), TIPS, TIPS])
     stamps, held, q, pose, slip, force, friction = np.split(table, ends, axis=1)
     return TrueMotion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
@@ -110,16 +118,16 @@ def read_motion(path: Path) -> TrueMotion:
 
 @dataclass(frozen=True, slots=True)
 class FilmCut:
-    """rows: of the motion, one a picture; whole_s: what a film without a limit would last."""
+    """Rows of a motion that a film shows, one per frame. whole_s: duration of the film without a limit."""
 
     rows: list[int]
     whole_s: float
 
 
 def film_cut(motion: TrueMotion, rate_Hz: float, longest_s: float) -> FilmCut:
-    """So many pictures a second, from half a second before the hand first moves on, `longest_s` at most."""
-    moves = np.abs(motion.q_rad - motion.q_rad[0]).max(axis=1) > MOVED_RAD
-    begin_us = motion.stamps_us[int(np.argmax(moves))] - 500_000 if moves.any() else motion.stamps_us[0]
+    """Select the rows of a film that starts 0.5 s before the hand moves and lasts at most `longest_s`."""
+    moving = np.abs(motion.q_rad - motion.q_rad[0]).max(axis=1) > MOVED_RAD
+    begin_us = motion.stamps_us[int(np.argmax(moving))] - 500_000 if moving.any() else motion.stamps_us[0]
     begin_us, end_us = max(begin_us, motion.stamps_us[0]), motion.stamps_us[-1]
     times_us = np.arange(begin_us, min(end_us, begin_us + 1e6 * longest_s), 1e6 / rate_Hz)
     rows = [int(row) for row in np.searchsorted(motion.stamps_us, times_us)]

@@ -1,4 +1,4 @@
-"""Hand and object drawn without OpenGL: spheres, links and the object's faces, the farthest first."""
+"""Plain renderer of hand and object without OpenGL: spheres, links and faces, drawn from back to front."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ FOVY_DEG = 45.0  # MuJoCo's default
 def draw_plainly(
     twin: TwinModel, data: mujoco.MjData, camera: mujoco.MjvCamera, size_px: tuple[int, int]
 ) -> Image:
-    """(height, width, 3) RGB of the model as `data` stands, seen as MuJoCo's free camera sees it."""
+    """Return an RGB image (height, width, 3) of the model in state `data`, seen by MuJoCo's free camera."""
     height, width = size_px
     image = np.full((height, width, 3), BACKGROUND_RGB, dtype=np.uint8)
     view = _View(camera, size_px)
-    # A tip's own sphere goes over that of the hand's model at the same place.
+    # The twin's tip sphere is drawn over the hand model's sphere at the same position.
     shapes = [
         (view.depth(data.geom_xpos[geom]) - (1e-6 if geom in twin.tip_geoms else 0.0), geom)
         for geom in range(twin.model.ngeom)
@@ -50,7 +50,7 @@ def draw_plainly(
 
 
 class _View:
-    """A pinhole where MuJoCo's free camera stands."""
+    """Pinhole camera with the pose of MuJoCo's free camera."""
 
     def __init__(self, camera: mujoco.MjvCamera, size_px: tuple[int, int]) -> None:
         azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
@@ -81,7 +81,7 @@ class _View:
 
 
 def _prism(image: Image, view: _View, vertices: Array, rgb: Array) -> None:
-    """Its faces that look at the camera; vertices (2 n, 3): lower, then upper end, counter-clockwise."""
+    """Draw the visible faces. vertices (2 n, 3): lower, then upper end, counter-clockwise."""
     n = len(vertices) // 2
     faces = [[*range(n)][::-1], [*range(n, 2 * n)]]
     faces += [[i, (i + 1) % n, (i + 1) % n + n, i + n] for i in range(n)]

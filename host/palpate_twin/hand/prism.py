@@ -1,4 +1,4 @@
-"""The grasped object: a convex prism, its faces, its inertia, and where a fingertip's sphere touches it."""
+"""The grasped object: a convex prism with its faces, inertia and contact geometry."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from palpate_host.config.twin_config import ObjectConfig
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """A side face in the object's frame: outward unit normal (3,), distance from the centre of mass, the
-    tangent (3,) along the outline, and the outline's piece that it spans along it."""
+    """A side face in the object's frame.
+
+    normal: (3,) outward unit normal; distance_m: distance from the centre of mass; tangent: (3,) unit vector
+    along the outline; span_m: interval of the face along the tangent.
+    """
 
     normal: Array
     distance_m: float
@@ -25,7 +28,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class Prism:
-    """corners_m: (n, 2), counter-clockwise, about the centroid. inertia_kgm2: (3,) about x, y, z."""
+    """A prism. corners_m: (n, 2), counter-clockwise, about the centroid; inertia_kgm2: (3,) about x, y, z."""
 
     corners_m: Array
     length_m: float
@@ -35,14 +38,17 @@ class Prism:
 
     @property
     def vertices_m(self) -> Array:
-        """(2 n, 3): the corners at the lower and at the upper end."""
+        """(2 n, 3): the corners at the lower end, then at the upper end."""
         ends = [np.full((len(self.corners_m), 1), sign * self.length_m / 2.0) for sign in (-1.0, 1.0)]
         return np.vstack([np.hstack((self.corners_m, end)) for end in ends])
 
 
 def prism_of(config: ObjectConfig) -> Prism:
-    """The prism of hand.toml. ConfigError when the outline is not convex and counter-clockwise, or when the
-    inertia is none of a rigid body."""
+    """Return the prism described in hand.toml.
+
+    Raises ConfigError if the outline is not convex and counter-clockwise, or if the inertia is impossible for
+    a rigid body.
+    """
     outline = np.array(config.outline_m)
     area_m2, centroid, second = _moments(outline)
     corners = outline - centroid
@@ -50,7 +56,7 @@ def prism_of(config: ObjectConfig) -> Prism:
     turns = edges[:, 0] * np.roll(edges, -1, axis=0)[:, 1] - edges[:, 1] * np.roll(edges, -1, axis=0)[:, 0]
     if area_m2 <= 0.0 or np.any(turns <= 0.0):
         raise ConfigError(
-            "twin.object.outline_m is not convex and counter-clockwise seen from +z: put its corners in order"
+            "twin.object.outline_m is not convex and counter-clockwise (seen from +z): reorder its corners"
         )
     inertia = config.inertia_kgm2
     if inertia is None:
@@ -59,8 +65,8 @@ def prism_of(config: ObjectConfig) -> Prism:
         inertia = (yy + config.mass_kg * along, xx + config.mass_kg * along, xx + yy)
     if 2.0 * max(inertia) > sum(inertia) * (1.0 + 1e-9):
         raise ConfigError(
-            "twin.object.inertia_kgm2 breaks the triangle inequality: no rigid body has it;"
-            " leave it out for a uniform prism's"
+            "twin.object.inertia_kgm2 violates the triangle inequality, so no rigid body can have it:"
+            " correct it, or leave it out for a uniform prism"
         )
     return Prism(
         corners, config.length_m, config.mass_kg, np.array(inertia), tuple(map(_face, corners, edges))
@@ -68,7 +74,7 @@ def prism_of(config: ObjectConfig) -> Prism:
 
 
 def _moments(outline: Array) -> tuple[float, Array, Array]:
-    """Area, centroid (2,), and the integrals of x^2 and y^2 about it, edge by edge."""
+    """Return area, centroid (2,), and the integrals of x^2 and y^2 about the centroid."""
     x, y = outline.T
     x2, y2 = np.roll(x, -1), np.roll(y, -1)
     pieces = x * y2 - x2 * y
@@ -86,12 +92,12 @@ def _face(corner: Array, edge: Array) -> Face:
 
 
 def nearest_face(prism: Prism, centre_m: Array) -> int:
-    """Index of the side face that a point outside (3,), in the object's frame, is in front of."""
+    """Return the index of the side face in front of which a point (3,), in the object's frame, lies."""
     gaps = [float(face.normal @ centre_m) - face.distance_m for face in prism.faces]
     return int(np.argmax(gaps))
 
 
 def is_on_face(prism: Prism, face: Face, point_m: Array) -> bool:
-    """Whether a point (3,) of the face's plane, in the object's frame, lies within the face."""
+    """Return whether a point (3,) of the face's plane, in the object's frame, lies within the face."""
     along = float(face.tangent @ point_m)
     return face.span_m[0] <= along <= face.span_m[1] and abs(float(point_m[2])) <= prism.length_m / 2.0

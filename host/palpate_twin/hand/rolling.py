@@ -1,7 +1,7 @@
-"""Engine one: the paper's hand and object, Eqs. (4)-(8), with tips that roll and never slip.
+"""Engine `eqs`: the paper's hand and object, Eqs. (4)-(8), with tips that roll and never slip.
 
-M, C and g of hand and object come from MuJoCo; contact is the paper's. In the velocities v of joints and
-object Eqs. (4)-(6) are one equation,
+M, C and g of hand and object come from MuJoCo, the contact model from the paper. For the velocities v of
+joints and object, Eqs. (4)-(6) are one equation,
 
     M v' + C v + g + Jn^T f + Jt^T lambda + dT/dv = u,        Jt v = 0,
 
@@ -9,10 +9,10 @@ where row i of Jn is C_iY^T times the velocity of tip i's skin relative to the o
 that Jn v is the rate of the indentation Delta r_i, and Jt has the rows along C_iX and C_iZ: X_iq, X_ix,
 X_iw and Z_iq, ... of the paper side by side. C_iY points into the object.
 
-A step takes the velocity first (semi-implicit Euler) with all damping (B, xi, b) implicit, which the light
-links of Table 3 need, and puts the new velocity exactly on the rolling constraint; so the constraint cannot
-drift away, and what turning within a step leaves of it is summed in `slip_m`. A joint at an end of its range
-stands in the same way, until something pulls it back.
+A step updates the velocity first (semi-implicit Euler). All damping (B, xi, b) is implicit, which the light
+links of Table 3 require. The new velocity satisfies the rolling constraint exactly, so the constraint does
+not drift; its residual from the rotation within a step is summed in `slip_m`. A joint at its limit is
+constrained in the same way until a torque moves it back.
 """
 
 from __future__ import annotations
@@ -22,34 +22,30 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from palpate_edge.common.arrays import Array
-from palpate_twin.hand.engine import BRAKE_KGM2, STEP_S, LostGraspError, TipTouch
+from palpate_twin.hand.engine import STEP_S, EngineContact, EngineState, LostGraspError
 from palpate_twin.hand.prism import is_on_face, nearest_face
 from palpate_twin.hand.twin_model import TwinModel
 
 
 @dataclass(slots=True)
 class Account:
-    """Energies since the start: the work of the torques u; what B, xi, b and the ends of the ranges took."""
+    """Energies since the start: work of the torques u; energy dissipated by B, xi, b and the joint limits."""
 
     work_J: float = 0.0
     dissipated_J: float = 0.0
 
 
-class RollingHand:
-    """Hand and object; `step` moves them on. The state is MuJoCo's data, contact is computed here."""
+class RollingHand(EngineState):
+    """Engine with rolling contacts; the state is MuJoCo's data, contacts are computed here."""
 
     def __init__(self, twin: TwinModel, step_s: float = STEP_S) -> None:
-        """Starts at the twin's start pose, each tip on the face of the object that it is in front of."""
-        self.twin, self.step_s = twin, step_s
-        self.data = twin.start()
+        """Start at the twin's start pose; each tip gets the face of the object in front of which it is."""
+        super().__init__(twin, step_s)
         self.normal_force_N = np.zeros(3)
         self.friction_force_N = np.zeros((3, 2))
         self.account = Account()
-        self.slip_m = np.zeros(3)
-        self._braked = twin.v_address[:0]
         self.time_s = 0.0
         nv = twin.model.nv
         self._lin = slice(twin.object_v, twin.object_v + 3)
@@ -68,15 +64,7 @@ class RollingHand:
         self._M = np.zeros((nv, nv))
         self._bias = np.zeros(nv)
         self._jac_p, self._jac_r = np.zeros((3, 3, nv)), np.zeros((3, 3, nv))
-        self._weight_N = twin.prism.mass_kg * twin.model.opt.gravity  # what the support takes
-
-    @property
-    def q_rad(self) -> Array:
-        return np.asarray(self.data.qpos[self.twin.q_address])
-
-    @property
-    def qdot_rad_s(self) -> Array:
-        return np.asarray(self.data.qvel[self.twin.v_address])
+        self._weight_N = twin.prism.mass_kg * twin.model.opt.gravity  # carried by the support
 
     @property
     def object_rotation(self) -> Array:
@@ -86,37 +74,32 @@ class RollingHand:
     def object_position_m(self) -> Array:
         return np.array(self.data.xpos[self.twin.object_body])
 
-    def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
-        twin = self.twin
-        self._braked = twin.v_address[is_braked]
-        twin.model.dof_armature[twin.v_address] = twin.twin.armature_kgm2 + BRAKE_KGM2 * is_braked
-
-    def take_support_away(self) -> None:
+    def remove_support(self) -> None:
         self._weight_N = np.zeros(3)
 
-    def touches(self) -> tuple[TipTouch | None, ...]:
-        """Forces are those of the last step."""
+    def tip_contacts(self) -> tuple[EngineContact | None, ...]:
+        """Return the contacts with the forces of the last step."""
         R, x = self.object_rotation, self.object_position_m
         C, contact, indentation = self._indentation()
         for number, (face, point) in enumerate(zip(self._faces, contact, strict=True), 1):
             if not is_on_face(self.twin.prism, face, R.T @ (point - x)):
                 raise LostGraspError(
-                    f"tip {number} has rolled off its face of the object at {self.time_s:.2f} s:"
-                    " turn less, or give the object larger faces"
+                    f"tip {number} rolled off its face of the object at {self.time_s:.2f} s:"
+                    " reduce the turn, or give the object larger faces"
                 )
         return tuple(
-            TipTouch(contact[i], float(self.normal_force_N[i]), -self.friction_force_N[i] @ C[i, ::2])
+            EngineContact(contact[i], float(self.normal_force_N[i]), -self.friction_force_N[i] @ C[i, ::2])
             if indentation[i] > 0.0
             else None
             for i in range(3)
         )
 
     def tip_distances_m(self) -> Array:
-        """(3,) from each tip's centre to its face: r less the indentation."""
+        """Return the distance (3,) from each tip's centre to its face: r minus the indentation."""
         return self.twin.tip_radius_m - self._indentation()[2]
 
     def step(self, torque_Nm: Array) -> None:
-        """Move on by one step under the joint torques u (nq,)."""
+        """Advance by one step under the joint torques u (nq,)."""
         twin, data, h = self.twin, self.data, self.step_s
         data.qvel[self._braked] = 0.0
         model, v = twin.model, data.qvel.copy()
@@ -127,17 +110,17 @@ class RollingHand:
         touching, ends = indentation > 0.0, self._ends()
         while True:
             normal, elastic = Jn[touching], k * indentation[touching] ** 2  # Eq. (8)
-            held = np.concatenate((Jt[touching.repeat(2)], ends))
+            constraints = np.concatenate((Jt[touching.repeat(2)], ends))
             rates = np.concatenate((math.sqrt(xi) * normal, math.sqrt(b) * Jw[touching]))
             D = rates.T @ rates  # Eqs. (8), (7)
             D.ravel()[:: len(D) + 1] += self._damping
-            new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), held)
+            new_v, impulse = _solve(M + h * D, M @ v + h * (force - normal.T @ elastic), constraints)
             rolling, stopping = impulse[: 2 * len(normal)], impulse[2 * len(normal) :]
             f = elastic + xi * (normal @ new_v)
             if (f >= 0.0).all() and (stopping >= 0.0).all():
                 break
-            touching[np.flatnonzero(touching)[f < 0.0]] = False  # a skin that retracts does not pull
-            ends = ends[stopping >= 0.0]  # nor does the end of a range
+            touching[np.flatnonzero(touching)[f < 0.0]] = False  # contacts do not pull
+            ends = ends[stopping >= 0.0]  # neither do joint limits
         self.normal_force_N = np.zeros(3)
         self.normal_force_N[touching] = f
         self.friction_force_N = np.zeros((3, 2))
@@ -154,21 +137,23 @@ class RollingHand:
         self.time_s += h
 
     def energy_J(self) -> float:
-        """Kinetic, elastic (k Delta r^3 / 3) and gravity's; its change is work - dissipated."""
+        """Return kinetic, elastic (k Delta r^3 / 3) and potential energy; its change is work - dissipated."""
         twin, data = self.twin, self.data
         mujoco.mj_energyPos(twin.model, data)
         mujoco.mj_makeM(twin.model, data)
         mujoco.mj_fullM(twin.model, data, self._M)
         indentation = np.maximum(0.0, self._indentation()[2])
         elastic = twin.twin.tip.k_N_m2 / 3.0 * float(np.sum(indentation**3))
-        weight = float(self._weight_N @ self.object_position_m)  # gravcomp: the object has none
+        weight = float(
+            self._weight_N @ self.object_position_m
+        )  # MuJoCo's energy omits it because of gravcomp
         return 0.5 * float(data.qvel @ self._M @ data.qvel) + elastic + float(data.energy[0]) + weight
 
     def _centres(self) -> Array:
         return np.asarray(self.data.site_xpos[list(self.twin.tip_sites)])
 
     def _indentation(self) -> tuple[Array, Array, Array]:
-        """C (3, 3, 3) in the hand's frame, the contacts x_i (3, 3), Delta r_i (3,)."""
+        """Return C (3, 3, 3) in the hand frame, the contact points x_i (3, 3) and Delta r_i (3,)."""
         R, x = self.object_rotation, self.object_position_m
         C = self._C @ R.T
         centre = self._centres()
@@ -176,14 +161,14 @@ class RollingHand:
         return C, centre + gap[:, None] * C[:, 1], self.twin.tip_radius_m - gap
 
     def _contacts(self) -> tuple[Array, Array, Array, Array]:
-        """Jn (3, nv), Jt (6, nv), Jw (3, nv) of the twist about C_Y, and Delta r (3,)."""
+        """Return Jn (3, nv), Jt (6, nv), Jw (3, nv) of the twist about C_Y, and Delta r (3,)."""
         model, data = self.twin.model, self.data
         C, contact, indentation = self._indentation()
         R, Jp, Jr = self.object_rotation, self._jac_p, self._jac_r
         for i, body in enumerate(self._tip_bodies):
             mujoco.mj_jac(model, data, Jp[i], Jr[i], contact[i], body)
         Jc, normal = C @ Jp, C[:, 1]
-        # The object's skin moves with v + w x arm, so the relative velocity has -v and arm x w.
+        # The object's surface moves with v + w x arm, so the relative velocity has -v and arm x w.
         arm_cross = ((contact - self.object_position_m) @ _CROSS).reshape(3, 3, 3)
         Jc[:, :, self._lin] = -C
         Jc[:, :, self._rot] = C @ arm_cross @ R
@@ -192,7 +177,7 @@ class RollingHand:
         return Jc[:, 1], Jc[:, ::2].reshape(6, -1), Jw, indentation
 
     def _ends(self) -> Array:
-        """(n, nv), a row for each joint at an end of its range: the row times v is its speed outwards."""
+        """Return (n, nv), one row per joint at its limit: the row times v is the outward velocity."""
         q_rad, (low, high) = self.q_rad, self._range_rad
         joints = ((q_rad <= low) | (q_rad >= high)).nonzero()[0]
         ends = np.zeros((len(joints), self.twin.model.nv))
@@ -200,7 +185,7 @@ class RollingHand:
         return ends
 
     def _applied(self, torque_Nm: Array) -> Array:
-        """u - C v - g (nv,), and M as a whole matrix in self._M."""
+        """Return u - C v - g (nv,), and set self._M to the full matrix M."""
         twin, data = self.twin, self.data
         mujoco.mj_makeM(twin.model, data)
         mujoco.mj_fullM(twin.model, data, self._M)
@@ -212,12 +197,12 @@ class RollingHand:
         return force
 
 
-# (3, 9), a row each for x, y and z of a vector a: what it puts into the matrix that makes a x b of b.
+# (3, 9): maps a vector a to its cross-product matrix, flattened, with [a]x b = a x b.
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
 
 
 def _solve(A: Array, b: Array, J: Array) -> tuple[Array, Array]:
-    """v and mu with A v + J^T mu = b and J v = 0."""
+    """Solve A v + J^T mu = b and J v = 0 for v and mu."""
     n, m = len(b), len(J)
     K = np.zeros((n + m, n + m))
     K[:n, :n], K[:n, n:], K[n:, :n] = A, J.T, J

@@ -1,8 +1,7 @@
-"""One MuJoCo model of a hand and the object in it, and where each part's numbers stand in it.
+"""MuJoCo model of a hand and the grasped object, with the addresses of joints, tips and object.
 
-Both engines use it: the rolling one takes M, C and g of hand and object from it and adds Eqs. (4)-(8), the
-other one lets MuJoCo find the contact forces. Only the tips' spheres and the object touch; links pass through
-everything.
+Both engines use it: the rolling one takes M, C and g from it and adds Eqs. (4)-(8), the other one lets MuJoCo
+compute the contact forces. Only the tips' spheres and the object collide; links pass through everything.
 """
 
 from __future__ import annotations
@@ -24,11 +23,12 @@ OBJECT = "twin_object"
 
 @dataclass(frozen=True, slots=True)
 class TwinModel:
-    """q_address, v_address: (nq,) places of the joints, in hand.toml's order, in qpos and qvel.
+    """The compiled model with the indices of its parts.
 
-    start_rad: (nq,). range_rad: (nq, 2) ends of the joints' ranges, infinite where a joint has none. The
-    object's free joint has 7 numbers from object_q in qpos (position, quaternion) and 6 from object_v in qvel
-    (velocity in the hand's frame, angular velocity in the object's).
+    q_address, v_address: (nq,) indices of the joints in qpos and qvel, in the order of hand.toml. start_rad:
+    (nq,) start pose. range_rad: (nq, 2) joint limits, infinite if a joint has none. The object's free joint
+    has 7 values from object_q in qpos (position, quaternion) and 6 from object_v in qvel (velocity in the
+    hand frame, angular velocity in the object's frame).
     """
 
     model: mujoco.MjModel
@@ -47,7 +47,7 @@ class TwinModel:
     object_v: int
 
     def start(self) -> mujoco.MjData:
-        """The grasp at first, at rest, kinematics done."""
+        """Return the start state: at rest in the start pose, with kinematics computed."""
         data = mujoco.MjData(self.model)
         data.qpos[self.q_address] = self.start_rad
         data.qpos[self.object_q : self.object_q + 7] = (*self.twin.object.position_m, 1.0, 0.0, 0.0, 0.0)
@@ -56,21 +56,21 @@ class TwinModel:
 
 
 def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -> TwinModel:
-    """The model of `config`.
+    """Build the model of a hand.
 
-    with_contacts: MuJoCo finds the contacts. has_B: the joints have the damping B of Eq. (10), which is then
-    not to be asked for as a torque. The object's weight is compensated, as in Eq. (5).
+    with_contacts: MuJoCo computes the contacts. has_B: the joints have the damping B of Eq. (10), which then
+    must not be commanded as a torque. The object's weight is compensated, as in Eq. (5).
 
-    ConfigError when hand.toml has no [twin] or its start pose does not fit the fingers.
+    Raises ConfigError if hand.toml has no [twin] or if its start pose does not match the fingers.
     """
     twin = config.twin
     if twin is None:
-        raise ConfigError("hand.toml has no [twin] section: give start_pose_rad and the object")
+        raise ConfigError("hand.toml has no [twin] section: add one with start_pose_rad and the object")
     for finger in config.fingers:
         if len(finger.joints) != len(twin.start_pose_rad):
             raise ConfigError(
-                f"twin.start_pose_rad has {len(twin.start_pose_rad)} angles, {finger.name}"
-                f" {len(finger.joints)} joints: give one for each joint of a finger"
+                f"twin.start_pose_rad has {len(twin.start_pose_rad)} angles, but {finger.name} has"
+                f" {len(finger.joints)} joints: give one angle per joint of a finger"
             )
     prism = prism_of(twin.object)
     spec = spec_of(config)
@@ -109,7 +109,7 @@ def _sphere(site: str) -> str:
 
 
 def _add_sky(spec: mujoco.MjSpec) -> None:
-    """What pictures show behind the hand."""
+    """Add the background of rendered images."""
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,

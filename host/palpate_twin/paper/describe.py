@@ -1,4 +1,4 @@
-"""A hand in words and in a picture, so that a hand.toml can be tried before it is used."""
+"""Description and picture of a hand, to check a hand.toml before it is used."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate_twin.paper.trial import make_engine
 
 
 def describe(hand_toml: Path) -> str:
-    """Joints, tips and first contacts as text. ConfigError, FrameError as loading and grasping say."""
+    """Return joints, tips and first contacts as text. Raises ConfigError or FrameError for a wrong hand."""
     config, hand = load_hand(hand_toml)
     engine = make_engine(config, "eqs")
     assert isinstance(engine, RollingHand)
@@ -36,7 +36,7 @@ def describe(hand_toml: Path) -> str:
 
 
 def mjcf(hand_toml: Path) -> str:
-    """The hand alone as MJCF."""
+    """Return the hand without the object as MJCF."""
     config = hand_config.load(hand_toml)
     spec = spec_of(config)
     compiled(spec, str(hand_toml))
@@ -44,6 +44,6 @@ def mjcf(hand_toml: Path) -> str:
 
 
 def draw(hand_toml: Path, path: Path) -> None:
-    """Hand and object in the start pose. ConfigError as `draw_states` and `write_row`."""
+    """Draw hand and object in the start pose. Raises ConfigError as `draw_states` and `write_row`."""
     twin = twin_model(hand_config.load(hand_toml), with_contacts=False)
     write_row(path, draw_states(twin, [twin.start().qpos]))

@@ -1,4 +1,4 @@
-"""The paper's simulation (Fig. 17) and experiment (Fig. 20): every turn, law and engine, and their table."""
+"""Data of the paper's Figs. 17 (simulation) and 20 (experiment): all turns, laws and engines."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
 STEP_DEG = 30.0
 AXES = ("roll", "pitch", "yaw")
 INTEGRAL_PER_S = 3.0
-MARKER_EVERY = 10  # of the recorded poses: 5 pictures a second
+MARKER_EVERY = 10  # recorded poses per picture of the external camera: 5 pictures a second
 
 
 class Law(enum.Enum):
-    """Which controller turns the object."""
+    """Controller that turns the object."""
 
     PROPOSED = "proposed"
     BLIND = "blind"
     INTEGRAL = "integral"
 
     def trial(self, axis: int, duration_s: float, noise_mm: float, seed: int) -> Trial:
-        """The 30 degrees step about one axis under this law, 50 ms late."""
+        """Return the trial of a 30 deg turn about one axis under this law, with contacts delayed by 50 ms."""
         rpy = [0.0, 0.0, 0.0]
         rpy[axis] = STEP_DEG
         return Trial(
@@ -47,7 +47,7 @@ class Law(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class FigureCase:
-    """One run of the study. by_marker: also measured by an external camera."""
+    """One run of the study. by_marker: the object's turn is also measured by an external camera."""
 
     hand_toml: Path
     engine: str
@@ -62,7 +62,7 @@ class FigureCase:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A case and what became of it; marker_rpy_deg (m, 3) at marker_s (m,), as the external camera saw it."""
+    """A case and its outcome. marker_rpy_deg (m, 3) at marker_s (m,): measured by the external camera."""
 
     case: FigureCase
     outcome: Outcome
@@ -80,7 +80,7 @@ def all_cases(
     by_marker: bool,
     friction: float | None = None,
 ) -> list[FigureCase]:
-    """Three axes, three laws, each engine. friction: of the tips, in place of the hand's own."""
+    """Return the cases of all axes, laws and engines. friction: replaces the coefficient in hand.toml."""
     return [
         FigureCase(hand_toml, engine, law, axis, duration_s, noise_mm, seed, by_marker, friction)
         for engine in engines
@@ -90,7 +90,7 @@ def all_cases(
 
 
 def run_all(cases: Sequence[FigureCase], jobs: int, done: Callable[[], None]) -> list[Result]:
-    """Every case, `jobs` at a time; the order and the results do not depend on `jobs`."""
+    """Run all cases, `jobs` at a time; order and results do not depend on `jobs`."""
     if jobs == 1:
         results = []
         for case in cases:
@@ -105,20 +105,20 @@ def run_all(cases: Sequence[FigureCase], jobs: int, done: Callable[[], None]) ->
 
 
 def run_case(case: FigureCase) -> Result:
-    """One simulation, and what the external camera measured of it."""
+    """Run one simulation and measure it with the external camera if the case asks for it."""
     trial = case.law.trial(case.axis, case.duration_s, case.noise_mm, case.seed)
     trial = replace(trial, friction=case.friction)
     outcome = run_trial(case.hand_toml, case.engine, trial)
     if not case.by_marker:
         return Result(case, outcome, np.zeros(0), np.zeros((0, 3)), None)
-    times, turns = _seen_by_camera(case, outcome)
+    times, turns = _measured_by_camera(case, outcome)
     goal = rotation.from_rpy_deg(*trial.rpy_deg)
     rpy = np.array([rotation.to_rpy_deg(turn) for turn in turns])
     return Result(case, outcome, times, rpy, rotation.angle_deg(goal @ turns[-1].T))
 
 
-def _seen_by_camera(case: FigureCase, outcome: Outcome) -> tuple[Array, list[Array]]:
-    """The object's turn since the first picture, from pictures of its marker."""
+def _measured_by_camera(case: FigureCase, outcome: Outcome) -> tuple[Array, list[Array]]:
+    """Return times and the object's rotations since the first picture, measured on pictures of its marker."""
     twin = hand_config.load(case.hand_toml).twin
     assert twin is not None  # the trial ran
     camera = camera_above(np.array(twin.object.position_m), twin.object.length_m)
@@ -143,8 +143,10 @@ def _error(outcome: Outcome) -> str:
 
 
 def engines_apart_deg(results: Sequence[Result]) -> list[tuple[str, int, Law, float, float]]:
-    """Of each hand, axis and law that both engines ran: the angle between their objects at the end, and the
-    largest on the way. Left out where one engine lost the object."""
+    """Compare the engines: hand, axis, law, final and largest angle between the two objects.
+
+    Cases in which one engine lost the object are left out.
+    """
     runs = {(r.case.hand_toml.stem, r.case.axis, r.case.law, r.case.engine): r.outcome for r in results}
     apart = []
     for (hand, axis, law, engine), one in runs.items():
@@ -160,7 +162,7 @@ def engines_apart_deg(results: Sequence[Result]) -> list[tuple[str, int, Law, fl
 
 
 def engines_table(results: Sequence[Result]) -> str:
-    """Markdown of `engines_apart_deg`; empty where there was one engine."""
+    """Return `engines_apart_deg` as a Markdown table; empty if only one engine was run."""
     rows = [
         f"| {hand} | {AXES[axis]} {STEP_DEG:g} | {law.value} | {end:.2f} | {largest:.2f} |"
         for hand, axis, law, end, largest in engines_apart_deg(results)
@@ -173,7 +175,7 @@ def engines_table(results: Sequence[Result]) -> str:
 
 
 def table(results: Sequence[Result]) -> str:
-    """Markdown: a row for each engine and axis, the final error under each law, and what the run was like."""
+    """Return a Markdown table: a row per engine and axis, with the final error under each law."""
     lines = [
         "| hand | engine | turn | proposed deg | blind deg | integral deg | marker: proposed, blind deg"
         " | friction/normal | slip mm | energy error |",
@@ -181,18 +183,18 @@ def table(results: Sequence[Result]) -> str:
     ]
     cases = {(r.case.hand_toml.stem, r.case.engine, r.case.axis): r for r in results}
     for hand, engine, axis in cases:
-        of = {
+        by_law = {
             r.case.law: r
             for r in results
             if (r.case.hand_toml.stem, r.case.engine, r.case.axis) == (hand, engine, axis)
         }
-        proposed = of[Law.PROPOSED].outcome
-        errors = [_error(of[law].outcome) for law in Law]
-        seen = [of[law].marker_error_deg for law in (Law.PROPOSED, Law.BLIND)]
+        proposed = by_law[Law.PROPOSED].outcome
+        errors = [_error(by_law[law].outcome) for law in Law]
+        measured = [by_law[law].marker_error_deg for law in (Law.PROPOSED, Law.BLIND)]
         energy = "" if proposed.energy_error is None else f"{abs(proposed.energy_error):.0e}"
         lines.append(
             f"| {hand} | {engine} | {AXES[axis]} {STEP_DEG:g} | {errors[0]} | {errors[1]} | {errors[2]} | "
-            f"{', '.join(f'{error:.2f}' for error in seen if error is not None)} | "
+            f"{', '.join(f'{error:.2f}' for error in measured if error is not None)} | "
             f"{proposed.friction_ratio:.2f} | {proposed.slip_mm.max():.3f} | {energy} |"
         )
     return "\n".join(lines)

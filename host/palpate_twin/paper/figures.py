@@ -1,4 +1,4 @@
-"""Figs. 17 and 20 drawn: roll, pitch and yaw of the object against time, proposed beside blind."""
+"""Draw Figs. 17 and 20: roll, pitch and yaw of the object over time under the proposed and the blind law."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAMES = {Law.PROPOSED: "proposed", Law.BLIND: "blind (Tahara)"}
 
 
 def draw_turns(results: Sequence[Result], path: Path) -> None:
-    """One hand's runs, three turns by two laws (a-f); the format as the path's suffix says."""
+    """Draw the runs of one hand, three turns by two laws (a-f). The path's suffix selects the format."""
     engines = list(dict.fromkeys(result.case.engine for result in results))
     with mpl.rc_context({"font.size": 9, "svg.hashsalt": "palpate", "svg.fonttype": "none"}):
         figure = Figure(figsize=(9, 9), layout="constrained")
@@ -28,8 +28,8 @@ def draw_turns(results: Sequence[Result], path: Path) -> None:
                 axes = panels[row, column]
                 letter = "abcdef"[2 * row + column]
                 axes.set_title(f"({letter}) {AXES[row]} {STEP_DEG:g} deg, {NAMES[law]}", loc="left")
-                mine = [result for result in results if (result.case.axis, result.case.law) == (row, law)]
-                _draw(axes, mine, engines)
+                shown = [result for result in results if (result.case.axis, result.case.law) == (row, law)]
+                _draw(axes, shown, engines)
         for axes in panels[:, 0]:
             axes.set_ylabel("deg")
         for axes in panels[-1]:

@@ -1,4 +1,4 @@
-"""The closed loop as an experiment: grasp, turn the object, and say how well each part of the chain did."""
+"""Run the closed loop as an experiment: grasp, turn the object, and measure each part of the chain."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.service.host import load_hand
-from palpate_twin.closed_loop.fingertip_feel import Feel
-from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, missing_turn_deg, turning_samples
+from palpate_twin.closed_loop.lockstep import LockstepLoop, LoopRecord, final_error_deg, turning_samples
+from palpate_twin.closed_loop.tactile_rendering import ContactSource
 from palpate_twin.hand.twin_model import TwinModel
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
 from palpate_twin.paper.trial import make_engine
@@ -24,18 +24,21 @@ POSITION_STIFFNESS_N_M = 300.0
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """rpy_deg (n, 3): the object's turn since the host began to turn it. refused: frames that the estimators
-    did not believe. contact_error_mm: mean distance of published from true contacts. slip_mm: (3,). sunk_mm:
-    how much lower the object ends than where turning began. film: the model's states (MuJoCo's qpos), every
-    half second from the start."""
+    """Figures of one run.
+
+    rpy_deg: (n, 3) rotation of the object since the host began to turn it. slip_mm: (3,) sliding distance of
+    each tip. drop_mm: loss of height of the object since then. contact_error_mm: mean distance between
+    published and true contacts. rejected: number of frames without a valid contact. film: MuJoCo's qpos every
+    half second from the start.
+    """
 
     axis: int
     error_deg: float
     rpy_deg: Array
     slip_mm: Array
-    sunk_mm: float
+    drop_mm: float
     contact_error_mm: float
-    refused: int
+    rejected: int
     frames: int
     bus_frames: int
     failure: str
@@ -46,7 +49,7 @@ class LoopResult:
 def run_loop(
     hand_toml: Path,
     axis: int,
-    make_feel: Callable[[], Feel],
+    make_contact_source: Callable[[], ContactSource],
     *,
     seconds: float,
     friction: float | None,
@@ -54,8 +57,11 @@ def run_loop(
     engine: str,
     has_weight: bool = False,
 ) -> LoopResult:
-    """Grasp and turn by 30 degrees about one axis. friction: in place of the hand's own. has_weight: the host
-    carries the object, whose weight it knows."""
+    """Grasp and turn by 30 deg about one axis.
+
+    friction: replaces the coefficient in hand.toml. has_weight: the object has weight, which the host knows
+    and compensates.
+    """
     config, hand = load_hand(hand_toml)
     rpy = [0.0, 0.0, 0.0]
     rpy[axis] = STEP_DEG
@@ -75,19 +81,21 @@ def run_loop(
     if config.twin is not None and friction is not None:
         tip = msgspec.structs.replace(config.twin.tip, friction=friction)
         config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
-    loop = LockstepLoop(config, hand, make_engine(config, engine, has_B=False), make_feel(), has_weight)
+    loop = LockstepLoop(
+        config, hand, make_engine(config, engine, has_B=False), make_contact_source(), has_weight
+    )
     record = loop.run(seconds)
-    error_deg, rpy_deg = missing_turn_deg(record, turn)
+    error_deg, rpy_deg = final_error_deg(record, turn)
     errors_mm = contact_errors_mm(record)
     return LoopResult(
         axis=axis,
         error_deg=error_deg,
         rpy_deg=rpy_deg,
         slip_mm=1e3 * loop.engine.slip_m,
-        sunk_mm=1e3
+        drop_mm=1e3
         * float(turning_samples(record)[0].object_position_m[2] - loop.engine.object_position_m[2]),
         contact_error_mm=float(np.mean(errors_mm)) if errors_mm else math.nan,
-        refused=sum(not contact.valid for _, contact, _ in record.contacts),
+        rejected=sum(not contact.valid for _, contact, _ in record.contacts),
         frames=len(record.contacts),
         bus_frames=record.bus_frames,
         failure=record.failure,
@@ -97,7 +105,7 @@ def run_loop(
 
 
 def contact_errors_mm(record: LoopRecord) -> list[float]:
-    """Distances of published contacts from the true ones, on the dome, where both say contact."""
+    """Return the distances between published and true contacts on the dome, where both exist."""
     return [
         math.dist(contact.position_mm, truth)
         for _, contact, truth in record.contacts
@@ -106,10 +114,10 @@ def contact_errors_mm(record: LoopRecord) -> list[float]:
 
 
 def loop_table(results: Sequence[LoopResult]) -> str:
-    """Markdown, a row for each turn."""
+    """Return a Markdown table with a row per turn."""
     lines = [
-        "| turn | error deg | roll, pitch, yaw deg | sunk mm | slip of the tips mm | contact error mm |"
-        " frames refused | bus frames |",
+        "| turn | error deg | roll, pitch, yaw deg | drop mm | slip of the tips mm | contact error mm |"
+        " frames rejected | CAN frames |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for result in results:
@@ -117,7 +125,7 @@ def loop_table(results: Sequence[LoopResult]) -> str:
         slip = ", ".join(f"{path:.2f}" for path in result.slip_mm)
         lines.append(
             f"| {AXES[result.axis]} {STEP_DEG:g} | {result.error_deg:.2f} | {reached} |"
-            f" {result.sunk_mm:.1f} | {slip} | {result.contact_error_mm:.2f} |"
-            f" {result.refused} of {result.frames} | {result.bus_frames} |"
+            f" {result.drop_mm:.1f} | {slip} | {result.contact_error_mm:.2f} |"
+            f" {result.rejected} of {result.frames} | {result.bus_frames} |"
         )
     return "\n".join(lines)

@@ -1,8 +1,9 @@
-"""The paper's experiment: grasp an object, then turn it, with contacts that come late and 30 times a second.
+"""The paper's experiment: grasp an object, then turn it, with delayed contacts at 30 Hz.
 
-The controller is the host's own (`manipulation.Manipulation`), without bus and drives: it gives u of Eq. (9)
-at every tick, contacts reach it `delay_s` after their exposure. The damping -B qdot of Eq. (10) is part of
-the simulated joints, where it is continuous as in the paper; sampled, it would ring in Table 3's light links.
+The controller is the host's (`manipulation.Manipulation`), without bus and drives: it computes u of Eq. (9)
+in every tick from contacts that arrive `delay_s` after their exposure. The damping -B qdot of Eq. (10) is
+part of the simulated joints, where it is continuous as in the paper; a sampled damping would oscillate on
+Table 3's light links.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ TICK_S = 1e-3
 FRAME_RATE_HZ = 30.0
 RECORD_S = 0.02
 UNLIMITED = 1e3
-"""friction_ratio of the blind law: the limit is ours, and stops that law before it errs as published."""
+"""friction_ratio of the blind law: this limit is not in the paper and would reduce the blind law's error."""
 ENGINES: dict[str, Callable[[TwinModel], Engine]] = {"eqs": RollingHand, "mujoco": FrictionHand}
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What one run is to be.
+    """Parameters of one run.
 
-    rpy_deg: the turn. integral_per_s: 0 is the paper's law. noise_mm: standard deviation along each axis of
-    the contact's position on the dome. friction: of the tips, in place of the hand's own (engine mujoco).
+    rpy_deg: the commanded rotation. integral_per_s: 0 is the paper's law. noise_mm: standard deviation of the
+    contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
     """
 
     mode: ControlMode
@@ -57,13 +58,13 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """time_s (n,), 0 where turning begins; rpy_deg (n, 3) the object's turn since then; poses (n), each its
-    rotation and its place in the hand's frame.
+    """Result of one run.
 
-    error_deg: angle that is missing at the end. slip_mm: (3,) path of each skin against the object since
-    turning began. friction_ratio: largest tangential over normal force. energy_error: energy that appeared
-    over the energy that damping took (engine eqs only). lost_s: when the object was lost while it turned,
-    which ends the run; None when it was held to the end.
+    time_s: (n,), 0 at the start of the turn; rpy_deg: (n, 3) rotation of the object since then; poses: (n)
+    its rotation and position in the hand frame. error_deg: final angle between true and desired orientation.
+    slip_mm: (3,) sliding distance of each tip since the start of the turn. friction_ratio: largest ratio of
+    tangential to normal force. energy_error: spurious energy divided by the dissipated energy (engine eqs
+    only). lost_s: time at which the object was lost, which ends the run; None if it was held to the end.
     """
 
     trial: Trial
@@ -78,15 +79,18 @@ class Outcome:
 
 
 def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
-    """`eqs`: Eqs. (4)-(8); `mujoco`: contacts with friction. No weight on the object, as in Eq. (5).
+    """Create an engine: `eqs` (Eqs. (4)-(8)) or `mujoco` (frictional contacts). The object has no weight.
 
-    has_B: the joints themselves have the damping of Eq. (10).
+    has_B: the simulated joints have the damping B of Eq. (10).
     """
     return ENGINES[name](twin_model(config, with_contacts=name == "mujoco", has_B=has_B))
 
 
 def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
-    """One run; the same arguments give the same bits. LostGraspError when it is lost before it turns."""
+    """Run one trial; the same arguments give the same bits.
+
+    Raises LostGraspError if the object is lost before the turn.
+    """
     config, hand = load_hand(hand_toml)
     control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
     if trial.mode is ControlMode.BLIND:
@@ -100,7 +104,7 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
 
 
 class _Run:
-    """The loop's state: engine, controller, and the contacts on their way."""
+    """State of one run: engine, controller and delayed contacts."""
 
     def __init__(self, config: HandConfig, hand: HandKinematics, engine: Engine, trial: Trial) -> None:
         self._hand, self._engine, self._trial = hand, engine, trial
@@ -109,7 +113,7 @@ class _Run:
         self._radius_mm = config.control.tip_radius_m * 1e3
         self._rng = np.random.default_rng(trial.seed)
         self._frames = 0
-        self._on_the_way: deque[tuple[float, int, TipContact, HandPose]] = deque()
+        self._delayed: deque[tuple[float, int, TipContact, HandPose]] = deque()
 
     def run(self) -> Outcome:
         engine, trial = self._engine, self._trial
@@ -159,21 +163,21 @@ class _Run:
         if turning:
             mode = Mode.BLIND if self._trial.mode is ControlMode.BLIND else Mode.MANIPULATE
         # B qdot acts in the simulated joints.
-        still = np.zeros(self._hand.joint_count)
-        return self._control.torque_Nm(mode, pose, still, virtual_frame(pose.tip_centre_m), TICK_S)
+        no_velocity = np.zeros(self._hand.joint_count)
+        return self._control.torque_Nm(mode, pose, no_velocity, virtual_frame(pose.tip_centre_m), TICK_S)
 
     def _expose(self, now_s: float, pose: HandPose) -> None:
-        """A frame of every fingertip when it is due."""
+        """Expose a frame of every fingertip if it is due."""
         if now_s < self._frames / FRAME_RATE_HZ - 1e-9:
             return
         exposed_us = round(now_s * 1e6)
-        for finger, touch in enumerate(self._engine.touches()):
-            if touch is None:
+        for finger, truth in enumerate(self._engine.tip_contacts()):
+            if truth is None:
                 raise LostGraspError(
-                    f"tip {finger + 1} let go of the object at {self._engine.time_s:.2f} s:"
-                    " grasp harder or turn more slowly"
+                    f"tip {finger + 1} lost contact with the object at {self._engine.time_s:.2f} s:"
+                    " increase the grasping force or turn more slowly"
                 )
-            towards = pose.tip_rotation[finger].T @ (touch.point_m - pose.tip_centre_m[finger])
+            towards = pose.tip_rotation[finger].T @ (truth.point_m - pose.tip_centre_m[finger])
             point_mm = self._radius_mm / np.linalg.norm(towards) * towards
             point_mm = point_mm + self._trial.noise_mm * self._rng.normal(size=3)
             contact = TipContact(
@@ -182,7 +186,7 @@ class _Run:
                 sequence=self._frames,
                 latency_us=0,
                 position_mm=(float(point_mm[0]), float(point_mm[1]), float(point_mm[2])),
-                normal_force_N=touch.normal_force_N,
+                normal_force_N=truth.normal_force_N,
                 shear_N=(0.0, 0.0),
                 torsion_Nmm=0.0,
                 valid=True,
@@ -190,19 +194,17 @@ class _Run:
                 slip=False,
                 quality=255,
             )
-            self._on_the_way.append((now_s + self._trial.delay_s, finger, contact, pose))
+            self._delayed.append((now_s + self._trial.delay_s, finger, contact, pose))
         self._frames += 1
 
     def _deliver(self, now_s: float) -> None:
-        while self._on_the_way and self._on_the_way[0][0] <= now_s + 1e-9:
-            _, finger, contact, pose = self._on_the_way.popleft()
+        while self._delayed and self._delayed[0][0] <= now_s + 1e-9:
+            _, finger, contact, pose = self._delayed.popleft()
             self._control.add_contact(finger, contact, pose)
 
     def _friction_ratio(self) -> float:
-        touches = [
-            touch for touch in self._engine.touches() if touch is not None and touch.normal_force_N > 0.0
-        ]
-        ratios = [float(np.linalg.norm(touch.friction_N)) / touch.normal_force_N for touch in touches]
+        loaded = [one for one in self._engine.tip_contacts() if one is not None and one.normal_force_N > 0.0]
+        ratios = [float(np.linalg.norm(contact.friction_N)) / contact.normal_force_N for contact in loaded]
         return max(ratios, default=0.0)
 
     def _energy(self) -> tuple[float, float, float] | None:

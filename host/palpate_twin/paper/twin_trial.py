@@ -1,7 +1,7 @@
-"""One trial on the simulated hand, in lock step: the host, the nodes and the drives of the real one.
+"""One trial of an experiment on the simulated hand in lock step, with the real host, nodes and drives.
 
-The object's turn is measured as in the paper: by an external camera, here rendered. What the simulation knows
-is kept beside it.
+The object's rotation is measured as in the paper, by an external camera, which is simulated. The true
+rotation is returned as well.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from palpate_host.recording.mcap import McapRecording
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import contract_header, steps
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
-from palpate_twin.closed_loop.fingertip_feel import DirectFeel
 from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.paper.trial import make_engine
 
 PICTURES_HZ = 5.0
 
 
 class RecordedLoop(LockstepLoop):
-    """The loop with its bus log."""
+    """The closed loop in lock step with a bus log."""
 
     def __init__(self, config: HandConfig, hand: HandKinematics, *arguments: object) -> None:
         super().__init__(config, hand, *arguments)  # type: ignore[arg-type]
@@ -47,14 +47,16 @@ class RecordedLoop(LockstepLoop):
 
 
 def trial_config(config: HandConfig, case: TrialCase, experiment: ExperimentConfig) -> HandConfig:
-    """hand.toml for this trial. ConfigError when it has no [twin]."""
+    """Return the configuration of this trial. Raises ConfigError if hand.toml has no [twin]."""
     if config.twin is None:
-        raise ConfigError(f"{experiment.hand}: has no [twin]: give start_pose_rad and the object")
-    place_m = np.array(config.twin.object.position_m) + 1e-3 * np.array(case.pose.offset_mm)
-    held = msgspec.structs.replace(config.twin.object, position_m=tuple(place_m.tolist()))
+        raise ConfigError(
+            f"{experiment.hand} has no [twin] section: add one with start_pose_rad and the object"
+        )
+    position_m = np.array(config.twin.object.position_m) + 1e-3 * np.array(case.pose.offset_mm)
+    grasped = msgspec.structs.replace(config.twin.object, position_m=tuple(position_m.tolist()))
     return msgspec.structs.replace(
         config,
-        twin=msgspec.structs.replace(config.twin, object=held),
+        twin=msgspec.structs.replace(config.twin, object=grasped),
         target=msgspec.structs.replace(config.target, rpy_deg=case.turn.rpy_deg),
         control=msgspec.structs.replace(
             config.control,
@@ -68,15 +70,15 @@ def trial_config(config: HandConfig, case: TrialCase, experiment: ExperimentConf
 def run_twin_trial(
     hand_toml: Path, experiment: ExperimentConfig, case: TrialCase, folder: Path
 ) -> TrialResult:
-    """Runs it and writes bus.log and hand.mcap into `folder`. The same arguments give the same bits.
+    """Run a trial and write bus.log and hand.mcap into `folder`. The same arguments give the same bits.
 
-    LostGraspError when the object is lost or never turned.
+    Raises LostGraspError if the object is lost or never turned.
     """
     loaded, hand = load_hand(hand_toml)
     config = trial_config(loaded, case, experiment)
     engine = make_engine(config, experiment.engine, has_B=False)
-    feel = DirectFeel(1e3 * config.control.tip_radius_m, experiment.noise_mm, experiment.seed)
-    loop = RecordedLoop(config, hand, engine, feel)
+    contacts = TrueContactSource(1e3 * config.control.tip_radius_m, experiment.noise_mm, experiment.seed)
+    loop = RecordedLoop(config, hand, engine, contacts)
     record = loop.run(experiment.settle_s + experiment.seconds + 1.0)
     turning = turning_samples(record)
     folder.mkdir(parents=True, exist_ok=True)
@@ -98,10 +100,10 @@ def run_twin_trial(
 
 
 def _by_camera(config: HandConfig, turning: Sequence[Sample], seed: int) -> tuple[Array, list[Array]]:
-    """The turn since the first picture, five pictures a second and the last."""
+    """Return times and rotations since the first picture, from five pictures a second and the last one."""
     assert config.twin is not None
-    held = config.twin.object
-    camera = camera_above(np.array(held.position_m), held.length_m)
+    grasped = config.twin.object
+    camera = camera_above(np.array(grasped.position_m), grasped.length_m)
     truth, rng = MarkerTruth(camera), np.random.default_rng(seed)
     every = max(1, round(len(turning) / (turning[-1].time_s - turning[0].time_s) / PICTURES_HZ))
     times: list[float] = []
@@ -116,7 +118,7 @@ def _by_camera(config: HandConfig, turning: Sequence[Sample], seed: int) -> tupl
         turns.append(np.asarray(R @ start.T))
     if not turns:
         raise ConfigError(
-            "the external camera saw the marker in no picture: move the object's start into view"
+            "the marker is in no picture of the external camera: move the object's start position into view"
         )
     return np.array(times), turns
 

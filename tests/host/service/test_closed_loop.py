@@ -244,7 +244,7 @@ def grasped_N(bench, hand_of_commands, force_law, motor):
     rig.run(2.0)
     assert rig.statuses[-1].mode in (Mode.GRASP, Mode.MANIPULATE), rig.statuses[-1].reason
     check_limits(rig)
-    return np.array([touch.normal_force_N for touch in rig.engine.touches()])
+    return np.array([touch.normal_force_N for touch in rig.engine.tip_contacts()])
 
 
 def test_the_integral_of_the_sensors_force_makes_up_for_weak_drives(bench, hand_of_commands):

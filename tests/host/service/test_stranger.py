@@ -19,8 +19,8 @@ from palpate_host.control.hand_model import model_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
-from palpate_twin.closed_loop.fingertip_feel import DirectFeel
-from palpate_twin.closed_loop.lockstep import LockstepLoop, missing_turn_deg
+from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.paper.trial import make_engine
 
 STRANGER = Path(__file__).parents[1] / "stranger" / "hand.toml"
@@ -102,13 +102,13 @@ def test_it_grasps_and_turns_an_object(stranger: tuple[HandConfig, HandKinematic
     """Lock step: its own drives and fingertips on a bus, physics with friction. 10 deg of yaw."""
     config, hand = stranger
     engine = make_engine(config, "mujoco", has_B=False)
-    loop = LockstepLoop(config, hand, engine, DirectFeel(1e3 * config.control.tip_radius_m, 0.09, 1))
+    loop = LockstepLoop(config, hand, engine, TrueContactSource(1e3 * config.control.tip_radius_m, 0.09, 1))
     record = loop.run(5.0)
     assert not record.failure
     assert record.samples[-1].mode is Mode.MANIPULATE
-    error_deg, rpy_deg = missing_turn_deg(record, config.target.rpy_deg)
+    error_deg, rpy_deg = final_error_deg(record, config.target.rpy_deg)
     assert error_deg < 2.5
     np.testing.assert_allclose(rpy_deg[-1], [0.0, 0.0, 10.0], atol=2.5)
     assert 1e3 * engine.slip_m.max() < 2.0
-    forces = [touch.normal_force_N for touch in engine.touches() if touch is not None]
+    forces = [touch.normal_force_N for touch in engine.tip_contacts() if touch is not None]
     assert len(forces) == 3 and min(forces) > 0.5 and max(forces) < 5.0

@@ -1,4 +1,4 @@
-"""A hand without power, its motion as a file, its drawings, and the turns read back from a replay."""
+"""The simulated hand in real time: brakes, motion file, plain renderer, waiting for frames and commands."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
-from palpate_twin.cli.hand import PACKAGED
-from palpate_twin.closed_loop.fingertip_feel import DirectFeel
+from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.live_cameras import Exposure
 from palpate_twin.closed_loop.live_hand import LiveHand
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.demo.hand_motion import HostTick
 from palpate_twin.demo.turn import analyse_turns
 from palpate_twin.hand.film import draw_states, write_film
@@ -48,7 +48,7 @@ def test_braked_joints_stand_under_gravity_and_free_ones_fall(name):
     for _ in range(400):
         engine.step(np.zeros(9))
     assert engine.q_rad == pytest.approx(held_rad, abs=1e-8)
-    assert np.abs(engine.object_position_m).max() < 0.2  # nothing is flung away
+    assert np.abs(engine.object_position_m).max() < 0.2  # the object stays in the hand
 
 
 def test_the_motion_file_gives_back_what_the_engine_had(tmp_path: Path):
@@ -59,7 +59,7 @@ def test_the_motion_file_gives_back_what_the_engine_had(tmp_path: Path):
         for stamp_us in (1_700_000_000_000_000, 1_700_000_000_020_000):
             for _ in range(40):
                 engine.step(np.full(9, 0.05))
-            file.note(stamp_us, engine)
+            file.write(stamp_us, engine)
             seen.append((engine.q_rad.copy(), engine.object_rotation, engine.object_position_m))
     with (tmp_path / "motion.csv").open("a") as cut:
         cut.write("17000,0.1")  # the end of a killed process
@@ -69,20 +69,20 @@ def test_the_motion_file_gives_back_what_the_engine_had(tmp_path: Path):
         assert motion.q_rad[row] == pytest.approx(q_rad, abs=1e-6)
         assert motion.rotations[row] == pytest.approx(R, abs=1e-6)
         assert motion.pose[row, :3] == pytest.approx(position_m, abs=1e-6)
-    touches = [0.0 if touch is None else touch.normal_force_N for touch in engine.touches()]
-    assert motion.force_N[1] == pytest.approx(touches, rel=1e-5)
+    forces_N = [0.0 if contact is None else contact.normal_force_N for contact in engine.tip_contacts()]
+    assert motion.force_N[1] == pytest.approx(forces_N, rel=1e-5)
 
 
 def test_a_motion_that_is_missing_or_empty_is_refused(tmp_path: Path):
     with pytest.raises(DatasetError, match="run the demo again"):
         read_motion(tmp_path / "motion.csv")
     (tmp_path / "motion.csv").write_text("time_us\n")
-    with pytest.raises(DatasetError, match="holds no motion"):
+    with pytest.raises(DatasetError, match="contains no motion"):
         read_motion(tmp_path / "motion.csv")
 
 
 def test_the_plain_drawing_shows_the_object_where_opengl_would(tmp_path: Path):
-    """The object moved to the side and back: its colour's middle moves and comes back."""
+    """The object moves to the side and back, and so does the centre of its pixels."""
     config, _ = load_hand(TABLE_4)
     twin = make_engine(config, "eqs").twin
     states = [twin.start().qpos.copy() for _ in range(3)]
@@ -101,7 +101,7 @@ def test_the_plain_drawing_shows_the_object_where_opengl_would(tmp_path: Path):
 
 
 def test_the_plain_camera_is_mujocos():
-    """MuJoCo's free camera, asked for its place and direction through its own scene."""
+    """Position and direction equal those of MuJoCo's free camera in a MuJoCo scene."""
     from palpate_twin.hand.plain_drawing import _View
 
     twin = make_engine(load_hand(TABLE_4)[0], "eqs").twin
@@ -161,7 +161,7 @@ def test_turns_are_separated_by_their_commands():
 
 
 class Cameras:
-    """In place of the process that draws: says of each finger whether its picture is done."""
+    """Stand-in for the camera process: `busy` lists the fingers whose frame is being rendered."""
 
     def __init__(self) -> None:
         self.fps = [30.0] * 3
@@ -176,10 +176,10 @@ class Cameras:
 
 
 class Bench:
-    """The live hand, the fingertips' nodes and the host's core on a bus without delay, in steps of 1 ms.
+    """Live hand, fingertip nodes and host core on a bus without delay, in steps of 1 ms.
 
-    late_ms: how much later than sent the host's frames come; felt_ms: an exposure's contact comes so much
-    later, of the fingers that are not deaf; count_from: their number of the first picture.
+    late_ms: delay of the host's frames; contact_ms: time from exposure to contact; silent: fingers that
+    publish no contact; count_from: first sequence number of the fingertips.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -191,11 +191,11 @@ class Bench:
         self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
         self.host = HostCore(config, kinematics)
         self.tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
-        self.late_ms, self.felt_ms, self.count_from = 0, 10, 0
-        self.deaf: set[int] = set()
+        self.late_ms, self.contact_ms, self.count_from = 0, 10, 0
+        self.silent: set[int] = set()
         self._to_hand: list[tuple[int, CanFrame]] = []
-        self._feel = DirectFeel(30.0, 0.0, 1)
-        self._felt = 0
+        self._contacts = TrueContactSource(30.0, 0.0, 1)
+        self._processed = 0
         self.mode = Mode.INIT
 
     def run(self, ms: int) -> None:
@@ -204,23 +204,26 @@ class Bench:
             arrived = [(s, f) for s, f in self._to_hand if s + 1000 * self.late_ms <= self.now_us]
             self._to_hand = self._to_hand[len(arrived) :]
             sent, _ = self.hand.process(self.now_us, [(self.now_us, frame) for _, frame in arrived])
-            heard = [frame for _, frame in arrived]
+            received = [frame for _, frame in arrived]
             while (
-                self._felt < len(self.cameras.exposures)
-                and self.cameras.exposures[self._felt].exposed_at_us + 1000 * self.felt_ms <= self.now_us
+                self._processed < len(self.cameras.exposures)
+                and self.cameras.exposures[self._processed].exposed_at_us + 1000 * self.contact_ms
+                <= self.now_us
             ):
-                seen = self.cameras.exposures[self._felt]
-                self._felt += 1
-                if seen.finger in self.deaf:
+                exposure = self.cameras.exposures[self._processed]
+                self._processed += 1
+                if exposure.finger in self.silent:
                     continue
-                number = self.count_from + seen.sequence
-                contact = self._feel.contact(seen.finger, seen.touch, seen.exposed_at_us, number)
-                self.tips[seen.finger].publish(contact, self.now_us - seen.exposed_at_us)
+                number = self.count_from + exposure.sequence
+                contact = self._contacts.contact(
+                    exposure.finger, exposure.contact, exposure.exposed_at_us, number
+                )
+                self.tips[exposure.finger].publish(contact, self.now_us - exposure.exposed_at_us)
             for tip in self.tips:
-                sent += tip.process(self.now_us, heard).frames_out
+                sent += tip.process(self.now_us, received).frames_out
             output = self.host.process(self.now_us, [(self.now_us, frame) for frame in sent])
-            answers = [frame for frame in sent if frame.can_id in self.hand.accept_ids]
-            both = [*answers, *output.frames_out]
+            responses = [frame for frame in sent if frame.can_id in self.hand.accept_ids]
+            both = [*responses, *output.frames_out]
             self._to_hand += [(self.now_us, frame) for frame in both]
             if output.status is not None:
                 self.mode = output.status.mode
@@ -228,7 +231,7 @@ class Bench:
 
 @pytest.fixture
 def turning(tmp_path):
-    """A hand that holds its object and turns it, its time never held up."""
+    """Return a hand that turns its object and has not had to wait."""
     bench = Bench(tmp_path)
     bench.run(1800)
     assert bench.mode is Mode.MANIPULATE
@@ -245,51 +248,53 @@ def test_another_node_with_a_drives_id_ends_a_live_hand(turning):
 
 
 def test_a_live_hand_waits_for_commands_no_longer_than_for_a_slow_host(turning):
-    """Nothing comes for 400 ms: the hand stands 2 ticks and 2 ms after the last angles that a command knew.
-    After a second it goes on, so that its drives notice the host's end."""
-    before_us = turning.hand.own_us
+    """Without commands, the hand stops 2 ticks and 2 ms after the angles of the last command.
+
+    After a second it continues, so that its drives detect that the host has ended.
+    """
+    before_us = turning.hand.simulated_us
     turning.late_ms = 10_000
     turning.run(400)
-    assert turning.hand.own_us - before_us <= 22_000
+    assert turning.hand.simulated_us - before_us <= 22_000
     turning.run(1000)
-    assert turning.hand.own_us - before_us > 300_000
+    assert turning.hand.simulated_us - before_us > 300_000
 
 
 def test_a_live_hand_waits_for_angles_to_be_known(turning):
-    """Frames 15 ms late: every command is of angles that are older than one tick, so the hand slows down."""
-    before_us = turning.hand.own_us
+    """With a delay of 15 ms, every command is based on angles older than one tick: the hand slows down."""
+    before_us = turning.hand.simulated_us
     turning.late_ms = 15
     turning.run(1000)
-    assert 200_000 < turning.hand.own_us - before_us < 800_000
+    assert 200_000 < turning.hand.simulated_us - before_us < 800_000
     assert turning.mode is Mode.MANIPULATE
 
 
 def test_a_live_hand_waits_for_a_picture(turning):
-    before_us = turning.hand.own_us
+    before_us = turning.hand.simulated_us
     turning.cameras.busy = {1}
     turning.run(300)
-    assert turning.hand.own_us - before_us <= 34_000  # at most a frame on
+    assert turning.hand.simulated_us - before_us <= 34_000  # at most a frame on
     turning.cameras.busy.clear()
     turning.run(100)
-    assert turning.hand.own_us - before_us >= 90_000
+    assert turning.hand.simulated_us - before_us >= 90_000
     sequences = [exposure.sequence for exposure in turning.cameras.exposures if exposure.finger == 1]
     assert sequences == list(range(len(sequences)))
 
 
 def test_a_live_hand_waits_for_contacts(turning):
-    """Contacts 120 ms late: a camera takes its next picture when the last one was felt."""
-    turning.felt_ms = 120
+    """With contacts 120 ms late, a camera's next exposure waits for the contact of the last one."""
+    turning.contact_ms = 120
     turning.run(500)
-    before_us, before = turning.hand.own_us, len(turning.cameras.exposures)
+    before_us, before = turning.hand.simulated_us, len(turning.cameras.exposures)
     turning.run(1200)
-    assert turning.hand.own_us - before_us == pytest.approx(10 * 1e6 / 30, abs=20_000)
+    assert turning.hand.simulated_us - before_us == pytest.approx(10 * 1e6 / 30, abs=20_000)
     assert len(turning.cameras.exposures) - before == pytest.approx(3 * 10, abs=3)
 
 
 def test_a_picture_that_is_lost_is_not_waited_for_long(turning):
-    """One finger's pictures are felt no more: each holds the hand up for 200 ms, until the finger is gone."""
+    """A finger without contacts delays each of its exposures by 200 ms, but only for the first second."""
     before = len(turning.cameras.exposures)
-    turning.deaf = {1}
+    turning.silent = {1}
     turning.run(900)
     taken = [exposure.finger for exposure in turning.cameras.exposures[before:]]
     assert 3 <= taken.count(1) <= 6
@@ -298,9 +303,9 @@ def test_a_picture_that_is_lost_is_not_waited_for_long(turning):
     assert taken.count(1) > 15
 
 
-def test_a_fingertip_may_count_its_pictures_anew(turning):
-    """As it does when it has opened its camera again."""
+def test_a_fingertip_may_restart_its_sequence_numbers(turning):
+    """A fingertip restarts them when it reopens its camera."""
     turning.count_from = 1000
-    before_us = turning.hand.own_us
+    before_us = turning.hand.simulated_us
     turning.run(500)
-    assert turning.hand.own_us - before_us > 490_000
+    assert turning.hand.simulated_us - before_us > 490_000

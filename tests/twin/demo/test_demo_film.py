@@ -30,7 +30,7 @@ def write_motion(path: Path, seconds: float, still_s: float = 0.0) -> None:
     with MotionFile(path, [joint.name for joint in config.joints]) as file:
         for row in range(round(seconds / ROW_S) + 1):
             engine.data.qpos[at] += 0.1 * ROW_S * (row * ROW_S > still_s)
-            file.note(1_700_000_000_000_000 + row * PERIOD_US, engine)
+            file.write(1_700_000_000_000_000 + row * PERIOD_US, engine)
 
 
 @pytest.fixture
@@ -58,13 +58,16 @@ def test_a_longer_motion_is_shown_from_its_beginning(tmp_path, longest_s, pictur
 
 
 @pytest.mark.parametrize(
-    ("options", "pictures", "said"),
-    [([], 30, "30 pictures, drawn plainly"), (["--longest", "1"], 10, "first 1 of 3.0 s, drawn plainly")],
+    ("options", "pictures", "message"),
+    [
+        ([], 30, "30 pictures, drawn by the plain renderer"),
+        (["--longest", "1"], 10, "first 1 of 3.0 s, drawn by the plain renderer"),
+    ],
 )
-def test_the_command_says_what_it_leaves_out(folder, options, pictures, said):
+def test_the_command_reports_what_it_leaves_out(folder, options, pictures, message):
     paths = ["--config", str(folder.hand_toml), "--motion", str(folder.motion), "-o", str(folder.film)]
     done = CliRunner().invoke(film, [*paths, "--plain", *options])
-    assert said in done.output
+    assert message in done.output
     read, animation = cv2.imreadanimation(str(folder.film))
     assert read
     assert sum(animation.durations) == 100 * pictures  # pictures that are alike are one that stays

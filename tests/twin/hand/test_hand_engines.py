@@ -1,5 +1,4 @@
-"""The hand and its object: Eqs. (4)-(8) against Newton, geometry and energy, and the two engines against each
-other."""
+"""The two engines: Eqs. (4)-(8) against Newton, geometry and energy, and the engines against each other."""
 
 import msgspec
 import mujoco
@@ -29,7 +28,7 @@ def table_3():
 
 
 class Grasp:
-    """An engine under the grasping torque of Eq. (10), and a swing of the joints to make it move."""
+    """An engine under the grasping torque of Eq. (10), plus oscillating joint torques."""
 
     def __init__(self, table_3, name, swing_Nm=0.0, step_s=None):
         self.config, self.hand = table_3
@@ -49,17 +48,17 @@ class Grasp:
 
 
 def contact_forces(engine):
-    """Forces on the object (3, 3) and their points, from the face normals written out here."""
+    """Return the forces on the object (3, 3) and their points, from the face normals of Table 3's object."""
     R = engine.object_rotation
     sqrt_half = np.sqrt(0.5)
     normals = np.array(
         [[sqrt_half, sqrt_half, 0], [-sqrt_half, sqrt_half, 0], [0, -1, 0]]
     )  # right, left, long
     forces, points = [], []
-    for normal, touch in zip(normals, engine.touches(), strict=True):
-        assert abs(touch.friction_N @ R @ normal) < 1e-6
-        forces.append(-touch.normal_force_N * (R @ normal) - touch.friction_N)
-        points.append(touch.point_m)
+    for normal, contact in zip(normals, engine.tip_contacts(), strict=True):
+        assert abs(contact.friction_N @ R @ normal) < 1e-6
+        forces.append(-contact.normal_force_N * (R @ normal) - contact.friction_N)
+        points.append(contact.point_m)
     return np.array(forces), np.array(points)
 
 
@@ -77,15 +76,15 @@ def test_table_3s_object_is_a_right_isosceles_prism():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ({"outline_m": ((0, 0), (0, 0.03), (0.03, 0))}, "not convex and counter-clockwise"),
         ({"outline_m": ((0, 0), (0.03, 0), (0.01, 0.01), (0, 0.03))}, "not convex"),
         ({"inertia_kgm2": (0.01716e-4, 0.1127e-4, 0.0823e-4)}, "triangle inequality"),
     ],
 )
-def test_impossible_objects_are_refused(table_3, change, says):
-    with pytest.raises(ConfigError, match=says):
+def test_impossible_objects_are_refused(table_3, change, message):
+    with pytest.raises(ConfigError, match=message):
         prism_of(msgspec.structs.replace(table_3[0].twin.object, **change))
 
 
@@ -94,12 +93,12 @@ def test_a_hand_without_a_twin_or_with_another_pose_is_refused(table_3):
     with pytest.raises(ConfigError, match=r"no \[twin\] section"):
         twin_model(msgspec.structs.replace(config, twin=None), with_contacts=False)
     short = msgspec.structs.replace(config.twin, start_pose_rad=(0.0, 0.3))
-    with pytest.raises(ConfigError, match=r"start_pose_rad has 2 angles, finger-1 5 joints"):
+    with pytest.raises(ConfigError, match=r"start_pose_rad has 2 angles, but finger-1 has 5 joints"):
         twin_model(msgspec.structs.replace(config, twin=short), with_contacts=False)
 
 
 def test_newton_and_euler_hold_for_the_object(table_3):
-    """Eqs. (5), (6): momentum and spin change by the contact forces, torsion (7) and nothing else."""
+    """Eqs. (5), (6): momentum and spin change only by contact forces and torsion, Eq. (7)."""
     grasp = Grasp(table_3, "eqs", swing_Nm=0.01, step_s=2e-5)
     engine = grasp.run(0.02)
     twin, data, h = engine.twin, engine.data, engine.step_s
@@ -113,10 +112,10 @@ def test_newton_and_euler_hold_for_the_object(table_3):
     p0, L0, v0 = momenta()
     position, R0 = engine.object_position_m, engine.object_rotation
     tips_R = data.xmat.reshape(-1, 3, 3)[engine._tip_bodies].copy()
-    points = np.array([touch.point_m for touch in engine.touches()])
+    points = np.array([contact.point_m for contact in engine.tip_contacts()])
     engine.step(np.zeros(15))
     p1, L1, _ = momenta()
-    # Forces are those of the step just done; where they acted is where it began.
+    # The forces are those of the last step; their points are those at its start.
     forces, _ = contact_forces(engine)
     forces = forces @ engine.object_rotation @ R0.T
     np.testing.assert_allclose((p1 - p0) / h, forces.sum(axis=0), atol=1e-4)
@@ -127,13 +126,13 @@ def test_newton_and_euler_hold_for_the_object(table_3):
         tip_spin = Rotation.from_matrix(tips_now @ tips_R[i].T).as_rotvec() / h
         twist -= 1e-3 * normal * (normal @ (spin - tip_spin))  # b = 1e-3
     moment = np.cross(points - position, forces).sum(axis=0) + twist
-    assert np.linalg.norm((L1 - L0) / h) > 1e-4  # it does spin up
+    assert np.linalg.norm((L1 - L0) / h) > 1e-4  # the spin changes
     np.testing.assert_allclose((L1 - L0) / h, moment, atol=2e-6)
     assert not np.array_equal(v0, data.qvel)
 
 
-def test_a_free_object_turns_as_euler_says(table_3):
-    """No touch: the torque-free top, solved here by scipy from Euler's equations."""
+def test_a_free_object_follows_eulers_equations(table_3):
+    """Without contact, the object is a torque-free top, solved here by scipy from Euler's equations."""
     config = table_3[0]
     away = msgspec.structs.replace(config.twin.object, position_m=(1.0, 0.0, 0.07))
     config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, object=away))
@@ -167,21 +166,21 @@ def test_energy_balances_and_the_balance_closes_with_the_step(table_3):
 
 
 def test_tips_roll_equal_arcs(table_3):
-    """What a tip unrolls of its sphere is what the contact runs over the face, measured on the bodies."""
+    """The contact travels equal distances over the tip's sphere and over the object's face."""
     grasp = Grasp(table_3, "eqs", swing_Nm=0.02)
     engine = grasp.engine
     on_face, on_tip, last = np.zeros(3), np.zeros(3), None
     for tick in range(1, 301):
         grasp.run(tick * 1e-3)
         R, x = engine.object_rotation, engine.object_position_m
-        points = np.array([touch.point_m for touch in engine.touches()])
+        points = np.array([contact.point_m for contact in engine.tip_contacts()])
         centres = engine.data.site_xpos[list(engine.twin.tip_sites)]
         tips = engine.data.site_xmat[list(engine.twin.tip_sites)].reshape(3, 3, 3)
         place = (points - x) @ R
         arm = np.einsum("iba,ib->ia", tips, points - centres)
         if last is not None:
             on_face += np.linalg.norm(place - last[0], axis=1)
-            # Arms are r - Delta r long: the arc, without the change of that length.
+            # Arms have the length r - Delta r: count the arc without the change of that length.
             unit, before = (a / np.linalg.norm(a, axis=1, keepdims=True) for a in (arm, last[1]))
             on_tip += np.linalg.norm(unit - before, axis=1) * np.linalg.norm(arm, axis=1)
         last = place, arm
@@ -191,8 +190,8 @@ def test_tips_roll_equal_arcs(table_3):
 
 
 @pytest.mark.parametrize("name", ["eqs", "mujoco"])
-def test_a_joint_stands_at_the_end_of_its_range_and_comes_back(table_3, name):
-    """The second joint of each finger, opened against its end."""
+def test_a_joint_stops_at_its_limit_and_moves_back(table_3, name):
+    """The second joint of each finger opens against its limit."""
     config, _ = table_3
     engine = make_engine(config, name)
     opening, closing = (np.tile([0.0, sign * 0.05, 0.0, 0.0, 0.0], 3) for sign in (-1.0, 1.0))
@@ -207,7 +206,7 @@ def test_a_joint_stands_at_the_end_of_its_range_and_comes_back(table_3, name):
     assert (engine.q_rad[1::5] > np.add(least, 0.05)).all()
 
 
-def test_what_the_ends_of_the_ranges_take_is_accounted(table_3):
+def test_energy_dissipated_at_joint_limits_is_accounted_for(table_3):
     config, _ = table_3
     engine = make_engine(config, "eqs")
     begin = engine.energy_J()
@@ -226,12 +225,12 @@ def test_what_the_ends_of_the_ranges_take_is_accounted(table_3):
 
 @pytest.mark.parametrize("name", ["eqs", "mujoco"])
 def test_a_grasp_at_rest_is_in_equilibrium(table_3, name):
-    """The contact forces add up to nothing, and each normal force is k Delta r^2 of the geometry, Eq. (8)."""
+    """The contact forces sum to zero, and each normal force is k Delta r^2 of the geometry, Eq. (8)."""
     engine = Grasp(table_3, name).run(1.5)
     centres = engine.data.site_xpos[list(engine.twin.tip_sites)]
-    for centre, touch in zip(centres, engine.touches(), strict=True):
-        indentation = 0.010 - np.linalg.norm(centre - touch.point_m)
-        assert touch.normal_force_N == pytest.approx(3e5 * indentation**2, rel=0.02)
+    for centre, contact in zip(centres, engine.tip_contacts(), strict=True):
+        indentation = 0.010 - np.linalg.norm(centre - contact.point_m)
+        assert contact.normal_force_N == pytest.approx(3e5 * indentation**2, rel=0.02)
     forces, points = contact_forces(engine)
     assert np.abs(forces.sum(axis=0)).max() < 0.002 * np.abs(forces).sum()
     moment = np.cross(points - engine.object_position_m, forces).sum(axis=0)
@@ -246,7 +245,7 @@ def test_the_engines_agree_where_nothing_slips(table_3):
     assert np.degrees(moved) > 0.5
     assert np.degrees(apart) < 0.15
     np.testing.assert_allclose(eqs.object_position_m, other.object_position_m, atol=2e-5)
-    for a, b in zip(eqs.touches(), other.touches(), strict=True):
+    for a, b in zip(eqs.tip_contacts(), other.tip_contacts(), strict=True):
         assert a.normal_force_N == pytest.approx(b.normal_force_N, rel=0.03)
     assert other.slip_m.max() < 1e-4
 
@@ -260,7 +259,7 @@ def test_without_friction_the_other_engine_slips(table_3):
 
 
 def test_a_urdf_hand_loads_with_its_tip_links_as_sites(tmp_path, table_3):
-    """A finger of the URDF bends as the same finger in MJCF: kinematics of the tip link's origin."""
+    """The tip link's origin moves with the joint as computed by hand."""
     inertia = '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
     link = f'<link name="{{0}}"><inertial><mass value="0.1"/>{inertia}</inertial></link>'
     urdf = tmp_path / "hand.urdf"

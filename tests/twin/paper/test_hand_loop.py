@@ -1,4 +1,4 @@
-"""The closed loop in lock step: physics, fingertip nodes, bus, drives and host on one virtual clock."""
+"""The closed loop in lock step: physics, fingertip nodes, bus, drives and host on simulated time."""
 
 import msgspec
 import numpy as np
@@ -15,9 +15,9 @@ from palpate_twin.camera import layouts
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
-from palpate_twin.cli.hand import PACKAGED
-from palpate_twin.closed_loop.fingertip_feel import DirectFeel, DomeTouch, RenderedFeel
+from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.closed_loop.tactile_rendering import DomeContact, RenderedContactSource, TrueContactSource
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.driven_hand import HandMotor
 from palpate_twin.paper.loop import run_loop
@@ -28,11 +28,11 @@ PITCH, YAW = 1, 2
 
 
 def turned(axis, noise_mm, seconds, integral_per_s=0.0, has_weight=False):
-    """A run of the whole loop in MuJoCo, contacts true but for their noise."""
+    """Run the whole loop in MuJoCo with true contacts plus noise."""
     return run_loop(
         TABLE_4,
         axis,
-        lambda: DirectFeel(30.0, noise_mm, 1),
+        lambda: TrueContactSource(30.0, noise_mm, 1),
         seconds=seconds,
         friction=None,
         integral_per_s=integral_per_s,
@@ -42,17 +42,17 @@ def turned(axis, noise_mm, seconds, integral_per_s=0.0, has_weight=False):
 
 
 def test_the_chain_turns_the_object():
-    """Grasp, settle, 30 deg of yaw within 2 s: within 3 deg, no tip slides, the host never stops."""
+    """Grasp, settle, turn by 30 deg of yaw in 2 s: error below 3 deg, no tip slips, the host never stops."""
     result = turned(YAW, noise_mm=0.09, seconds=3.5)
     assert result.failure == ""
     assert result.error_deg < 3.0
     assert result.slip_mm.max() < 1.0
-    assert result.refused == 0
+    assert result.rejected == 0
     assert 0.05 < result.contact_error_mm < 0.2
 
 
 def test_no_tip_slides_while_the_integral_ends_the_turn_that_needs_most_friction():
-    """30 deg of pitch need 0.48 of the 0.5 that there is; 0.2 mm is what the first touch takes."""
+    """30 deg of pitch need a friction ratio of 0.48 of 0.5; the first touch accounts for 0.2 mm of slip."""
     result = turned(PITCH, noise_mm=0.24, seconds=6.0, integral_per_s=1.0)
     assert result.failure == ""
     assert result.error_deg < 1.0
@@ -64,7 +64,7 @@ def test_a_run_repeats_bit_for_bit():
 
     def rotations(seed):
         loop = LockstepLoop(
-            config, hand, make_engine(config, "mujoco", has_B=False), DirectFeel(30, 0.5, seed)
+            config, hand, make_engine(config, "mujoco", has_B=False), TrueContactSource(30, 0.5, seed)
         )
         return np.array([sample.object_rotation for sample in loop.run(0.9).samples]).tobytes()
 
@@ -73,16 +73,16 @@ def test_a_run_repeats_bit_for_bit():
     assert rotations(2) != first
 
 
-def test_a_touch_that_ends_is_no_more_turned_by():
-    """Contacts vanish at 0.8 s: the host freezes the target, then only grasps."""
+def test_lost_contacts_end_the_turn():
+    """When contacts vanish at 0.8 s, the host freezes the target and then only grasps."""
     config, hand = load_hand(TABLE_4)
 
-    class Numb(DirectFeel):
-        def contact(self, finger, touch, exposed_at_us, sequence):
-            felt = None if sequence > 24 else touch
-            return super().contact(finger, felt, exposed_at_us, sequence)
+    class LosingContacts(TrueContactSource):
+        def contact(self, finger, truth, exposed_at_us, sequence):
+            return super().contact(finger, None if sequence > 24 else truth, exposed_at_us, sequence)
 
-    loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), Numb(30.0, 0.0, 1))
+    engine = make_engine(config, "mujoco", has_B=False)
+    loop = LockstepLoop(config, hand, engine, LosingContacts(30.0, 0.0, 1))
     modes = [sample.mode for sample in loop.run(2.2).samples]
     order = list(dict.fromkeys(modes))
     assert order.index(Mode.MANIPULATE) < order.index(Mode.BLIND)
@@ -93,7 +93,7 @@ def test_a_touch_that_ends_is_no_more_turned_by():
 def test_a_reversed_drive_turns_its_joint_the_same_way(direction):
     joint = load_hand(TABLE_4)[0].joints[0]
     motor = HandMotor(msgspec.structs.replace(joint, direction=direction, zero_offset_rad=0.2))
-    motor.moved(0.3, 1.0)
+    motor.set_joint_state(0.3, 1.0)
     assert motor.state(0) == MotorState(pytest.approx(direction * 0.1), direction * 1.0)
     motor.order(0, JointCommand(DriveGoal.TORQUE, direction * 0.1))
     assert motor.joint_torque_Nm(0.0005) == pytest.approx(0.1)
@@ -101,27 +101,27 @@ def test_a_reversed_drive_turns_its_joint_the_same_way(direction):
     assert motor.joint_torque_Nm(0.0005) == 0.0
 
 
-def test_a_rendered_dome_is_felt_where_it_is_pressed(tmp_path):
-    """Picture and estimator between the true contact and the published one."""
+def test_a_rendered_contact_is_estimated_where_it_is(tmp_path):
+    """Renderer and estimator together reproduce the true contact position within 1 mm."""
     library = load_library()
     twin = random_sensor(0, layouts.NAMES[0])
     view = CameraView(twin, library)
     write_dataset(tmp_path / "dome", view, single_presses(view, Plan(12, 0), 1), 4, 1)
     calibration = calibrate(read_dataset(tmp_path / "dome"), dome=load_dome_model())
-    feel = RenderedFeel([(twin, calibration)], library, 1)
+    contacts = RenderedContactSource([(twin, calibration)], library, 1)
     radius = twin.sensor.dome.outer_radius_mm
-    assert not feel.contact(0, None, 0, 0).in_contact
+    assert not contacts.contact(0, None, 0, 0).in_contact
     towards = np.array([0.4, -0.2, 0.89])
     towards /= np.linalg.norm(towards)
     for sequence, depth in enumerate((0.6, 1.2, 1.8), start=1):
-        touch = DomeTouch((radius - depth) * towards, 1.0, np.zeros(3))
-        contact = feel.contact(0, touch, 33_333 * sequence, sequence)
+        truth = DomeContact((radius - depth) * towards, 1.0, np.zeros(3))
+        contact = contacts.contact(0, truth, 33_333 * sequence, sequence)
     assert contact.valid and contact.in_contact
     assert np.linalg.norm(np.array(contact.position_mm) - radius * towards) < 1.0
 
 
 def test_a_heavy_object_is_carried():
-    """0.1 kg, its support taken away as it is turned: without carrying it sinks 64 mm within 3 s."""
+    """An object of 0.1 kg loses its support when it is turned; uncompensated it would drop 64 mm in 3 s."""
     result = turned(YAW, noise_mm=0.09, seconds=3.0, has_weight=True)
     assert result.error_deg < 4.0
-    assert 0.0 < result.sunk_mm < 8.0
+    assert 0.0 < result.drop_mm < 8.0

@@ -1,4 +1,4 @@
-"""The paper's experiment: what the laws reach, that runs repeat, the external camera, the commands."""
+"""The paper's experiment: errors of the laws, reproducibility, external camera, commands."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ ROLL, YAW = 0, 2
 
 
 def test_contacts_bring_the_object_where_the_blind_law_does_not():
-    """Fig. 17: the blind law turns the object half as far again, the paper's nearly arrives."""
+    """Fig. 17: the blind law overshoots by half of the turn, the paper's law nearly reaches the target."""
     turned = {
         law: run_trial(TABLE_3, "eqs", law.trial(YAW, 2.0, 0.0, 1)) for law in (Law.PROPOSED, Law.BLIND)
     }
@@ -32,8 +32,8 @@ def test_contacts_bring_the_object_where_the_blind_law_does_not():
 
 
 @pytest.mark.parametrize("axis", [ROLL, YAW])
-def test_the_experiments_hand_does_as_the_simulations(axis):
-    """Table 4's; under the blind law a yaw drives its abductions against the ends of their ranges."""
+def test_the_engines_agree_on_the_hand_of_table_4(axis):
+    """Under the blind law, a yaw drives the abduction joints of Table 4's hand against their limits."""
     ended = {
         (law, engine): run_trial(TABLE_4, engine, law.trial(axis, 6.0, 0.0, 1))
         for law in (Law.PROPOSED, Law.BLIND)
@@ -48,13 +48,13 @@ def test_the_experiments_hand_does_as_the_simulations(axis):
     assert ended[Law.BLIND, "eqs"].error_deg > 10.0
 
 
-def test_the_integral_takes_the_droop_out():
+def test_the_integral_removes_the_steady_state_error():
     outcome = run_trial(TABLE_3, "mujoco", Law.INTEGRAL.trial(ROLL, 3.0, 0.0, 1))
     assert outcome.error_deg < 0.2
     np.testing.assert_allclose(outcome.rpy_deg[-1], [30.0, 0.0, 0.0], atol=0.2)
 
 
-def test_a_run_is_its_seed():
+def test_a_run_depends_only_on_its_seed():
     def turns(seed):
         trial = Trial(ControlMode.PROPOSED, (0.0, 0.0, 30.0), duration_s=0.3, noise_mm=0.3, seed=seed)
         return run_trial(TABLE_3, "eqs", trial).rpy_deg.tobytes()
@@ -64,8 +64,8 @@ def test_a_run_is_its_seed():
     assert turns(2) != first
 
 
-def test_the_picture_shows_the_marker_where_projection_says():
-    """Corners found in the picture against OpenCV's projection of the true ones."""
+def test_the_picture_shows_the_marker_where_opencv_projects_it():
+    """Corners detected in the picture agree with OpenCV's projection of the true ones."""
     camera = camera_above(np.array([0.0, 0.0, 0.1]), 0.06)
     turn, place = Rotation.from_euler("xyz", [10, -20, 30], degrees=True).as_matrix(), np.array([0, 0, 0.1])
     picture = camera.picture(turn, place, np.random.default_rng(0))
@@ -85,7 +85,7 @@ def test_the_picture_shows_the_marker_where_projection_says():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_marker_tells_the_objects_turn(seed):
+def test_the_marker_gives_the_objects_rotation(seed):
     rng = np.random.default_rng(seed)
     place = np.array([0.0, 0.0, 0.1]) + rng.uniform(-0.01, 0.01, 3)
     turn = Rotation.from_rotvec(np.radians(rng.uniform(-25, 25, 3))).as_matrix()
@@ -121,8 +121,8 @@ def test_simulate_hand_describes_and_writes_a_hand(tmp_path):
     assert '<site name="tip_1"' in mjcf.read_text()
 
 
-def test_engines_are_compared_moment_by_moment():
-    """2 deg apart on the way, 0.5 at the end, wherever both began; one that lost the object is left out."""
+def test_engines_are_compared_pose_by_pose():
+    """Largest and final angle between the objects, relative to their start; lost objects are left out."""
 
     def result(engine, axis, degrees, start_deg=0.0, lost_s=None):
         trial = Law.BLIND.trial(axis, 1.0, 0.0, 1)

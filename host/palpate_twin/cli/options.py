@@ -1,0 +1,35 @@
+"""Click types and options shared by several commands of the twin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from palpate_host.config.packaged import MODELS
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
+
+
+def config_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the required option --config with its help text."""
+    return click.option("--config", "config_path", type=FILE, required=True, help=text)
+
+
+def hand_file(name: str) -> Path:
+    """Return the hand.toml of a packaged hand, or `name` as a path."""
+    return PACKAGED.get(name, Path(name))
+
+
+hand_option = click.option(
+    "--hand",
+    "hand_name",
+    default="table4-wide",
+    show_default=True,
+    metavar="table3|table4|table4-wide|FILE",
+    help="Hand of the paper's Table 3 or 4 (-wide: with a wider object), or a hand.toml with [twin].",
+)

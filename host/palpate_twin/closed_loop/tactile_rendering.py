@@ -1,0 +1,149 @@
+"""Simulated fingertips: from the engine's contact of a tip to the Contact that the tip's node publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact import Contact
+from palpate_edge.common.frame import Frame
+from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.estimation.displacement_field import tangent_basis
+from palpate_edge.estimation.estimator import Estimator
+from palpate_host.control.kinematics import HandKinematics
+from palpate_twin.camera.deformation import ProbePress
+from palpate_twin.camera.frame_truth import FrameTruth
+from palpate_twin.camera.look import TwinSensor
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.probe import Probe
+from palpate_twin.hand.engine import Engine
+
+LARGEST_THETA_DEG = 74.0
+"""Limit of rendered contacts; the field library ends at 75 degrees from the pole."""
+
+
+@dataclass(frozen=True, slots=True)
+class DomeContact:
+    """True contact of one dome with the object, in frame F.
+
+    centre_to_contact_mm: (3,) vector from the dome's centre to the contact; friction_N: (3,) tangential force
+    on the dome.
+    """
+
+    centre_to_contact_mm: Array
+    normal_force_N: float
+    friction_N: Array
+
+    def on_dome_mm(self, radius_mm: float) -> Array:
+        """Return the contact's position (3,) on the undeformed dome."""
+        return np.asarray(radius_mm / np.linalg.norm(self.centre_to_contact_mm) * self.centre_to_contact_mm)
+
+
+class ContactSource(Protocol):
+    """Source of the contacts that the simulated fingertips publish."""
+
+    def contact(self, finger: int, truth: DomeContact | None, exposed_at_us: int, sequence: int) -> Contact:
+        """Return the contact of one exposure of one fingertip. truth: None if the dome touches nothing."""
+        ...
+
+
+class TrueContactSource:
+    """Publishes the true contact plus position noise of the estimator's size; renders no frame."""
+
+    def __init__(self, radius_mm: float, noise_mm: float, seed: int) -> None:
+        self._radius_mm, self._noise_mm = radius_mm, noise_mm
+        self._rng = np.random.default_rng(seed)
+
+    def contact(
+        self,
+        finger: int,  # noqa: ARG002 - every finger has the same noise
+        truth: DomeContact | None,
+        exposed_at_us: int,
+        sequence: int,
+    ) -> Contact:
+        """See :class:`ContactSource`."""
+        position = None
+        if truth is not None:
+            x, y, z = truth.on_dome_mm(self._radius_mm) + self._noise_mm * self._rng.normal(size=3)
+            position = (float(x), float(y), float(z))
+        return Contact(
+            sequence=sequence,
+            exposed_at_us=exposed_at_us,
+            valid=True,
+            in_contact=position is not None,
+            position_mm=position,
+            normal_force_N=0.0 if truth is None else truth.normal_force_N,
+            force_N=None,
+            torsion_Nmm=None,
+            quality=1.0,
+            reason="",
+            beads_found=0,
+            beads_expected=0,
+        )
+
+
+class RenderedContactSource:
+    """Renders the dome pressed by the object's face and runs the fingertip's estimator on the frame.
+
+    The finite-element dome gets the indentation of the tip in the engine and is slid until its ratio of
+    tangential to normal force equals the tip's, within the limits of the field library. The magnitude of the
+    force follows from the dome's stiffness.
+    """
+
+    def __init__(
+        self,
+        sensors: Sequence[tuple[TwinSensor, Calibration]],
+        library: FieldLibrary,
+        seed: int,
+        on_frame: Callable[[int, FrameTruth], None] = lambda _finger, _truth: None,
+    ) -> None:
+        """Prepare renderer and estimator of each finger.
+
+        sensors: each finger's true sensor and the calibration of its estimator. on_frame: called with the
+        finger and the true contact of each rendered frame.
+        """
+        self._on_picture = on_frame
+        self._views = [CameraView(twin, library) for twin, _ in sensors]
+        self._estimators = [Estimator(calibration) for _, calibration in sensors]
+        self._rng = np.random.default_rng(seed)
+
+    def contact(self, finger: int, truth: DomeContact | None, exposed_at_us: int, sequence: int) -> Contact:
+        """See :class:`ContactSource`."""
+        view = self._views[finger]
+        press = None if truth is None else press_for(view, truth)
+        image, force_N = view.frame(press, self._rng)
+        radius_mm = view.twin.sensor.dome.outer_radius_mm
+        point_mm = None if press is None else radius_mm * press.outward
+        self._on_picture(finger, FrameTruth(sequence, exposed_at_us, point_mm, force_N))
+        return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
+
+
+def press_for(view: CameraView, contact: DomeContact) -> ProbePress:
+    """Return the press of a plate that reproduces a contact, within the limits of the field library."""
+    x, y, z = contact.centre_to_contact_mm
+    theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
+    depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(contact.centre_to_contact_mm))
+    deepest_mm = view.dome.largest_depth_mm(theta_rad, Probe.PLATE)
+    press = ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
+    if contact.normal_force_N <= 0.0:
+        return press
+    along_face = np.concatenate(tangent_basis(press.outward[None]))
+    return view.dome.slid(press, along_face @ contact.friction_N / contact.normal_force_N)
+
+
+def dome_contacts(engine: Engine, hand: HandKinematics) -> list[DomeContact | None]:
+    """Return the true contact of each tip in its frame F, None for a tip that touches nothing."""
+    pose = hand.pose(engine.q_rad)
+    found: list[DomeContact | None] = []
+    for contact, centre_m, F in zip(engine.tip_contacts(), pose.tip_centre_m, pose.tip_rotation, strict=True):
+        if contact is None:
+            found.append(None)
+        else:
+            centre_to_contact_mm = 1e3 * (contact.point_m - centre_m) @ F
+            found.append(DomeContact(centre_to_contact_mm, contact.normal_force_N, contact.friction_N @ F))
+    return found
