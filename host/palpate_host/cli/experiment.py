@@ -71,7 +71,9 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
 
         for number, case in enumerate(asked, start=1):
             click.echo(f"trial {number} of {len(asked)}: {case.turn.name}, {case.law.value} law")
-            click.pause(f"object {case.pose.name}. {case.pose.say} Then any key; catch it at the end: ")
+            click.pause(
+                f"object {case.pose.name}. {case.pose.instruction} Then any key; catch it at the end: "
+            )
             results.append(run_hand_trial(hand_toml, config, case, output / case.name))
     page = write_report(output, config, results)
     click.echo((output / "report.md").read_text(encoding="utf-8"))

@@ -1,7 +1,7 @@
-"""One trial on a real hand: a host of its own, the operator's commands, the external camera, a recording.
+"""One trial on a real hand: a host for it, the operator's commands, the external camera, a recording.
 
-The host runs from a copy of hand.toml beside it, with the trial's law. What the host tells and what the
-camera sees are followed by a thread each; the bus log is for `palpate-host bus log` or the hub to keep.
+The host runs from a copy of hand.toml in the same folder, with the trial's law. One thread records the host's
+statuses, another tracks the object; ``palpate-host bus log`` or the hub record the bus.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ _INTEGRAL = re.compile(r"^integral_per_s\s*=.*\n", re.MULTILINE)
 
 
 def with_law(text: str, law: ControlMode, integral_per_s: float) -> str:
-    """A hand.toml's text with this control.mode and integral. ConfigError when it sets no mode."""
+    """Return hand.toml's text with this law and integral. Raises ConfigError when it has no control.mode."""
     text = _INTEGRAL.sub("", text)
     changed, count = _CONTROL_MODE.subn(rf'\g<1>"{law.value}"\nintegral_per_s = {integral_per_s!r}', text)
     if count != 1:
-        raise ConfigError('hand.toml sets no control.mode: write mode = "proposed" into its [control]')
+        raise ConfigError('hand.toml has no control.mode: write mode = "proposed" into its [control]')
     return changed
 
 
 def run_hand_trial(
     hand_toml: Path, experiment: ExperimentConfig, case: TrialCase, folder: Path
 ) -> TrialResult:
-    """Grasps, turns, waits, opens. Writes hand.mcap and truth.csv into `folder`.
+    """Grasp, turn, wait and open; write hand.mcap and truth.csv into `folder`.
 
-    HandStoppedError, CommandError when the hand does not do it; CaptureError, ConfigError for the camera.
+    Raises HandStoppedError or CommandError when the hand fails, CaptureError or ConfigError for the camera.
     """
     assert experiment.camera is not None  # `load` has checked it
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ def run_hand_trial(
 
 
 class _TrialWatch:
-    """The camera's thread."""
+    """The thread that tracks the object with the external camera."""
 
     def __init__(self, camera: ExternalCameraConfig) -> None:
         base = None if camera.base is None else Marker(camera.base[0], 1e-3 * camera.base[1])
@@ -94,7 +94,7 @@ class _TrialWatch:
         self._thread.start()
 
     def end(self) -> list[ObjectSighting]:
-        """What was seen; raises what the camera failed with."""
+        """Stop, and return the measurements. Raises the camera's error when it failed."""
         self._stopped.set()
         self._thread.join()
         if self._failure is not None:
@@ -114,7 +114,7 @@ class _TrialWatch:
 
 
 class _Recorder:
-    """The host's status of every tick into hand.mcap, from a thread of its own."""
+    """The thread that writes every tick's status into hand.mcap."""
 
     def __init__(self, config_path: Path, hand: Hand, folder: Path) -> None:
         config, model = load_hand(config_path)
@@ -139,4 +139,4 @@ class _Recorder:
                 if self._stopped.is_set():
                     return
         except NoHostError:
-            return  # the trial itself hears of it
+            return  # the trial itself raises the same error

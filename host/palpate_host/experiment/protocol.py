@@ -1,4 +1,4 @@
-"""What an experiment is: an experiment.toml, and the trials it asks for."""
+"""The definition of an experiment: experiment.toml and the trials that follow from it."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Marker = tuple[Annotated[int, msgspec.Meta(ge=0, le=49)], Positive]
 
 
 class PoseConfig(Strict, frozen=True):
-    """How the object lies in the hand before the grasp.
+    """A pose of the object in the hand before the grasp.
 
-    offset_mm: from where hand.toml's [twin.object] has it, for the twin. say: what the person is told who
-    puts it there, for a real hand. turns: which turns are tried from here; all when left out.
+    offset_mm: from the position in [twin.object] of hand.toml, for the twin. instruction: text for the person
+    who places the object in a real hand. turns: names of the turns that start here; all when left out.
     """
 
     name: Word
     offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    say: str = ""
+    instruction: str = msgspec.field(name="say", default="")
     turns: tuple[Word, ...] = ()
 
 
@@ -40,10 +40,10 @@ class TurnConfig(Strict, frozen=True):
 
 
 class ExternalCameraConfig(Strict, frozen=True):
-    """The external camera of a real hand: see `palpate-host groundtruth`.
+    """The external camera of a real hand: see ``palpate-host groundtruth``.
 
-    device: /dev/v4l/by-path/...; intrinsics: file of `groundtruth calibrate`, beside this one; marker, base:
-    number and side in mm.
+    device: /dev/v4l/by-path/...; intrinsics: file of ``groundtruth calibrate``, relative to this one; marker,
+    base: number and side in mm.
     """
 
     device: Text
@@ -57,10 +57,11 @@ class ExternalCameraConfig(Strict, frozen=True):
 
 
 class ExperimentConfig(Strict, frozen=True):
-    """hand: `table3`, `table4` or a hand.toml beside this file. on: the simulated hand or the one on its bus.
+    """The contents of experiment.toml.
 
-    seconds: of turning, after `settle_s` of grasping. integral_per_s: of the proposed law; 0 is the paper's.
-    noise_mm, seed: of the twin's contacts. engine: of the twin.
+    hand: ``table3``, ``table4`` or a hand.toml relative to this file. on: the simulated or the real hand.
+    seconds: duration of turning, after `settle_s` of grasping. integral_per_s: of the proposed law; 0 in the
+    paper. noise_mm, seed: of the twin's contacts. engine: of the twin.
     """
 
     hand: Text
@@ -82,7 +83,7 @@ class ExperimentConfig(Strict, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class TrialCase:
-    """One trial. name: of its folder."""
+    """One trial: a turn from a pose by a law."""
 
     pose: PoseConfig
     turn: TurnConfig
@@ -90,11 +91,12 @@ class TrialCase:
 
     @property
     def name(self) -> str:
+        """The name of the trial's folder."""
         return f"{self.turn.name}-{self.pose.name}-{self.law.value}"
 
 
 def load(path: Path) -> ExperimentConfig:
-    """ConfigError when the file is missing, garbled, or its parts do not fit each other."""
+    """Read experiment.toml. Raises ConfigError when it is missing or invalid, or its parts contradict."""
     config = read_toml(
         path,
         ExperimentConfig,
@@ -105,13 +107,15 @@ def load(path: Path) -> ExperimentConfig:
     for kind, found in (("turns", names), ("poses", [pose.name for pose in config.poses])):
         for name in found:
             if found.count(name) > 1:
-                raise ConfigError(f"{path}: {kind}.name {name!r} is used twice: every one needs its own")
+                raise ConfigError(f"{path}: {kind}.name {name!r} is used twice: give each entry its own")
     for pose in config.poses:
         for name in pose.turns:
             if name not in names:
-                raise ConfigError(f"{path}: poses.turns of {pose.name} names {name!r}: name one of [[turns]]")
+                raise ConfigError(
+                    f"{path}: poses.turns of {pose.name}: no turn {name!r}; [[turns]] has {', '.join(names)}"
+                )
     if config.on == "hand" and config.camera is None:
-        raise ConfigError(f'{path}: on = "hand" needs [camera], or nobody knows how the object turned')
+        raise ConfigError(f'{path}: on = "hand" needs [camera], which measures how the object turned: add it')
     if config.camera is None:
         return config
     camera = msgspec.structs.replace(config.camera, intrinsics=str(path.parent / config.camera.intrinsics))
@@ -119,7 +123,7 @@ def load(path: Path) -> ExperimentConfig:
 
 
 def cases(config: ExperimentConfig) -> list[TrialCase]:
-    """Turn by turn, pose by pose, law by law: what is compared stands together."""
+    """Return the trials by turn, pose and law, so that compared trials follow each other."""
     return [
         TrialCase(pose, turn, law)
         for turn in config.turns

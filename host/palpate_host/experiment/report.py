@@ -1,4 +1,4 @@
-"""The experiment's report: report.html with its pictures inside, report.md with the same table."""
+"""The experiment's report: report.html with its picture embedded, report.md with the same table."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ th:nth-child(-n+3), td:nth-child(-n+3) { text-align: left; } img { width: 100%; 
 
 
 def write_report(folder: Path, experiment: ExperimentConfig, results: Sequence[TrialResult]) -> Path:
-    """report.html, report.md and turns.svg; returns the page. ConfigError when they cannot be written."""
+    """Write report.html, report.md and turns.svg; return the page. Raises ConfigError when it cannot."""
     rows = [_row(result) for result in results]
     picture = draw(results)
     page = folder / "report.html"
@@ -56,7 +56,7 @@ def write_report(folder: Path, experiment: ExperimentConfig, results: Sequence[T
 
 
 def draw(results: Sequence[TrialResult]) -> bytes:
-    """SVG: a panel for each turn and pose, roll, pitch and yaw by the camera, both laws in it."""
+    """Return an SVG with a panel for each turn and pose: roll, pitch and yaw by the camera, both laws."""
     panels = list(dict.fromkeys((result.case.turn.name, result.case.pose.name) for result in results))
     rows = (len(panels) + 1) // 2
     with mpl.rc_context({"font.size": 9, "svg.hashsalt": "palpate", "svg.fonttype": "none"}):
@@ -112,8 +112,8 @@ def _lines(experiment: ExperimentConfig, rows: Sequence[tuple[str, ...]]) -> lis
     where = "the simulated hand" if experiment.on == "twin" else "the hand"
     return [
         f"{len(rows)} trials on {where}, {experiment.seconds:g} s each. {'. '.join(by_law.values())}.",
-        "Errors are the angle missing at the end, by the external camera's marker; angles are the turn since"
-        " turning began. True errors are the simulation's.",
+        "Errors are the angle to the target at the end, by the external camera's marker; angles are counted"
+        " from the start of the turn. True errors are the simulation's.",
     ]
 
 
@@ -127,11 +127,11 @@ def _markdown(experiment: ExperimentConfig, rows: Sequence[tuple[str, ...]]) -> 
 def _html(experiment: ExperimentConfig, rows: Sequence[tuple[str, ...]], picture: bytes) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in HEADER)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    said = "".join(f"<p>{escape(line)}</p>" for line in _lines(experiment, rows))
+    summary = "".join(f"<p>{escape(line)}</p>" for line in _lines(experiment, rows))
     source = base64.b64encode(picture).decode()
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>palpate experiment</title>'
-        f"<style>{STYLE}</style></head>\n<body><h1>Turning an object: both laws</h1>{said}"
+        f"<style>{STYLE}</style></head>\n<body><h1>Turning an object: both laws</h1>{summary}"
         f'<img alt="roll, pitch and yaw in every trial" src="data:image/svg+xml;base64,{source}">'
         f"<table><tr>{head}</tr>{body}</table></body></html>\n"
     )

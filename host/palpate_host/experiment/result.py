@@ -1,4 +1,4 @@
-"""What one trial gave, from whatever measured it."""
+"""The result of one trial, on the twin or on a real hand."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ SETTLED_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class TrialResult:
-    """time_s (n,), 0 where turning begins; turn (n) rotations (3, 3) since then, by the external camera.
+    """The measured turn of one trial.
 
+    time_s: (n,), 0 at the start of the turn. turn: n rotations (3, 3) since then, by the external camera.
     true_turn: the same by the simulation, empty on a real hand. slip_mm: path of each tip's skin on the
     object, None on a real hand. failure: why the host stopped the hand, or empty.
     """
@@ -34,25 +35,26 @@ class TrialResult:
 
     @property
     def rpy_deg(self) -> Array:
-        """(n, 3)."""
+        """Roll, pitch and yaw of each measurement (n, 3)."""
         return np.array([rotation.to_rpy_deg(turn) for turn in self.turn]).reshape(-1, 3)
 
     @property
     def error_deg(self) -> float:
-        """Angle missing at the end, by the camera."""
-        return self.missing_deg(self.turn)
+        """The angle to the target at the end, by the camera."""
+        return self.remaining_deg(self.turn)
 
     @property
     def true_error_deg(self) -> float | None:
-        return self.missing_deg(self.true_turn) if self.true_turn else None
+        return self.remaining_deg(self.true_turn) if self.true_turn else None
 
     @property
     def settling_s(self) -> float | None:
-        """From when on the turn stays within SETTLED_DEG of its last value."""
+        """The time from which the turn stays within SETTLED_DEG of its last value."""
         last = self.turn[-1]
         far = [i for i, turn in enumerate(self.turn) if rotation.angle_deg(last @ turn.T) > SETTLED_DEG]
         return float(self.time_s[far[-1] + 1]) if far else float(self.time_s[0])
 
-    def missing_deg(self, turns: Sequence[Array]) -> float:
+    def remaining_deg(self, turns: Sequence[Array]) -> float:
+        """Return the angle from the last of the turns to the target."""
         goal = rotation.from_rpy_deg(*self.case.turn.rpy_deg)
         return rotation.angle_deg(goal @ turns[-1].T)

@@ -1,4 +1,4 @@
-"""Where the external camera's pictures come from: a video, a folder of pictures, or a USB camera (V4L2)."""
+"""The sources of the external camera's pictures: a video, a folder of pictures, or a USB camera (V4L2)."""
 
 from __future__ import annotations
 
@@ -22,13 +22,16 @@ from palpate_edge.datasets.recording import open_recording
 
 
 def is_camera(source: Path) -> bool:
-    """A device node, such as /dev/v4l/by-path/...; everything else is a recording."""
+    """Return whether the source is a device node, such as /dev/v4l/by-path/...; all others are recordings."""
     return source.is_char_device()
 
 
 def recorded_frames(source: Path, start_us: int = 0) -> Iterator[tuple[int, Image]]:
-    """(exposed_at_us, grey picture). A folder of `palpate-edge record` tells its exposures; else the frames
-    come at the recording's rate from `start_us`. DatasetError when it is none."""
+    """Yield (exposed_at_us, grey picture) of a recording. Raises DatasetError when it is none.
+
+    The exposure times are those of a folder of ``palpate-edge record``; for other recordings they follow from
+    the frame rate, starting at `start_us`.
+    """
     recording = open_recording(source)
     exposed = _exposures(source)
     with closing(recording):
@@ -45,10 +48,10 @@ def camera_frames(
     stopped: threading.Event,
     duration_s: float | None,
 ) -> Iterator[tuple[int, Image]]:
-    """(exposed_at_us, grey picture) of a camera until `stopped` or for `duration_s`, stamped by the kernel.
+    """Yield (exposed_at_us, grey picture) of a camera until `stopped` is set or for `duration_s`.
 
-    exposure_us: held; None keeps the camera's present one, as its automatic is switched off. CaptureError
-    when the camera is lost or cannot do it.
+    The kernel provides the times. exposure_us: a fixed exposure, None for the camera's present one; automatic
+    exposure is switched off in both cases. Raises CaptureError when the camera is lost or lacks the format.
     """
     width, height = size_px
     settings = CameraSettings(

@@ -17,20 +17,21 @@ from palpate_host.common import rotation
 
 DICTIONARY = cv2.aruco.DICT_4X4_50
 MIN_SIDE_PX = 24.0
-"""Shortest side of a marker of 6 x 6 cells that is still believed: 4 pixels a cell."""
+"""Shortest accepted side of a marker of 6 x 6 cells: 4 pixels a cell."""
 MAX_MISFIT_PX = 1.5
 CORNER_NOISE_PX = 0.15
 AMBIGUOUS_RATIO = 1.5
 AMBIGUOUS_DEG = 5.0
-"""A flat marker has two poses that fit. The second is told from the first by its misfit, which must be larger
-than the corners' noise makes it (twice what rendered pictures gave) and than the first's."""
+"""A flat marker has two poses that fit. The first is accepted only when the second's misfit exceeds both the
+corners' noise (twice that of rendered pictures) and `AMBIGUOUS_RATIO` times the first's."""
 
 
 @dataclass(frozen=True, slots=True)
 class MarkerPose:
-    """rotation (3, 3), position_m (3,): from the marker's frame to the camera's (x right, y down, z ahead).
+    """The pose of a marker in one picture.
 
-    reprojection_px: root mean square distance of the found corners from the pose's. corners_px: (4, 2).
+    rotation (3, 3), position_m (3,): from the marker's frame to the camera's (x right, y down, z ahead).
+    reprojection_px: root mean square distance of the detected corners from the pose's. corners_px: (4, 2).
     """
 
     rotation: Array
@@ -41,13 +42,13 @@ class MarkerPose:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a picture gives no pose."""
+    """The reason why a picture gives no pose."""
 
     reason: str
 
 
 class MarkerCamera:
-    """Finds one marker of known size."""
+    """The detector of one marker of known size."""
 
     def __init__(
         self, intrinsics_px: Array, marker_id: int, side_m: float, distortion: Array | None = None
@@ -62,22 +63,22 @@ class MarkerCamera:
         self._corners_m = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
 
     def pose(self, image: npt.NDArray[np.uint8]) -> MarkerPose | None:
-        """As `measure`; None when it is refused."""
+        """Return the result of `measure`, None instead of a refusal."""
         measured = self.measure(image)
         return None if isinstance(measured, Refusal) else measured
 
     def measure(self, image: npt.NDArray[np.uint8]) -> MarkerPose | Refusal:
-        """The marker's pose in a grey picture (h, w), or why it cannot be believed."""
+        """Return the marker's pose in a grey picture (h, w), or why it has none."""
         corners, ids, _ = self._detector.detectMarkers(image)
         seen = [] if ids is None else [int(number) for number in ids.ravel()]
         if seen.count(self._marker_id) != 1:
-            others = f", seen: {sorted(seen)}" if seen else ""
-            often = "more than once" if self._marker_id in seen else "not found"
-            return Refusal(f"marker {self._marker_id} {often}{others}")
+            others = f"; the picture has {sorted(seen)}" if seen else ""
+            count = "more than once" if self._marker_id in seen else "not found"
+            return Refusal(f"marker {self._marker_id} {count}{others}")
         seen_px = np.asarray(corners[seen.index(self._marker_id)], dtype=np.float64).reshape(4, 2)
         side_px = float(np.linalg.norm(seen_px - np.roll(seen_px, 1, axis=0), axis=1).min())
         if side_px < MIN_SIDE_PX:
-            return Refusal(f"marker {self._marker_id} too small or too steep: a side of {side_px:.0f} px")
+            return Refusal(f"marker {self._marker_id} too small or too oblique: a side of {side_px:.0f} px")
         return self._solved(seen_px)
 
     def _solved(self, seen_px: Array) -> MarkerPose | Refusal:
@@ -89,7 +90,8 @@ class MarkerCamera:
         best = int(order[0])
         if misfits_px[best] > MAX_MISFIT_PX:
             return Refusal(
-                f"corners {misfits_px[best]:.1f} px off any pose: blurred, or the wrong intrinsics"
+                f"no pose fits the corners better than {misfits_px[best]:.1f} px:"
+                " the picture is blurred, or the intrinsics are of another camera"
             )
         R = np.asarray(cv2.Rodrigues(turns[best])[0], dtype=np.float64)
         if len(order) > 1:

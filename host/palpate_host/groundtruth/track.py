@@ -1,4 +1,4 @@
-"""The object's turn and place over a video, by its marker and, for the hand's frame, one on its base."""
+"""The object's orientation and position over a video, by its marker and optionally one on the hand's base."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """An ArUco marker of the dictionary 4x4_50; side_m of its black square."""
+    """An ArUco marker of the dictionary 4x4_50; side_m: of its black square."""
 
     number: int
     side_m: float
@@ -41,9 +41,10 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSighting:
-    """One picture: the object's pose in the base's frame (the camera's without a base), or why there is none.
+    """The object in one picture: its pose in the base's frame (the camera's without a base), or a reason.
 
-    rotation: (3, 3), position_m: (3,). marker: in the camera's frame, to draw it.
+    rotation: (3, 3), position_m: (3,), None without a pose. marker: its pose in the camera's frame, for
+    drawing.
     """
 
     time_us: int
@@ -54,7 +55,7 @@ class ObjectSighting:
 
 
 class ObjectTracker:
-    """From pictures to sights. A base does not move: hidden now and then, it is where it was seen last."""
+    """The tracker of the object and its base. The base does not move: while hidden, its last pose is used."""
 
     def __init__(self, intrinsics: Intrinsics, marker: Marker, base: Marker | None = None) -> None:
         K, k = intrinsics.matrix_px, np.array(intrinsics.distortion)
@@ -64,11 +65,11 @@ class ObjectTracker:
         self._base_pose: MarkerPose | None = None
 
     def look(self, time_us: int, picture: Image) -> ObjectSighting:
-        """One grey picture (h, w)."""
+        """Measure the object in a grey picture (h, w)."""
         size = (picture.shape[1], picture.shape[0])
-        wanted = (self._intrinsics.width_px, self._intrinsics.height_px)
-        if size != wanted:
-            reason = f"picture of {size[0]}x{size[1]}, the intrinsics are of {wanted[0]}x{wanted[1]}"
+        expected = (self._intrinsics.width_px, self._intrinsics.height_px)
+        if size != expected:
+            reason = f"picture of {size[0]}x{size[1]}, the intrinsics are for {expected[0]}x{expected[1]}"
             return ObjectSighting(time_us, None, None, None, reason)
         if self._base is not None:
             base = self._base.measure(picture)
@@ -87,7 +88,7 @@ class ObjectTracker:
 
 
 def turns(sights: Iterable[ObjectSighting]) -> Iterator[tuple[ObjectSighting, Array | None]]:
-    """Each sight with the turn (3, 3) since the first one that has a pose, about the axes of the base."""
+    """Yield each sighting with the turn (3, 3) since the first pose, about the axes of the base."""
     start: Array | None = None
     for sight in sights:
         if sight.rotation is None:
@@ -98,7 +99,7 @@ def turns(sights: Iterable[ObjectSighting]) -> Iterator[tuple[ObjectSighting, Ar
 
 
 def write_csv(path: Path, sights: Sequence[ObjectSighting]) -> None:
-    """COLUMNS; the turn since the first pose as roll, pitch, yaw. ConfigError when it cannot be written."""
+    """Write COLUMNS; the turn is roll, pitch, yaw since the first pose. Raises ConfigError when it cannot."""
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -115,7 +116,7 @@ def write_csv(path: Path, sights: Sequence[ObjectSighting]) -> None:
 
 
 def refusals(sights: Iterable[ObjectSighting]) -> dict[str, int]:
-    """Reason -> number of pictures without a pose."""
+    """Return reason -> number of pictures without a pose."""
     found: dict[str, int] = {}
     for sight in sights:
         if sight.rotation is None:
@@ -124,7 +125,7 @@ def refusals(sights: Iterable[ObjectSighting]) -> dict[str, int]:
 
 
 def draw(picture: Image, sight: ObjectSighting, intrinsics: Intrinsics, axis_m: float) -> Image:
-    """The picture in colour with the marker's outline and axes (red x, green y, blue z), or the reason."""
+    """Draw the marker's outline and axes (red x, green y, blue z), or the reason, into a colour copy."""
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
     seen = sight.marker
     if seen is None:

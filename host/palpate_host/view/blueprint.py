@@ -1,4 +1,4 @@
-"""How the viewer lays its panels out at first: the hand, the plots, the cameras, what the host says."""
+"""The viewer's initial layout: the hand, the plots, the cameras, the host's messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLOTS = {
 
 
 def blueprint(cameras: Sequence[str]) -> rrb.Blueprint:
-    """cameras: names below camera/ that will have pictures."""
+    """Return the layout; cameras: names of the entities below camera/ that will have pictures."""
     scene = rrb.Spatial3DView(origin="/", contents=["hand/**"], name="Hand")
     plots = [rrb.TimeSeriesView(origin="/", contents=content, name=name) for name, content in PLOTS.items()]
     pictures = [rrb.Spatial2DView(origin=f"camera/{name}", name=name) for name in cameras]

@@ -1,4 +1,5 @@
-"""Pictures of a fingertip's camera for the viewer: from a folder of `palpate-edge record`, or a live ring."""
+"""Pictures of a fingertip's camera for the viewer: from a folder of ``palpate-edge record``, or a live
+ring."""
 
 from __future__ import annotations
 
@@ -19,51 +20,57 @@ JPEG_QUALITY = 80
 
 @dataclass(frozen=True, slots=True)
 class CameraSource:
-    """name: as it is shown. path: a folder of `palpate-edge record`, or a ring in shared memory."""
+    """A camera to show. name: its title. path: a folder of ``palpate-edge record``, or a ring in shared
+    memory."""
 
     name: str
     path: Path
 
 
 def parse_camera(text: str) -> CameraSource:
-    """NAME=PATH; ConfigError otherwise, or when there is nothing at PATH."""
+    """Parse NAME=PATH. Raises ConfigError for another form, or when PATH does not exist."""
     name, _, path = text.partition("=")
     if not name or not path:
         raise ConfigError(f"--camera {text}: write NAME=PATH, as in finger-1=frames/")
     if not Path(path).exists():
         raise ConfigError(
-            f"--camera {text}: there is no {path}: name a folder of palpate-edge record, or a ring"
+            f"--camera {text}: {path}: no such file or folder:"
+            " give a folder of palpate-edge record, or a ring"
         )
     return CameraSource(name, Path(path))
 
 
 def recorded_pictures(source: CameraSource) -> Iterator[tuple[int, rr.EncodedImage]]:
-    """(exposed_at_us, picture) in order. ConfigError when the folder has no index."""
+    """Yield (exposed_at_us, picture) in order. Raises ConfigError when the folder has no index."""
     index = source.path / INDEX
     try:
         with index.open(newline="") as file:
             rows = [(int(row["exposed_at_us"]), row["frame"]) for row in csv.DictReader(file)]
     except (OSError, KeyError, ValueError) as exc:
-        raise ConfigError(f"{index}: no index of recorded frames ({exc}): name a recording's folder") from exc
+        raise ConfigError(
+            f"{index}: no index of recorded frames ({exc}): give the folder of a recording"
+        ) from exc
     for exposed_us, name in rows:
         path = source.path / name
-        if path.exists():  # the ring of files may have let it go
+        if path.exists():  # a recording that keeps the last frames only may have deleted it
             yield exposed_us, rr.EncodedImage(path=path)
 
 
 class LiveCamera:
-    """The newest picture of a ring, when there is a new one."""
+    """The newest picture of a ring in shared memory."""
 
     def __init__(self, source: CameraSource) -> None:
-        """ConfigError, CaptureError when there is no ring."""
+        """Open the ring. Raises ConfigError when the file is missing, CaptureError when it is no ring."""
         self.name = source.name
         try:
             self._ring = RingReader(source.path)
         except FileNotFoundError as exc:
-            raise ConfigError(f"{source.path}: no ring of frames: start what writes there first") from exc
+            raise ConfigError(
+                f"{source.path}: no ring of frames: start the program that writes it first"
+            ) from exc
 
     def take(self) -> tuple[int, rr.EncodedImage | rr.Image] | None:
-        """(exposed_at_us, picture); None when nothing is new."""
+        """Return (exposed_at_us, picture), None when there is no new picture."""
         frame = self._ring.newest()
         if frame is None:
             return None

@@ -1,4 +1,4 @@
-"""The shapes of a hand's MuJoCo model as Rerun draws them, each at the origin of an entity of its own."""
+"""The shapes of a hand's MuJoCo model as Rerun shapes, each at the origin of its own entity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Shape = rr.Capsules3D | rr.Ellipsoids3D | rr.Boxes3D | rr.Cylinders3D | rr.Mesh3
 
 
 def shapes(model: mujoco.MjModel) -> Iterator[tuple[str, rr.Transform3D, Shape]]:
-    """(entity below its body, where it is in the body, shape) of every geom but planes and fields."""
+    """Yield (entity below the body's, pose in the body, shape) of every geom except planes and fields."""
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
         if kind not in _SHAPES:
@@ -29,12 +29,13 @@ def shapes(model: mujoco.MjModel) -> Iterator[tuple[str, rr.Transform3D, Shape]]
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
+    """Return the body's name, or one made from its number."""
     return str(model.body(body).name or f"body_{body}")
 
 
-def transform(place_m: Array, wxyz: Array) -> rr.Transform3D:
-    """From MuJoCo's place (3,) and quaternion (4,), which begins with w."""
-    return rr.Transform3D(translation=place_m, quaternion=rr.Quaternion(xyzw=np.roll(wxyz, -1)))
+def transform(position_m: Array, wxyz: Array) -> rr.Transform3D:
+    """Convert MuJoCo's position (3,) and quaternion (4,), which begins with w."""
+    return rr.Transform3D(translation=position_m, quaternion=rr.Quaternion(xyzw=np.roll(wxyz, -1)))
 
 
 def _sphere(model: mujoco.MjModel, geom: int) -> Shape:
@@ -58,7 +59,7 @@ def _cylinder(model: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _capsule(model: mujoco.MjModel, geom: int) -> Shape:
-    """Rerun's begins at its origin, MuJoCo's has it in the middle."""
+    """Return a capsule: Rerun's starts at its origin, MuJoCo's is centred on it."""
     radius, half, _ = model.geom_size[geom]
     return rr.Capsules3D(
         lengths=[2 * half],
@@ -91,7 +92,7 @@ _SHAPES: dict[int, Callable[[mujoco.MjModel, int], Shape]] = {
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> Colour:
-    """(4,) as the model says; its default grey becomes a lighter one, on which shading shows."""
+    """Return the model's colour (4,); MuJoCo's default grey becomes a lighter one that shows shading."""
     rgba = model.geom_rgba[geom]
     default = np.allclose(rgba, (0.5, 0.5, 0.5, 1.0))
     return np.asarray(GREY if default else np.rint(255 * rgba), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""A hand as lines in a picture: links, tips, their frames F and the nodes' ids, by matplotlib alone."""
+"""A line drawing of a hand: links, tips, their frames F and the nodes' ids, by matplotlib alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AXIS_COLOURS = ("tab:red", "tab:green", "tab:blue")
 
 
 def draw_hand(config: HandConfig, q_rad: Array, path: Path, title: str) -> None:
-    """The hand at the joint angles (nq,). ConfigError when `path` cannot be written."""
+    """Draw the hand at the joint angles (nq,) into `path`. Raises ConfigError when it cannot be written."""
     model = model_of(config)
     data = mujoco.MjData(model)
     for joint, angle in zip(config.joints, q_rad, strict=True):
@@ -51,9 +51,9 @@ def draw_hand(config: HandConfig, q_rad: Array, path: Path, title: str) -> None:
 
 
 def _chain(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> list[Array]:
-    """The places of the bodies from the world to `body`."""
-    places = []
+    """Return the positions (3,) of the bodies from the world to `body`."""
+    positions = []
     while body > 0:
-        places.append(data.xpos[body].copy())
+        positions.append(data.xpos[body].copy())
         body = int(model.body_parentid[body])
-    return places[::-1]
+    return positions[::-1]

@@ -1,6 +1,6 @@
-"""What the host tells of itself, as Rerun entities.
+"""The host's status as Rerun entities.
 
-| entity | what |
+| entity | content |
 |---|---|
 | hand/BODY, hand/BODY/GEOM | the model's bodies and shapes |
 | hand/FINGER, .../dome | frame F, its dome |
@@ -8,12 +8,12 @@
 | hand/contact_frame, hand/target_frame | R_c of Eq. (16) and R_d at the tips' centroid |
 | position/JOINT, torque/JOINT, command/JOINT | rad, N m |
 | force/FINGER, shear/FINGER/x, .../y | N |
-| orientation/error_deg, orientation/misfit_deg | from R_vir to R_d_vir; of the contact normals |
-| age_ms/FINGER | of the last frame since its exposure |
+| orientation/error_deg, orientation/misfit_deg | R_vir to R_d_vir; contact normals to their fit |
+| age_ms/FINGER | age of the last frame since its exposure |
 | log | changes of mode and warnings |
 | camera/NAME | pictures of a fingertip's camera |
 
-Lengths are in m, the timeline `time` is Unix time. Plots have every tick, the 3-D scene at most `scene_Hz`.
+Lengths are in m, the timeline ``time`` is Unix time. Plots have every tick, the 3-D scene at most `scene_Hz`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def plotted(finger: FingerStatus) -> Iterator[tuple[str, float]]:
 
 
 class HandView:
-    """Writes one recording stream."""
+    """The view of one hand, written into a recording stream."""
 
     def __init__(
         self, stream: rr.RecordingStream, config: HandConfig, hand: HandKinematics, scene_Hz: float = 30.0
@@ -63,16 +63,16 @@ class HandView:
         self._q_address = [int(self._model.joint(joint.name).qposadr[0]) for joint in config.joints]
         self._scene_period_us = 1e6 / scene_Hz
         self._last_scene_us: int | None = None
-        self._last_said = ("", "", "")
+        self._last_text = ("", "", "")
         self._draw_model(config)
 
     def add(self, status: HostStatus) -> None:
-        """One tick."""
+        """Write one tick."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(status.time_us, "us"))
         self._plot(status)
-        said = (status.mode.value, status.reason, status.warning)
-        if said != self._last_said:
-            self._last_said = said
+        message = (status.mode.value, status.reason, status.warning)
+        if message != self._last_text:
+            self._last_text = message
             text = f"{status.mode.value}: {status.reason}"
             if status.warning:
                 text += f" ({status.warning})"
@@ -84,7 +84,7 @@ class HandView:
             self._draw(status)
 
     def add_picture(self, name: str, exposed_us: int, picture: rr.EncodedImage | rr.Image) -> None:
-        """A frame of the camera `name`, at its exposure (epoch us)."""
+        """Write a frame of the camera `name` at its exposure time (epoch us)."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(exposed_us, "us"))
         self._stream.log(f"camera/{name}", picture)
 

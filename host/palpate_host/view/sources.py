@@ -1,4 +1,4 @@
-"""Where a view's ticks and pictures come from: a recording, or a host that runs."""
+"""The sources of a view's statuses and pictures: a recording, or a running host."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WAIT_S = 0.02
 
 
 def show_recording(view: HandView, statuses: Iterable[HostStatus], cameras: Sequence[CameraSource]) -> int:
-    """Everything at once; returns the number of ticks."""
+    """Show a whole recording; return its number of ticks."""
     ticks = 0
     for status in statuses:
         view.add(status)
@@ -31,7 +31,7 @@ def show_recording(view: HandView, statuses: Iterable[HostStatus], cameras: Sequ
 def show_live(
     view: HandView, socket_path: Path, cameras: Sequence[CameraSource], duration_s: float | None
 ) -> int:
-    """Until SIGTERM, SIGINT or for `duration_s`; returns the number of ticks."""
+    """Show a running host until SIGTERM, SIGINT or for `duration_s`; return the number of ticks."""
     ticks = 0
     end_s = None if duration_s is None else time.monotonic() + duration_s
     with ExitStack() as stack:

@@ -98,7 +98,7 @@ def test_a_hands_file_gets_a_law(tmp_path: Path, name: str, law: ControlMode) ->
     after = hand_config.load(path)
     assert (after.control.mode, after.control.integral_per_s) == (law, 0.5)
     assert (after.fingers, after.geometry, after.target) == (before.fingers, before.geometry, before.target)
-    with pytest.raises(ConfigError, match="sets no control"):
+    with pytest.raises(ConfigError, match="has no control"):
         with_law("[control]\ntick_Hz = 100\n[x]\nmode = 1\n", law, 0.0)
 
 
@@ -107,7 +107,7 @@ def test_a_hands_file_gets_a_law(tmp_path: Path, name: str, law: ControlMode) ->
     [
         ('on = "twin"', 'on = "hand"', "needs [camera]"),
         ('on = "twin"', 'on = "moon"', "on"),
-        ("[[poses]]", '[[poses]]\nturns = ["spin"]', "names 'spin'"),
+        ("[[poses]]", '[[poses]]\nturns = ["spin"]', "no turn 'spin'"),
         ("[[poses]]", '[[poses]]\nname = "sideways"\n[[poses]]', "is used twice"),
         ('name = "yaw"', 'name = "a/b"', "turns"),
     ],

@@ -257,7 +257,7 @@ def test_a_viewer_that_runs_is_given_the_hand(tmp_path: Path, statuses: list[Hos
         ((LOG, "--socket", "x.sock"), "leave one out"),
         ((LOG, "--save", "x.rrd", "--connect", "rerun+http://127.0.0.1:1/proxy"), "exclude each other"),
         ((LOG, "--save", "x.rrd", "--camera", "finger-1"), "write NAME=PATH"),
-        ((LOG, "--save", "x.rrd", "--camera", "finger-1=nowhere"), "there is no nowhere"),
+        ((LOG, "--save", "x.rrd", "--camera", "finger-1=nowhere"), "nowhere: no such file or folder"),
     ],
 )
 def test_what_cannot_be_shown_is_said(arguments: tuple[object, ...], message: str) -> None:
