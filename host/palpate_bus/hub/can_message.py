@@ -1,4 +1,4 @@
-"""Between python-can's messages and the hub's frames."""
+"""Conversion between python-can messages and the hub's frames."""
 
 from __future__ import annotations
 
@@ -14,28 +14,33 @@ _OWN = int(FrameFlag.OWN)
 
 
 def classic_frame(msg: can.Message) -> CanFrame:
-    """The frame of a message; raises can.CanOperationError (EINVAL) for what classic CANopen has not."""
+    """Return the frame of a message.
+
+    Raises can.CanOperationError (EINVAL) for a message that is not a classic 11-bit frame.
+    """
     if msg.is_fd or msg.is_extended_id or msg.is_error_frame:
         kind = "a CAN FD" if msg.is_fd else "an error" if msg.is_error_frame else "a 29-bit"
         raise can.CanOperationError(
-            f"the CAN hub carries classic 11-bit frames only, not {kind} frame ({msg.arbitration_id:X})",
+            f"the CAN hub transmits classic 11-bit frames only, not {kind} frame (0x{msg.arbitration_id:X})",
             errno.EINVAL,
         )
     data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
     if not 0 <= msg.arbitration_id <= MAX_STANDARD_ID or len(data) > MAX_DATA_BYTES:
         raise can.CanOperationError(
-            f"no CAN frame: identifier {msg.arbitration_id:#x}, {len(data)} data bytes", errno.EINVAL
+            f"no CAN frame: identifier {msg.arbitration_id:#x}, {len(data)} data bytes: the maximum is"
+            f" {MAX_STANDARD_ID:#x} and {MAX_DATA_BYTES} bytes",
+            errno.EINVAL,
         )
     return CanFrame(msg.arbitration_id, data, msg.is_remote_frame)
 
 
 def is_data_frame(frame: CanFrame) -> bool:
-    """Whether it is a data frame as classic CANopen has them."""
+    """Return whether the frame is a classic 11-bit data frame."""
     return not frame.remote and 0 <= frame.can_id <= MAX_STANDARD_ID and len(frame.data) <= MAX_DATA_BYTES
 
 
 def message(won_at_us: int, flags: int, frame: CanFrame, channel: str) -> can.Message:
-    """The message of a delivered frame."""
+    """Return the python-can message of a delivered frame."""
     return can.Message(
         timestamp=won_at_us / 1e6,
         arbitration_id=frame.can_id,
@@ -49,7 +54,7 @@ def message(won_at_us: int, flags: int, frame: CanFrame, channel: str) -> can.Me
 
 
 def error_frame(error_class: int, controller: int = 0) -> can.Message:
-    """An error frame as the kernel gives it: class in the identifier, controller detail in data[1]."""
+    """Return an error frame in the kernel's format: class in the identifier, controller detail in data[1]."""
     return can.Message(
         timestamp=time.time(),
         arbitration_id=error_class,

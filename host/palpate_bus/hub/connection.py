@@ -1,4 +1,4 @@
-"""One client's connection to the hub: connect, send, receive, ask; for the bus and the commands."""
+"""A client's connection to the hub: connect, send, receive, request. Used by the plug-in and the commands."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from palpate_bus.hub.control import Refused, Reply, Request, reply_decoder
 from palpate_bus.hub.protocol import Hello, Kind
 from palpate_edge.common.errors import BusError
 
-ANSWER_TIMEOUT_S = 5.0  # a hub answers within a millisecond; a machine under load may take longer
+ANSWER_TIMEOUT_S = 5.0  # a hub responds within 1 ms; a loaded machine may take longer
 RECEIVE_BYTES = 64 * 1024
 
 
 class HubGoneError(BusError):
-    """The hub is not there, or has hung up."""
+    """No hub listens on the socket, or the hub has closed the connection."""
 
 
 def connect(path: Path) -> socket.socket:
-    """A non-blocking socket to the hub; raises HubGoneError with the command that starts one."""
+    """Return a non-blocking socket to the hub. Raises HubGoneError with the command that starts a hub."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         connection.connect(str(path))
@@ -38,7 +38,7 @@ def connect(path: Path) -> socket.socket:
 
 
 def receive(connection: socket.socket, path: Path) -> bytes:
-    """What has arrived, b"" when nothing has; raises HubGoneError when the hub has hung up."""
+    """Return the received bytes, b"" for none. Raises HubGoneError when the hub has closed the connection."""
     try:
         data = connection.recv(RECEIVE_BYTES)
     except BlockingIOError:
@@ -51,32 +51,37 @@ def receive(connection: socket.socket, path: Path) -> bytes:
 
 
 def send(connection: socket.socket, path: Path, data: bytes) -> None:
-    """Sends all of `data`; raises HubGoneError when the hub has hung up or has stopped reading."""
+    """Send all of `data`.
+
+    Raises HubGoneError when the hub has closed the connection or reads nothing for ANSWER_TIMEOUT_S.
+    """
     try:
         while data:
             try:
                 data = data[connection.send(data) :]
             except BlockingIOError:
                 if not _wait_writable(connection.fileno()):
-                    raise HubGoneError(f"the CAN hub at {path} does not read: restart it") from None
+                    raise HubGoneError(
+                        f"the CAN hub at {path} reads nothing for {ANSWER_TIMEOUT_S:.0f} s: restart it"
+                    ) from None
     except OSError as error:
         raise gone(path) from error
 
 
 def gone(path: Path) -> HubGoneError:
-    """The error for a hub that has hung up."""
+    """Return the error for a hub that has closed the connection."""
     return HubGoneError(
-        f"the CAN hub at {path} has gone: start it with: palpate-host bus hub --socket {path}"
+        f"the CAN hub at {path} has stopped: start it with: palpate-host bus hub --socket {path}"
     )
 
 
 def rejected(path: Path, payload: bytes) -> HubGoneError:
-    """The error for a REJECT message."""
-    return HubGoneError(f"the CAN hub at {path} refuses: {payload.decode(errors='replace')}")
+    """Return the error for a REJECT message."""
+    return HubGoneError(f"the CAN hub at {path} rejected the connection: {payload.decode(errors='replace')}")
 
 
 def wait_readable(descriptor: int, timeout_s: float | None) -> bool:
-    """Whether there is something to read within the time; None waits without end."""
+    """Wait until there is something to read; return False after `timeout_s`. None waits without limit."""
     timeout_ms = None if timeout_s is None else max(timeout_s, 0.0) * 1000
     poller = select.poll()
     poller.register(descriptor, select.POLLIN)
@@ -90,9 +95,9 @@ def _wait_writable(descriptor: int) -> bool:
 
 
 def ask(path: Path, request: Request) -> Reply:
-    """Sends one request to the hub and returns its answer.
+    """Send one request to the hub and return its reply.
 
-    Raises HubGoneError when there is no hub or no answer, BusError when the hub refuses the request.
+    Raises HubGoneError when there is no hub or no reply, BusError when the hub refuses the request.
     """
     with connect(path) as connection:
         hello = Hello(name="control", bitrate=0, receive_own=False, control_only=True)
@@ -107,7 +112,7 @@ def ask(path: Path, request: Request) -> Reply:
                     raise rejected(path, payload)
                 if kind is Kind.REPLY:
                     return _checked(reply_decoder.decode(payload))
-    raise HubGoneError(f"the CAN hub at {path} gives no answer within {ANSWER_TIMEOUT_S:.0f} s: restart it")
+    raise HubGoneError(f"the CAN hub at {path} does not reply within {ANSWER_TIMEOUT_S:.0f} s: restart it")
 
 
 def _checked(reply: Reply) -> Reply:

@@ -1,4 +1,4 @@
-"""What can be asked of a running hub: put a fault in, clear faults, statistics (JSON, REQUEST/REPLY)."""
+"""Requests to a running hub and their replies: inject a fault, clear faults, statistics (JSON)."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from palpate_bus.hub.faults import FaultRule
 
 
 class Inject(msgspec.Struct, frozen=True, tag="inject", forbid_unknown_fields=True):
-    """Puts a fault in force."""
+    """Request to inject a fault."""
 
     rule: FaultRule
 
 
 class ClearFaults(msgspec.Struct, frozen=True, tag="clear", forbid_unknown_fields=True):
-    """Ends every fault."""
+    """Request to end every fault."""
 
 
 class AskStatistics(msgspec.Struct, frozen=True, tag="statistics", forbid_unknown_fields=True):
-    """Asks for `Statistics`."""
+    """Request for `Statistics`."""
 
 
 Request: TypeAlias = Inject | ClearFaults | AskStatistics
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """The request was carried out."""
+    """Reply to a request that was carried out."""
 
 
 class Refused(msgspec.Struct, frozen=True, tag="refused"):
-    """The request was not carried out; `reason` is one line."""
+    """Reply to a request that was not carried out; `reason` is one line."""
 
     reason: str
 
@@ -45,10 +45,11 @@ class IdCount(msgspec.Struct, frozen=True):
 
 
 class PortStatistics(msgspec.Struct, frozen=True):
-    """One client of the hub.
+    """Counters of one client of the hub.
 
-    sent: frames that won the wire; lost_to_bus_off: frames thrown away because the port was cut off;
-    overruns: frames the client was too slow to take; refused: frames that a fault refused.
+    sent: frames transmitted on the wire. overruns: frames dropped because the client read too slowly.
+    refused: frames that a tx-full fault refused. lost_to_bus_off: frames dropped because the port was
+    bus-off.
     """
 
     name: str
@@ -61,16 +62,17 @@ class PortStatistics(msgspec.Struct, frozen=True):
 
 
 class FaultStatistics(msgspec.Struct, frozen=True):
-    """A fault in force and how many frames it has hit."""
+    """An active fault and the number of frames it has affected."""
 
     rule: FaultRule
     hits: int
 
 
 class Statistics(msgspec.Struct, frozen=True, tag="statistics"):
-    """The hub's counters. window_bits: bits on the wire in the last window_us.
+    """The hub's counters.
 
-    garbled_clients: clients that were cut off because they sent garbage.
+    window_bits: bits on the wire in the last window_us. garbled_clients: clients that were disconnected
+    because they violated the protocol.
     """
 
     uptime_us: int
@@ -87,7 +89,7 @@ class Statistics(msgspec.Struct, frozen=True, tag="statistics"):
 
     @property
     def load(self) -> float | None:
-        """Share of the window in which the wire was busy, 0 to 1; None without a bit rate."""
+        """The share of the window in which the wire was busy, 0 to 1; None without a bit rate."""
         return self.window_bits * 1_000_000 / (self.bitrate * self.window_us) if self.bitrate else None
 
 

@@ -1,4 +1,4 @@
-"""Where hub and clients meet when nobody says otherwise."""
+"""Default path of the hub's socket, for hub and clients."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def default_socket() -> Path:
-    """$PALPATE_HUB, else palpate-hub.sock in $XDG_RUNTIME_DIR, else in the directory for temporary files."""
+    """Return $PALPATE_HUB, else palpate-hub.sock in $XDG_RUNTIME_DIR or the directory for temporary files."""
     named = os.environ.get("PALPATE_HUB")
     if named:
         return Path(named)

@@ -1,8 +1,7 @@
-"""Faults put into the bus on purpose: pure and seeded, so that a run with faults can be repeated.
+"""Fault injection on the bus: pure and seeded, so that a run with faults can be repeated.
 
-A fault acts where a frame goes from its sender to the wire: the frame is lost, doubled, held back, or
-refused; or the sender's port is cut off (bus-off). A held frame goes on the wire late, so later frames may
-overtake it: a random delay reorders.
+A fault acts between a sender and the wire: the frame is dropped, duplicated, delayed or refused, or the
+sender's port is bus-off. Later frames may overtake a delayed frame, so a random delay reorders frames.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from palpate_edge.common.errors import ConfigError
 
 MAX_DELAY_US = 10_000_000
 MAX_RULES = 64
-MAX_COPIES = 16  # of one frame, by DUPLICATE rules on top of each other
+MAX_COPIES = 16  # of one frame, when several DUPLICATE rules apply to it
 
 
 class FaultKind(Enum):
-    """What goes wrong."""
+    """Kinds of injected faults."""
 
     DROP = "drop"
     DUPLICATE = "duplicate"
@@ -37,12 +36,13 @@ _Delay = Annotated[int, msgspec.Meta(ge=0, le=MAX_DELAY_US)]
 
 
 class FaultRule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One fault and the frames it hits: those of `port` (None: of every port) whose identifier is `can_id`
-    under `mask` (None: every identifier).
+    """One fault and the frames it applies to.
 
+    port: the sender, None for every port. can_id, mask: the identifiers, equal to can_id in the bits of mask;
+    can_id None for every identifier.
     probability: 0 to 1, drawn for each frame by a generator seeded with `seed`.
-    count: hits after which the rule is used up; None for no end.
-    start_us, duration_us: window after the injection; duration None lasts until cleared.
+    count: number of hits after which the rule ends; None for no limit.
+    start_us, duration_us: time window after the injection; duration None lasts until cleared.
     delay_us, delay_max_us: DELAY holds a frame for delay_us, or for a uniform time up to delay_max_us.
     BUS_OFF needs a port, takes no identifier, probability or count, and ends with its window.
     """
@@ -60,25 +60,25 @@ class FaultRule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     seed: int = 0
 
     def check(self) -> None:
-        """Raises ConfigError where the fields contradict each other."""
+        """Raise ConfigError when the fields contradict each other."""
         if self.kind is FaultKind.BUS_OFF:
             if self.port is None:
-                raise ConfigError("fault bus-off cuts off one port: name it (--port finger-1)")
+                raise ConfigError("fault bus-off needs a port: add for example --port finger-1")
             if self.can_id is not None or self.count is not None or self.probability != 1.0:
                 raise ConfigError(
-                    "fault bus-off takes a port and a time window only: leave out id, count, probability"
+                    "fault bus-off takes a port and a time window only: omit id, count and probability"
                 )
         if self.kind is not FaultKind.DELAY and (self.delay_us or self.delay_max_us is not None):
-            raise ConfigError(f"fault {self.kind.value} has no delay: use kind delay, or leave the delay out")
+            raise ConfigError(f"fault {self.kind.value} takes no delay: use kind delay, or omit the delay")
         if self.delay_max_us is not None and self.delay_max_us < self.delay_us:
             raise ConfigError(
-                f"fault delay: maximum {self.delay_max_us} us is below minimum {self.delay_us} us"
+                f"fault delay: maximum {self.delay_max_us} us is below minimum {self.delay_us} us: swap them"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class Fate:
-    """What happens to a frame: refused, or sent once after each of the delays (none: lost)."""
+    """Effect of all faults on a frame: refused, or sent once after each of the delays (none: dropped)."""
 
     refused: bool = False
     delays_us: tuple[int, ...] = (0,)
@@ -118,33 +118,39 @@ class _Active:
 
 
 class FaultPlan:
-    """The faults in force."""
+    """All active and scheduled faults."""
 
     def __init__(self) -> None:
         self._active: list[_Active] = []
 
     def inject(self, rule: FaultRule, now_us: int) -> None:
-        """Puts a rule in force; raises ConfigError when it contradicts itself or there are too many."""
+        """Add a rule.
+
+        Raises ConfigError when its fields contradict each other or there are too many rules.
+        """
         rule.check()
         if len(self._active) == MAX_RULES:
-            raise ConfigError(f"{MAX_RULES} faults are in force already: clear them first (bus fault clear)")
+            raise ConfigError(
+                f"{MAX_RULES} faults are active, which is the maximum: clear them first:"
+                " palpate-host bus fault clear"
+            )
         from_us = now_us + rule.start_us
         until_us = None if rule.duration_us is None else from_us + rule.duration_us
         self._active.append(_Active(rule, from_us, until_us))
 
     def clear(self) -> None:
-        """Ends every rule."""
+        """End every rule."""
         self._active.clear()
 
     def rules(self) -> list[tuple[FaultRule, int]]:
-        """The rules in force or to come, with the frames each has hit."""
+        """Return the active and scheduled rules, each with the number of frames it has affected."""
         return [(active.rule, active.hits) for active in self._active]
 
     def fate(self, port: str, frame: CanFrame, verdict_wanted: bool, now_us: int) -> Fate:
-        """What happens to `frame`, sent by `port` now. Rules act in the order they were injected.
+        """Return the effect on `frame`, sent by `port` now. Rules act in the order of their injection.
 
-        verdict_wanted: the sender waits for the answer; TX_FULL refuses no other frame, because the
-        sender would never hear of it.
+        verdict_wanted: the sender waits for the verdict. TX_FULL refuses only such frames, because otherwise
+        the sender would not learn of the refusal.
         """
         if not self._active:
             return UNHARMED
@@ -168,7 +174,7 @@ class FaultPlan:
         return Fate(delays_us=tuple(delays_us)) if harmed else UNHARMED
 
     def is_bus_off(self, port: str, now_us: int) -> bool:
-        """Whether the port is cut off now."""
+        """Return whether the port is bus-off now."""
         return any(
             active.rule.kind is FaultKind.BUS_OFF
             and active.rule.port == port
@@ -178,18 +184,18 @@ class FaultPlan:
         )
 
     def wants_verdicts(self, port: str) -> bool:
-        """Whether a TX_FULL rule may refuse frames of this port, now or later."""
+        """Return whether a TX_FULL rule may refuse frames of this port, now or later."""
         return any(
             active.rule.kind is FaultKind.TX_FULL and active.rule.port in (None, port)
             for active in self._active
         )
 
     def expire(self, now_us: int) -> None:
-        """Forgets rules that are over."""
+        """Remove the rules that have ended."""
         self._active = [active for active in self._active if not active.over(now_us)]
 
     def next_edge_us(self, now_us: int) -> int | None:
-        """When the next window opens or closes; None when none does."""
+        """Return the time at which the next window opens or closes, None when none does."""
         edges = [active.from_us for active in self._active if active.from_us > now_us]
         edges += [active.until_us for active in self._active if active.until_us is not None]
         return min(edges, default=None)

@@ -1,4 +1,4 @@
-"""What the hub knows of one connection."""
+"""The hub's record of one connection."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ NO_MODE = PortMode(0)
 
 @dataclass(slots=True)
 class Client:
-    """One connection.
+    """State and counters of one connection.
 
-    output: what the rim has to write to it. port: None before HELLO, and for a client that only controls.
+    output: bytes to be written to its socket. port: None before HELLO, and for a client that only sends
+    requests. overruns_untold: dropped frames that are not reported to the client yet.
     """
 
     splitter: protocol.Splitter = field(default_factory=protocol.Splitter)
@@ -32,7 +33,7 @@ class Client:
     lost_to_bus_off: int = 0
 
     def statistics(self) -> PortStatistics:
-        """Its counters."""
+        """Return the connection's counters."""
         return PortStatistics(
             name=self.name,
             sent=self.sent,

@@ -1,4 +1,4 @@
-"""The hub without its sockets: bytes of each client in, bytes for each client out; time is an argument."""
+"""The hub without its sockets. Pure: bytes from the clients in, bytes for them out; time is an argument."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
-MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # with answers and credits, which are never left out
+MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # including replies and credits, which are never dropped
 
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 _OWN = int(FrameFlag.OWN)
@@ -38,7 +38,7 @@ _DELIVER_HEADER = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION, Kind.DE
 class HubCore:
     """Bus, faults, statistics and clients; see protocol.py for the messages.
 
-    bitrate: bit/s, 0 for a bus whose frames take no time. txqueuelen: frames each client may have waiting.
+    bitrate: bit/s, 0 for a bus whose frames take no time. txqueuelen: length of each client's transmit queue.
     """
 
     def __init__(self, bitrate: int, txqueuelen: int, now_us: int) -> None:
@@ -52,7 +52,7 @@ class HubCore:
         self._held_count = 0
 
     def disconnect(self, client: Client) -> None:
-        """Forgets a client; what it had queued still goes out, what a fault holds back does not."""
+        """Remove a client; its queued frames are still transmitted, frames held by a fault are not."""
         if client.port is not None:
             self.wire.detach(client.port)
             del self._by_port[client.port]
@@ -61,18 +61,21 @@ class HubCore:
             client.port = None
 
     def receive(self, client: Client, data: bytes, now_us: int) -> None:
-        """Takes bytes from a client. Raises GarbledStreamError: then `disconnect` it."""
+        """Process bytes from a client. Raises GarbledStreamError; the caller then has to `disconnect` it."""
         try:
             for kind, payload in client.splitter.feed(data):
                 self._handle(client, kind, payload, now_us)
                 if len(client.output) > MAX_UNREAD_BYTES:
-                    raise GarbledStreamError(f"{client.name} asks and does not read the answers")
+                    raise GarbledStreamError(
+                        f"{client.name} does not read: {len(client.output)} bytes wait, the limit is"
+                        f" {MAX_UNREAD_BYTES}"
+                    )
         except GarbledStreamError:
             self.garbled_clients += 1
             raise
 
     def advance(self, now_us: int) -> list[Delivery]:
-        """Runs bus and faults up to `now_us` and fills the clients' `output`; returns what was carried."""
+        """Run bus and faults up to `now_us` and fill the clients' `output`; return the transmitted frames."""
         if self.faults.next_edge_us(now_us) is not None or self._held:
             self._apply_fault_windows(now_us)
             self._release_held(now_us)
@@ -82,13 +85,13 @@ class HubCore:
         return deliveries
 
     def next_due_us(self, now_us: int) -> int | None:
-        """When `advance` is due next; None when only a client's bytes can bring something."""
+        """Return the time at which `advance` is due next, None when it is not due before a client sends."""
         held = self._held[0][0] if self._held else None
         due = (self.wire.next_due_us, held, self.faults.next_edge_us(now_us))
         return min((time_us for time_us in due if time_us is not None), default=None)
 
     def statistics(self, now_us: int) -> Statistics:
-        """All counters."""
+        """Return all counters."""
         return Statistics(
             uptime_us=now_us - self._started_us,
             bitrate=self.wire.bitrate,
@@ -115,12 +118,12 @@ class HubCore:
             reply = self._answer(_parse_request(payload), now_us)
             client.output += protocol.message(Kind.REPLY, msgspec.json.encode(reply))
         else:
-            raise GarbledStreamError(f"message {kind.name} has no place here")
+            raise GarbledStreamError(f"unexpected message {kind.name} in this state of the connection")
 
     def _welcome(self, client: Client, hello: protocol.Hello, now_us: int) -> None:
         if self.wire.bitrate and hello.bitrate not in (0, self.wire.bitrate):
             reason = (
-                f"its bit rate is {self.wire.bitrate}, {hello.name} asks for {hello.bitrate}: make them equal"
+                f"the hub has bit rate {self.wire.bitrate}, {hello.name} has {hello.bitrate}: make them equal"
             )
             client.output += protocol.message(Kind.REJECT, reason.encode())
             return
@@ -151,7 +154,7 @@ class HubCore:
         if fate.refused:
             client.refused += 1
         if fate is not UNHARMED:
-            self._apply_fault_windows(now_us)  # the hit may have used a rule up
+            self._apply_fault_windows(now_us)  # the hit may have ended a rule by its count
         if not fate.delays_us:
             self._give_credit(client, 1)
         for number, delay_us in enumerate(fate.delays_us):
@@ -164,12 +167,12 @@ class HubCore:
 
     def _queue(self, client: Client, port: int, frame: CanFrame, now_us: int, copy: bool) -> None:
         outcome = self.wire.submit(port, frame, now_us, copy)
-        if outcome is Submitted.BUS_OFF and not copy:  # it was under way when the port was cut off
+        if outcome is Submitted.BUS_OFF and not copy:  # in transit when the port went bus-off
             client.lost_to_bus_off += 1
             self._give_credit(client, 1)
         elif outcome is Submitted.QUEUE_FULL:
             raise GarbledStreamError(
-                f"{client.name} sent more frames than its {self.wire.txqueuelen} credits"
+                f"{client.name} sent more frames than its {self.wire.txqueuelen} credits allow"
             )
 
     def _release_held(self, now_us: int) -> None:
@@ -188,7 +191,7 @@ class HubCore:
         record = _deliver_message(delivery, 0)
         for port in delivery.receivers:
             client = self._by_port.get(port)
-            if client is not None:  # it may have left while the frame was on the wire
+            if client is not None:  # it may have disconnected while the frame was on the wire
                 own = port == delivery.sender
                 self._output_frame(client, _deliver_message(delivery, _OWN) if own else record)
 
@@ -204,7 +207,7 @@ class HubCore:
         client.delivered += 1
 
     def _give_credit(self, client: Client, count: int) -> None:
-        """Credits travel in portions of half a queue: one message a frame would double the hub's work."""
+        """Return credits in portions of half a queue: one message per frame would double the hub's work."""
         client.credits_owed += count
         if client.credits_owed * 2 >= self.wire.txqueuelen:
             client.output += protocol.count_message(Kind.CREDIT, client.credits_owed)
@@ -240,4 +243,4 @@ def _parse_request(payload: bytes) -> Request:
     try:
         return request_decoder.decode(payload)
     except msgspec.MsgspecError as error:
-        raise GarbledStreamError(f"REQUEST is not understood: {error}") from error
+        raise GarbledStreamError(f"invalid REQUEST: {error}") from error

@@ -2,10 +2,9 @@
 
 ``can.Bus(interface="palpate", channel="/run/hub.sock", name="finger-1")``
 
-Differences from SocketCAN that a caller may meet: a full transmit queue is refused by the client itself
-(error_code ENOBUFS, after `timeout` when one is given); a bus-off port raises ENETDOWN on send, gives an
-error frame (class CAN_ERR_BUSOFF) on receive and `state` ERROR until the hub lets it
-back (CAN_ERR_RESTARTED).
+Differences from SocketCAN: the client itself refuses a frame when its transmit queue is full (error_code
+ENOBUFS, after `timeout` if given). While a port is bus-off, `send` raises ENETDOWN and `state` is ERROR;
+`recv` returns an error frame at the beginning (class CAN_ERR_BUSOFF) and at the end (CAN_ERR_RESTARTED).
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
 MAX_PENDING = 8192  # frames that `recv` has not taken yet
 MAX_BURST = 512  # frames in one message
 WAIT_SLICE_S = 0.005
-# Plain integers: IntFlag arithmetic for each frame costs more than the rest of it.
+# Plain integers, because IntFlag arithmetic would be the most expensive step for each frame.
 _ASK_VERDICT, _BUS_OFF = int(PortMode.ASK_VERDICT), int(PortMode.BUS_OFF)
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 
@@ -44,10 +43,10 @@ _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 class HubBus(can.BusABC):
     """A port on the local CAN hub. Classic CAN with 11-bit identifiers, which is all that CANopen uses.
 
-    channel: path of the hub's socket; None for the usual one. name: of this port, for faults and statistics.
-    bitrate: 0 or None takes the hub's; another than the hub's is refused. Thread-safe: one thread may
-    receive while others send.
-    Raises can.CanInitializationError when there is no hub or it refuses.
+    channel: path of the hub's socket; None for the default one. name: the port's name for faults and
+    statistics. bitrate: 0 or None for the hub's; a different one is rejected. Thread-safe: one thread may
+    receive while others send. Raises can.CanInitializationError when there is no hub or the hub rejects the
+    connection.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class HubBus(can.BusABC):
         **kwargs: object,  # noqa: ARG002 (python-can hands every option of its configuration to every bus)
     ) -> None:
         if fd:
-            raise can.CanInitializationError("the CAN hub carries classic CAN only: leave fd out")
+            raise can.CanInitializationError("the CAN hub supports classic CAN only: omit fd")
         self._path = Path(channel) if channel else default_socket()
         self.channel_info = f"palpate hub {self._path}"
         self._name = name or f"process-{os.getpid()}"
@@ -79,7 +78,8 @@ class HubBus(can.BusABC):
             self._socket = link.connect(self._path)
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
-        # What is decoded but not yet taken must keep `fileno` readable: an eventfd stands for it.
+        # Messages that are decoded but not taken yet must keep `fileno` readable: the eventfd is set for
+        # them.
         self._pending = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._pending_shown = False
         self._epoll = select.epoll()
@@ -102,14 +102,14 @@ class HubBus(can.BusABC):
     @state.setter
     def state(self, new_state: can.BusState) -> None:
         raise can.CanOperationError(
-            f"the state of a hub port cannot be set to {new_state.name}: the hub decides it"
+            f"the state of a hub port cannot be set to {new_state.name}: only the hub changes it"
         )
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queues one frame; with a timeout (s) waits that long for room in the transmit queue.
+        """Queue one frame; with a timeout (s) wait up to that long for space in the transmit queue.
 
-        Raises can.CanOperationError: ENOBUFS queue full, ENETDOWN bus-off, EINVAL a frame classic CANopen
-        has not (29-bit, FD, error frame, more than 8 bytes), EPIPE hub gone.
+        Raises can.CanOperationError: ENOBUFS queue full, ENETDOWN bus-off, EINVAL not a classic 11-bit frame
+        (29-bit, FD, error frame, more than 8 bytes), EPIPE hub stopped.
         """
         frame = classic_frame(msg)
         with self._send_lock:
@@ -128,11 +128,11 @@ class HubBus(can.BusABC):
                 raise self._queue_full(frame)
 
     def send_burst(self, frames: Sequence[CanFrame]) -> int:
-        """Queues the first of the frames, after one look at what has arrived and in one message; how many.
+        """Queue the leading frames in one message and return how many were queued.
 
-        It stops where the transmit queue is full and at a frame that classic CANopen has not or that carries
-        no data of its own (remote). It queues none at bus-off, and while a fault wants each frame asked
-        after: `send` has the answers to all of that. Raises can.CanOperationError: EPIPE hub gone.
+        Stops when the transmit queue is full, and before a remote frame or one that is not a classic 11-bit
+        frame. Queues none at bus-off and while a fault requires a verdict on each frame. `send` handles all
+        these cases. Raises can.CanOperationError: EPIPE hub stopped.
         """
         with self._send_lock:
             self._take_arrived()
@@ -146,11 +146,11 @@ class HubBus(can.BusABC):
             return len(burst)
 
     def fileno(self) -> int:
-        """A descriptor that polls readable when `recv` has something to give (or to raise)."""
+        """Return a descriptor that polls readable when `recv` has a message or an error."""
         return self._epoll.fileno()
 
     def shutdown(self) -> None:
-        """Hangs up; a second call does nothing."""
+        """Close the connection; a second call has no effect."""
         if self._is_shutdown:
             return
         super().shutdown()
@@ -166,7 +166,9 @@ class HubBus(can.BusABC):
         deadline_s = time.monotonic() + link.ANSWER_TIMEOUT_S
         while not self._welcomed:
             if not link.wait_readable(self._socket.fileno(), deadline_s - time.monotonic()):
-                raise can.CanOperationError(f"{self.channel_info} gives no answer: restart it")
+                raise can.CanOperationError(
+                    f"{self.channel_info} does not reply within {link.ANSWER_TIMEOUT_S:.0f} s: restart it"
+                )
             self._take_arrived()
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
@@ -196,10 +198,12 @@ class HubBus(can.BusABC):
         return found
 
     def _take_arrived(self) -> None:
-        """Takes what the hub has sent, without waiting."""
+        """Process what the hub has sent, without waiting."""
         with self._receive_lock:
             try:
-                if self._gone is None and self._epoll.poll(0):  # a look costs a fifth of a vain `recv`
+                if self._gone is None and self._epoll.poll(
+                    0
+                ):  # a poll costs a fifth of a `recv` without data
                     for kind, payload in self._splitter.feed(link.receive(self._socket, self._path)):
                         self._handle(kind, payload)
                     self._show_pending()
@@ -226,10 +230,10 @@ class HubBus(can.BusABC):
         elif kind is Kind.REJECT:
             raise link.rejected(self._path, payload)
         else:
-            raise protocol.GarbledStreamError(f"message {kind.name} has no place here")
+            raise protocol.GarbledStreamError(f"unexpected message {kind.name} from the hub")
 
     def _keep(self, arrived: can.Message) -> None:
-        """Bounded: a client that sends and never receives takes frames from the socket all the same."""
+        """Store a message; at most MAX_PENDING, since a client may send without ever receiving."""
         if len(self._messages) < MAX_PENDING:
             self._messages.append(arrived)
         elif not self._messages[-1].is_error_frame:
@@ -259,18 +263,21 @@ class HubBus(can.BusABC):
 
     def _verdict(self) -> bool:
         if not self._wait_until(lambda: bool(self._verdicts), link.ANSWER_TIMEOUT_S):
-            raise can.CanOperationError(f"{self.channel_info} gives no answer: restart it", errno.ETIMEDOUT)
+            raise can.CanOperationError(
+                f"{self.channel_info} does not reply within {link.ANSWER_TIMEOUT_S:.0f} s: restart it",
+                errno.ETIMEDOUT,
+            )
         return self._verdicts.popleft()
 
     def _wait_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Takes messages until the condition holds; False after the timeout."""
+        """Process messages until the condition holds; return False after the timeout."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             self._take_arrived()
             left_s = deadline_s - time.monotonic()
             if condition() or left_s <= 0:
                 return condition()
-            # In slices: another thread that receives may take the awaited message from the socket.
+            # Wait in slices: another receiving thread may have read the awaited message from the socket.
             link.wait_readable(self._socket.fileno(), min(left_s, WAIT_SLICE_S))
 
     def _write(self, data: bytes) -> None:
@@ -281,6 +288,6 @@ class HubBus(can.BusABC):
 
     def _queue_full(self, frame: CanFrame) -> can.CanOperationError:
         return can.CanOperationError(
-            f"transmit queue of {self._name} is full, frame {frame.can_id:03X} not sent: send it again",
+            f"the transmit queue of {self._name} is full, frame 0x{frame.can_id:03X} was not sent: retry",
             errno.ENOBUFS,
         )

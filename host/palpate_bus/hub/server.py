@@ -1,4 +1,7 @@
-"""The hub's rim: one thread, a Unix stream socket, many clients; see hub_core.py for what it does."""
+"""The hub's socket server: one thread, a Unix stream socket and its clients.
+
+The hub's behaviour is in hub_core.py.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +25,18 @@ from palpate_edge.common.local_clock import LocalClock
 RECEIVE_BYTES = 64 * 1024
 LOG_FLUSH_US = 500_000
 
-# The wire is looked at no more often than this: many frames then share one wake-up and one system call, for
-# at most this much more latency. Time stamps are the wire's own and do not suffer.
+# Shortest interval between two steps of the wire: frames in between share one wake-up and one system call. It
+# adds at most this much latency; time stamps are those of the wire and are not affected.
 QUANTUM_US = 200
 
 
 class Hub:
     """A running hub. `run` serves until `stop`; `close` removes the socket file.
 
-    log: all traffic is written to it when set; `close` closes it. clock: of the wire; one that
-    follows steps of the system's clock would halt it, or make it race.
+    log: when set, all transmitted frames are written to it; `close` closes it. clock: the wire's clock, which
+    must not follow steps of the system clock: the wire would stop or transmit faster.
 
-    Raises BusError when another hub listens on the socket or the socket cannot be made.
+    Raises BusError when another hub listens on the socket or the socket cannot be created.
     """
 
     def __init__(self, path: Path, bitrate: int, txqueuelen: int, clock: LocalClock | None = None) -> None:
@@ -47,7 +50,7 @@ class Hub:
         self._congested: set[socket.socket] = set()
         self._listener = _listen(path)
         self._inode = path.stat().st_ino
-        # select() and not epoll: its time-out is in microseconds, epoll's is rounded up to a millisecond.
+        # select() instead of epoll: its timeout is in microseconds, epoll's is rounded up to 1 ms.
         self._selector = selectors.SelectSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         # A signal handler (or another thread) that calls `stop` wakes the selector through this pair.
@@ -57,7 +60,7 @@ class Hub:
         self._selector.register(self._wake_in, selectors.EVENT_READ)
 
     def run(self) -> None:
-        """Serves clients until `stop` is called."""
+        """Serve clients until `stop` is called."""
         while not self._stopping:
             now_us = self._clock.now_us()
             for delivery in self.core.advance(now_us):
@@ -69,24 +72,24 @@ class Hub:
                 self._serve(key.fileobj, events)
 
     def stop(self) -> None:
-        """Makes `run` return; may be called from a signal handler."""
+        """Make `run` return; may be called from a signal handler."""
         self._stopping = True
         with contextlib.suppress(BlockingIOError):
             self._wake_out.send(b"x")
 
     @property
     def wake_descriptor(self) -> int:
-        """For signal.set_wakeup_fd: a signal that comes just before the wait then ends the wait."""
+        """The descriptor for signal.set_wakeup_fd, so that a signal just before the wait ends the wait."""
         return self._wake_out.fileno()
 
     def statistics(self) -> Statistics:
-        """All counters."""
+        """Return all counters."""
         return self.core.statistics(self._clock.now_us())
 
     def close(self) -> None:
-        """Hangs up on every client and removes the socket file if it is still ours."""
+        """Disconnect every client and remove the socket file if it is still this hub's."""
         for connection in list(self._clients):
-            self._hang_up(connection)
+            self._disconnect(connection)
         self._selector.close()
         for end in (self._listener, self._wake_in, self._wake_out):
             end.close()
@@ -114,7 +117,7 @@ class Hub:
     def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except (BlockingIOError, ConnectionAbortedError):  # it has gone before we came to it
+        except (BlockingIOError, ConnectionAbortedError):  # closed before it was accepted
             return
         connection.setblocking(False)
         self._clients[connection] = Client()
@@ -129,7 +132,7 @@ class Hub:
         except OSError:  # reset by a killed client
             data = b""
         if not data:
-            self._hang_up(connection)
+            self._disconnect(connection)
             return
         try:
             self.core.receive(client, data, self._clock.now_us())
@@ -137,7 +140,7 @@ class Hub:
             client.output += protocol.message(Kind.REJECT, str(error).encode())
             self._write(connection, client)
             if connection in self._clients:
-                self._hang_up(connection)
+                self._disconnect(connection)
 
     def _write_clients(self) -> None:
         for connection, client in list(self._clients.items()):
@@ -150,7 +153,7 @@ class Hub:
             del client.output[:sent]
         except BlockingIOError:
             pass
-        except OSError:  # it has gone; `_read` takes its last words and then hangs up
+        except OSError:  # closed; `_read` takes the last received bytes and then disconnects
             client.output.clear()
         self._watch_writable(connection, bool(client.output))
 
@@ -160,7 +163,7 @@ class Hub:
             self._selector.modify(connection, events)
             self._congested ^= {connection}
 
-    def _hang_up(self, connection: socket.socket) -> None:
+    def _disconnect(self, connection: socket.socket) -> None:
         self.core.disconnect(self._clients.pop(connection))
         self._congested.discard(connection)
         self._selector.unregister(connection)
@@ -173,7 +176,7 @@ class Hub:
 
 
 def _listen(path: Path) -> socket.socket:
-    """A listening socket at `path`, mode 0600; replaces the file that a dead hub left behind."""
+    """Return a listening socket at `path`, mode 0600; replace the file that a killed hub left behind."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         with _directory_lock(path.parent):
@@ -189,7 +192,7 @@ def _listen(path: Path) -> socket.socket:
     except OSError as error:
         listener.close()
         raise BusError(
-            f"hub socket {path}: {error.strerror or error}: choose another path with --socket"
+            f"hub socket {path}: {error.strerror or error}: give another path with --socket"
         ) from error
     except BusError:
         listener.close()
@@ -199,7 +202,9 @@ def _listen(path: Path) -> socket.socket:
 
 def _remove_stale(path: Path) -> None:
     if not path.is_socket():
-        raise BusError(f"hub socket {path}: the file is no socket: choose another path with --socket")
+        raise BusError(
+            f"hub socket {path}: the file exists and is not a socket: give another path with --socket"
+        )
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
             probe.connect(str(path))
@@ -207,13 +212,13 @@ def _remove_stale(path: Path) -> None:
             path.unlink()
             return
     raise BusError(
-        f"hub socket {path}: a hub already listens there: use it, stop it, or give another --socket"
+        f"hub socket {path}: a hub already listens there: use or stop it, or give another path with --socket"
     )
 
 
 @contextlib.contextmanager
 def _directory_lock(directory: Path) -> Iterator[None]:
-    """Two hubs that start together must not take each other's fresh socket for a stale one."""
+    """Lock the directory, so that two starting hubs do not remove each other's new socket as stale."""
     descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)

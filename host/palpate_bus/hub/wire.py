@@ -1,8 +1,9 @@
-"""The bus itself, pure: ports with bounded transmit queues, arbitration, bit times, acceptance filters.
+"""Model of the CAN wire: ports with bounded transmit queues, arbitration, bit times, acceptance filters.
 
-Time is an argument (epoch or virtual microseconds) and never goes back. When the wire is free the heads of
-all transmit queues compete and the lowest identifier wins; a data frame wins over a remote frame of the same
-identifier (its RTR bit is dominant). Source: Bosch CAN Specification 2.0, part A, 3 "arbitration".
+Pure: time is an argument (epoch or simulated microseconds) that never decreases. When the wire is free, the
+first frames of all transmit queues compete and the lowest identifier wins; a data frame wins over a remote
+frame of the same identifier (its RTR bit is dominant). Source: Bosch CAN Specification 2.0, part A, 3
+"arbitration".
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Filters = Sequence[tuple[int, int]] | None  # (identifier, mask); None accepts e
 
 
 class Submitted(Enum):
-    """What became of a submitted frame."""
+    """Results of submitting a frame."""
 
     QUEUED = "queued"
     QUEUE_FULL = "queue full"
@@ -28,10 +29,10 @@ class Submitted(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """One frame that went over the wire.
+    """One frame that was transmitted on the wire.
 
-    won_at_us: when it won the wire (start of frame). sender: its port; receivers: ports whose filters match.
-    bits: its length on the wire, interframe space included. copy: as in `Wire.submit`.
+    won_at_us: time of arbitration (start of frame). sender: its port. receivers: ports whose filters match.
+    bits: length on the wire including the interframe space. copy: as in `Wire.submit`.
     """
 
     won_at_us: int
@@ -54,7 +55,7 @@ class _Port:
     receive_own: bool
     filters: Filters = ()
     queue: deque[_Waiting] = field(default_factory=deque)
-    counted: int = 0  # in the queue, copies left out
+    counted: int = 0  # frames in the queue, copies excluded
     bus_off: bool = False
     leaving: bool = False
 
@@ -67,7 +68,7 @@ class _Port:
 class Wire:
     """The wire and its ports.
 
-    bitrate: bit/s; 0 means that a frame takes no time. txqueuelen: frames a port may have waiting.
+    bitrate: bit/s; with 0 a frame takes no time. txqueuelen: length of each port's transmit queue.
     """
 
     def __init__(self, bitrate: int, txqueuelen: int) -> None:
@@ -80,7 +81,10 @@ class Wire:
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
 
     def attach(self, receive_own: bool) -> int:
-        """A new port; it hears nothing before `set_filters`. Returns its number, never used again."""
+        """Add a port and return its number, which is never reused.
+
+        It receives nothing before `set_filters`.
+        """
         port = self._next_port
         self._next_port += 1
         self._ports[port] = _Port(receive_own)
@@ -88,25 +92,25 @@ class Wire:
         return port
 
     def detach(self, port: int) -> None:
-        """Removes a port as soon as its queue is empty; it hears nothing from now on.
+        """Stop delivery to a port and remove it as soon as its queue is empty.
 
-        What a node has queued before it leaves still goes out, as it does from a controller's queue: its last
-        words may be the command to stop.
+        Frames that a node has queued are still transmitted, as from a controller's queue: the last one may be
+        a command to stop.
         """
-        leaver = self._ports[port]
-        leaver.leaving = True
-        leaver.filters = ()
+        leaving = self._ports[port]
+        leaving.leaving = True
+        leaving.filters = ()
         self._routes.clear()
-        if not leaver.queue:
+        if not leaving.queue:
             del self._ports[port]
 
     def set_filters(self, port: int, filters: Filters) -> None:
-        """Acceptance filters of a port: a frame passes when one of them equals it under its mask."""
+        """Set a port's acceptance filters: a frame passes when its masked identifier equals one of them."""
         self._ports[port].filters = filters
         self._routes.clear()
 
     def set_bus_off(self, port: int, off: bool) -> int:
-        """Cuts a port off or lets it back; returns how many waiting frames (copies left out) were lost."""
+        """Set or clear bus-off of a port; return the number of queued frames lost, copies excluded."""
         cut = self._ports[port]
         cut.bus_off = off
         self._routes.clear()
@@ -116,9 +120,9 @@ class Wire:
         return lost
 
     def submit(self, port: int, frame: CanFrame, now_us: int, copy: bool = False) -> Submitted:
-        """Puts a frame at the end of the port's transmit queue.
+        """Append a frame to the port's transmit queue.
 
-        copy: a fault's second copy of a frame, which takes no place of the sender's queue.
+        copy: an additional copy made by a fault, which does not count towards the queue's length.
         """
         sender = self._ports[port]
         if sender.bus_off:
@@ -131,7 +135,7 @@ class Wire:
         return Submitted.QUEUED
 
     def advance(self, now_us: int) -> list[Delivery]:
-        """Runs the wire up to `now_us`; returns the frames whose last bit is over, in wire order."""
+        """Run the wire up to `now_us`; return the completed frames in the order of transmission."""
         done: list[Delivery] = []
         while True:
             if self._on_wire is not None:
@@ -144,7 +148,7 @@ class Wire:
 
     @property
     def next_due_us(self) -> int | None:
-        """When `advance` has something to do next; None while nothing is on the wire or waiting."""
+        """The time at which `advance` is due next, None while no frame is on the wire or waiting."""
         if self._on_wire is not None:
             return self._free_at_us
         return self._next_start_us()

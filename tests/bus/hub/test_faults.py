@@ -163,7 +163,7 @@ def test_more_frames_than_credits_is_no_client_of_ours(bench):
     ("fields", "way_out"),
     [
         ({"kind": "bus-off"}, "--port"),
-        ({"kind": "bus-off", "port": "a", "count": 1}, "leave out"),
+        ({"kind": "bus-off", "port": "a", "count": 1}, "omit id, count"),
         ({"kind": "drop", "delay_us": 5}, "use kind delay"),
         ({"kind": "delay", "delay_us": 9, "delay_max_us": 5}, "below minimum"),
     ],

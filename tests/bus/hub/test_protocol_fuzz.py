@@ -73,5 +73,5 @@ def test_messages_survive_any_cutting_of_the_stream(frames, cuts):
 
 def test_another_version_is_named():
     header = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION + 1, Kind.HELLO, 0)
-    with pytest.raises(GarbledStreamError, match=r"version 2 .* update palpate"):
+    with pytest.raises(GarbledStreamError, match=r"version 2 .* install the same palpate"):
         list(protocol.Splitter().feed(header))

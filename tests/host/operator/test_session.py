@@ -140,7 +140,7 @@ def test_a_killed_hub_is_a_fault_and_a_new_one_is_found(config, tmp_path, runnin
     with Hand.open(config, tmp_path / "s", timeout_s=PATIENCE_S) as hand:
         hand.grasp(PATIENCE_S)
         running.kill("hub")
-        with pytest.raises(HandStoppedError, match=r"fault: .*the CAN hub at .* has gone"):
+        with pytest.raises(HandStoppedError, match=r"fault: .*the CAN hub at .* has stopped"):
             hand.wait_for(lambda _status: False, PATIENCE_S, "go on")
         for name in ("drives", "fingertips"):
             running.kill(name)

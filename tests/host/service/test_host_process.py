@@ -160,7 +160,7 @@ def test_a_hand_that_waits_for_commands_outlives_its_hub(tmp_path, processes, hu
         assert told.startswith(b"STATUS=the bus is down. ") and b"the CAN hub at" in told
         assert [systemd.recv(500).split(b"=")[0] for _ in range(8)].count(b"WATCHDOG") >= 6
         status = last_status(status_path)
-        assert status["mode"] == "fault" and "has gone: start it with" in status["reason"]
+        assert status["mode"] == "fault" and "has stopped: start it with" in status["reason"]
         if end == "SIGTERM":
             host.send_signal(signal.SIGTERM)
         _, said = host.communicate(timeout=PATIENCE_S)
