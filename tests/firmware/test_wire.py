@@ -57,7 +57,7 @@ def test_client_reads_temperatures(client: IlluminationClient, controller: Simul
 
 
 def test_client_refuses_out_of_range_before_the_wire(client: IlluminationClient) -> None:
-    with pytest.raises(IlluminationError, match="LEVEL 256 is not 0 to 255"):
+    with pytest.raises(IlluminationError, match="LEVEL = 256 is out of range: 0 to 255"):
         client.set_level(256)
 
 

@@ -1,7 +1,7 @@
 """The illumination controller over I2C (firmware/illumination): LED level, strobe, temperatures, faults.
 
-Every register is an SMBus word with PEC. All of them may be written twice, so a transaction that the bus lost
-is repeated; what is written is read back.
+Every register is an SMBus word with PEC. Writing a register twice does no harm, so a failed transaction is
+repeated; every write is read back.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 
 class SmBus(Protocol):
-    """What is used of smbus2.SMBus; OSError for a transaction that failed."""
+    """The methods of smbus2.SMBus that are used; OSError for a failed transaction."""
 
     pec: int
 
@@ -44,19 +44,25 @@ class SmBus(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class IlluminationState:
-    """What the controller measures. duty: 0 to 1."""
+    """Measurements and counters of the controller. duty: 0 to 1.
+
+    triggers: edges of the camera's trigger; pec_errors: writes refused for a wrong PEC; both modulo 2^16,
+    since the controller's reset.
+    """
 
     led_degC: float
     silicone_degC: float
     duty: float
     faults: Fault
+    triggers: int = 0
+    pec_errors: int = 0
 
 
 class IlluminationClient:
-    """One controller; its watchdog darkens the LEDs when nobody asks for its (WATCHDOG) time."""
+    """One controller; its watchdog turns the LEDs off after a time without a transaction (WATCHDOG)."""
 
     def __init__(self, bus: SmBus, name: str, address: int = I2C_ADDRESS) -> None:
-        """IlluminationError when nobody answers, or something else or another version does."""
+        """Raises IlluminationError when no controller answers, or a device of another kind or version."""
         self._bus = bus
         self._name = f"illumination controller {address:02X}h on {name}"
         self._address = address
@@ -70,13 +76,14 @@ class IlluminationClient:
             found = self.read(register)
             if found != value:
                 raise IlluminationError(
-                    f"{self._name}: {register.name} is {found:04X}h, not {value:04X}h: flash the"
-                    " firmware that belongs to this version"
+                    f"{self._name}: {register.name} is {found:04X}h, not {value:04X}h: flash the "
+                    "firmware that belongs to this version"
                 )
 
     @classmethod
     def open(cls, bus_number: int, address: int = I2C_ADDRESS) -> IlluminationClient:
-        """The controller on /dev/i2c-N; IlluminationError as the constructor, or without that bus."""
+        """Open the controller on /dev/i2c-N. Raises IlluminationError as the constructor does, or without
+        that bus."""
         try:
             bus = SMBus(bus_number)
         except OSError as exc:
@@ -85,49 +92,54 @@ class IlluminationClient:
             ) from exc
         try:
             return cls(bus, f"/dev/i2c-{bus_number}", address)
-        except IlluminationError:  # tried again four times a second: its descriptor must not stay
+        except IlluminationError:  # retried four times a second: the descriptor must not stay open
             bus.close()
             raise
 
     def close(self) -> None:
+        """Close the I2C bus."""
         self._bus.close()
 
     def read(self, register: LightRegister) -> int:
-        """One register; signed where it says so."""
-        value = self._repeated(register, lambda: self._bus.read_word_data(self._address, register))
+        """Read a register; the value is signed for registers in SIGNED."""
+        value = self._repeat(register, lambda: self._bus.read_word_data(self._address, register))
         return value - 0x10000 if register in SIGNED and value & 0x8000 else value
 
     def write(self, register: LightRegister, value: int) -> None:
-        """One register, read back; IlluminationError when out of range or not taken."""
+        """Write a register and read it back. Raises IlluminationError out of range or when it reads back
+        differently."""
         least, greatest = RANGES[register]
         if not least <= value <= greatest:
-            raise IlluminationError(f"{register.name} {value} is not {least} to {greatest}")
+            raise IlluminationError(f"{register.name} = {value} is out of range: {least} to {greatest}")
 
-        def write_and_look() -> None:
+        def write_and_verify() -> None:
             self._bus.write_word_data(self._address, register, value)
             if register is not LightRegister.FAULT_CLEAR and self.read(register) != value:
                 raise OSError(0, "another value was read back")
 
-        self._repeated(register, write_and_look)
+        self._repeat(register, write_and_verify)
 
     def set_level(self, level: int) -> None:
-        """Brightness 0 to 255."""
+        """Set the brightness, 0 to 255."""
         self.write(LightRegister.LEVEL, level)
 
     def clear(self, faults: Fault) -> None:
-        """Clear latched faults; one whose cause stays comes back."""
+        """Clear latched faults; the controller sets a fault again while its cause persists."""
         self.write(LightRegister.FAULT_CLEAR, int(faults))
 
     def state(self) -> IlluminationState:
+        """Read measurements, faults and counters."""
         return IlluminationState(
             led_degC=self.read(LightRegister.LED_TEMPERATURE) * SCALE_degC,
             silicone_degC=self.read(LightRegister.SILICONE_TEMPERATURE) * SCALE_degC,
             duty=self.read(LightRegister.DUTY) / 1023,
             faults=Fault(self.read(LightRegister.FAULTS)),
+            triggers=self.read(LightRegister.TRIGGERS),
+            pec_errors=self.read(LightRegister.PEC_ERRORS),
         )
 
-    def _repeated(self, register: LightRegister, transaction: Callable[[], T]) -> T:
-        """What the transaction gives; IlluminationError when it fails as often as it may."""
+    def _repeat(self, register: LightRegister, transaction: Callable[[], T]) -> T:
+        """Return the result of the transaction. Raises IlluminationError when it fails ATTEMPTS times."""
         for _ in range(ATTEMPTS - 1):
             try:
                 return transaction()
@@ -137,6 +149,6 @@ class IlluminationClient:
             return transaction()
         except OSError as exc:
             raise IlluminationError(
-                f"{self._name}: {register.name} failed {ATTEMPTS} times ({exc.strerror}):"
-                " check power and wiring"
+                f"{self._name}: {register.name} failed {ATTEMPTS} times ({exc.strerror}): "
+                "check power and wiring"
             ) from exc

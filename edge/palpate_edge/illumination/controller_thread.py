@@ -1,6 +1,7 @@
-"""The LED ring kept at the level that the bus asks for, and its controller watched, in a thread of its own.
+"""The thread that keeps the LED ring at the level of 2030h and polls its controller.
 
-Each turn is a few transactions of a millisecond; the controller darkens by itself when they cease.
+An update takes about ten transactions of a millisecond. Without updates the controller turns the LEDs off by
+itself.
 """
 
 from __future__ import annotations
@@ -16,56 +17,65 @@ from palpate_edge.illumination.registers import Fault, LightRegister
 
 UPDATE_PERIOD_S = 0.25  # a quarter of the controller's own watchdog
 FULL_LEVEL = 255
-BLINK_UPDATES = 40  # 10 s, twice a second
+BLINK_UPDATES = 40  # 10 s at two flashes a second
 
 
 @dataclass(frozen=True, slots=True)
 class LightState:
-    """state: None while the controller does not answer; problem: why, empty when it does."""
+    """The last answer. state: None while the controller does not answer; problem: the reason, else empty.
+
+    losses: times that the controller stopped answering, since the start.
+    """
 
     state: IlluminationState | None
     problem: str
+    losses: int = 0
 
     @property
     def level(self) -> int:
-        """What the LEDs really get, 0 (off) to 255: the inverse of the controller's gamma."""
+        """The level that the LEDs really have, 0 (off) to 255: the inverse of the controller's gamma."""
         return 0 if self.state is None else round(FULL_LEVEL * math.sqrt(self.state.duty))
 
     @property
     def temperature_degC(self) -> float | None:
-        """Of the silicone; None when it is not known."""
+        """The silicone's temperature; None when it is not known."""
         if self.state is None or Fault.SILICONE_SENSOR in self.state.faults:
             return None
         return self.state.silicone_degC
 
     @property
     def too_hot(self) -> bool:
+        """Whether the controller turned the LEDs off for over-temperature."""
         return self.state is not None and Fault.OVER_TEMPERATURE in self.state.faults
 
 
 class LightController:
-    """One controller; a lost one is opened again."""
+    """Keeps one controller at a level; a lost controller is opened again.
+
+    level: 0 to 255, may be set at any time. latest: the last answer.
+    """
 
     def __init__(self, open_controller: Callable[[], IlluminationClient], level: int) -> None:
-        """IlluminationError when it is not there at the start. level: 0 to 255."""
+        """Raises IlluminationError when the controller is missing at the start."""
         self.level = level
         self._open = open_controller
         self._controller: IlluminationClient | None = open_controller()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="light")
-        self.latest = LightState(None, "not asked yet")
+        self.latest = LightState(None, "not polled yet")
         self._blinks = 0
         self.update()
 
     def blink(self) -> None:
-        """Full light and none by turns, for the next BLINK_UPDATES of them; then the level again."""
+        """Alternate full light and none for the next BLINK_UPDATES updates, then return to the level."""
         self._blinks = BLINK_UPDATES
 
     def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """The light goes out with the controller's watchdog."""
+        """Stop the thread and close the controller, whose watchdog then turns the LEDs off."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -73,8 +83,8 @@ class LightController:
             self._controller.close()
 
     def update(self) -> None:
-        """Ask for the state, and set the level where the controller has another: it is new, was reset, or
-        darkened while we were held up."""
+        """Set the level if the controller has another one (new, reset, or off after a pause), and read the
+        state."""
         try:
             if self._controller is None:
                 self._controller = self._open()
@@ -85,12 +95,13 @@ class LightController:
             state = controller.state()
             if Fault.BOARD_SILENT in state.faults:
                 controller.clear(Fault.BOARD_SILENT)
-            self.latest = LightState(state, "")
+            self.latest = LightState(state, "", self.latest.losses)
         except IlluminationError as error:
             if self._controller is not None:
                 self._controller.close()
             self._controller = None
-            self.latest = LightState(None, str(error))
+            lost = self.latest.state is not None
+            self.latest = LightState(None, str(error), self.latest.losses + lost)
 
     def _level_now(self) -> int:
         if not self._blinks:
