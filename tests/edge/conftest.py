@@ -36,7 +36,7 @@ class Camera:
         self._images = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted(frames.glob("*.png"))]
         height, width = self._images[0].shape
         self._writer = RingWriter(ring, RingFormat(width, height, 1, 4))
-        self._frozen, self._ended = threading.Event(), threading.Event()
+        self._frozen, self._covered, self._ended = threading.Event(), threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._play)
         self._thread.start()
 
@@ -45,6 +45,13 @@ class Camera:
 
     def thaw(self) -> None:
         self._frozen.clear()
+
+    def cover(self) -> None:
+        """Show black frames from now on."""
+        self._covered.set()
+
+    def uncover(self) -> None:
+        self._covered.clear()
 
     def close(self) -> None:
         self._ended.set()
@@ -58,6 +65,8 @@ class Camera:
             sequence += 1
             if not self._frozen.is_set():
                 image = self._images[sequence % len(self._images)].copy()
+                if self._covered.is_set():
+                    image[:] = 0
                 image[:4] = random.integers(8, 16, (4, image.shape[1]))
                 self._writer.write(image, sequence, time.monotonic_ns() // 1000)
 

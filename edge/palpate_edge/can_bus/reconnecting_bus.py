@@ -80,6 +80,12 @@ class ReconnectingBus:
         return closed.sent + closed.received + now
 
     @property
+    def receive_overruns(self) -> int:
+        """Reports that the controller lost received frames, over all openings of the bus."""
+        now = 0 if self._bus is None else self._bus.counters.receive_overruns
+        return self._closed_counters.receive_overruns + now
+
+    @property
     def dropped(self) -> int:
         """PDOs dropped because the transmit queue was full or the bus was lost."""
         return self._queue.dropped

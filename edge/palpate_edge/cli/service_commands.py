@@ -35,9 +35,9 @@ def check(config_path: Path, as_json: bool) -> None:
     """
     import msgspec  # noqa: PLC0415
 
+    from palpate_edge.daemon.check_rows import as_table, exit_status  # noqa: PLC0415
     from palpate_edge.daemon.config import read_config  # noqa: PLC0415
     from palpate_edge.daemon.health import read_health  # noqa: PLC0415
-    from palpate_edge.daemon.self_check import as_table, exit_status  # noqa: PLC0415
     from palpate_edge.daemon.self_check import check as check_parts  # noqa: PLC0415
 
     config = read_config(config_path)

@@ -1,4 +1,4 @@
-"""From a configuration to its capture source, checked against the calibration."""
+"""The capture source of a configuration, checked against the calibration."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ from palpate_edge.estimation.calibration import Calibration
 def open_source(
     config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
 ) -> Source:
-    """Raises DatasetError, CaptureError, or CalibrationError for frames of another sensor."""
+    """Open the configured source. report: called with one line for each setting that differs from the
+    request.
+
+    Raises DatasetError, CaptureError, or CalibrationError for frames of another sensor.
+    """
     calibration_path = Path(config.estimator.calibration)
     if config.estimator.sensor:
         description = Path(config.estimator.sensor)
@@ -43,7 +47,7 @@ def open_source(
 def camera_opener(
     capture: CaptureConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
 ) -> Callable[[], V4l2Source]:
-    """Finds and opens the camera each time it is called; what it says about itself is reported once."""
+    """Return a function that finds and opens the camera; it reports each line only once."""
     camera = capture.camera
     width, height = calibration.sensor.image_size_px
     settings = CameraSettings(
@@ -54,21 +58,21 @@ def camera_opener(
         grey=is_grey(calibration),
         fixed=FixedExposure(camera.exposure_us, camera.gain, camera.white_balance_K),
     )
-    said: set[str] = set()
+    reported: set[str] = set()
 
     def report_once(line: str) -> None:
-        if line not in said:
-            said.add(line)
+        if line not in reported:
+            reported.add(line)
             report(line)
 
     if capture.path and not is_stable_name(capture.path):
         report(
             f"{capture.path} may be another camera after the next start: use a name in /dev/v4l/by-path, or "
-            "capture.camera.usb_serial"
+            "set capture.camera.usb_serial"
         )
     return lambda: V4l2Source(find_camera(capture.path, camera.usb_serial), settings, clock, report_once)
 
 
 def is_grey(calibration: Calibration) -> bool:
-    """Whether the beads are told from the skin by brightness alone."""
+    """Return whether brightness alone distinguishes the beads from the skin."""
     return calibration.appearance.channel == "grey"

@@ -1,4 +1,4 @@
-"""The fingertip's configuration file: TOML, every key known, every path relative to the file."""
+"""The fingertip's configuration file: TOML; unknown keys are errors, paths are relative to the file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 
 
 class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A V4L2 camera. usb_serial: its serial number, in place of capture.path.
+    """Settings of a V4L2 camera. usb_serial: the camera's serial number, in place of capture.path.
 
     format: ``any`` takes the first that reaches fps. fps: 0 for the calibration's. exposure_us, gain,
-    white_balance_K: held at this value; without one, at what the camera has.
+    white_balance_K: fixed at this value, or at the camera's present value when not given.
     """
 
     usb_serial: str = ""
@@ -30,12 +30,12 @@ class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where frames come from.
+    """The source of frames.
 
     source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time),
-    ``v4l2`` (the camera at `path`, set as `camera` says) or ``shared_memory`` (the ring of frames at `path`
-    that another process writes); loop: start over at the recording's end.
-    timeout_ms: without a frame for so long the contact is withdrawn and the camera counts as stalled.
+    ``v4l2`` (the camera at `path` with the settings in `camera`) or ``shared_memory`` (the ring of frames at
+    `path` that another process writes); loop: restart a recording at its end.
+    timeout_ms: after this time without a frame the contact is withdrawn and the camera counts as stalled.
     """
 
     source: Literal["recorded", "v4l2", "shared_memory"]
@@ -46,7 +46,8 @@ class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RecordConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where ``palpate-edge record`` keeps frames, and what a recording may take: beyond it the oldest go."""
+    """Recordings of ``palpate-edge record``: their folder and size; beyond it the oldest frames are
+    deleted."""
 
     folder: str = "recordings"
     megabytes: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 500
@@ -54,8 +55,9 @@ class RecordConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """calibration: file made by ``palpate-edge calibrate``; sensor: the sensor.toml it must belong to;
-    method: ``paper``, ``corrected``, or ``best`` (corrected when the calibration holds a model)."""
+    """The estimator. calibration: file made by ``palpate-edge calibrate``; sensor: the sensor.toml that it
+    must match, empty for no check; method: ``paper``, ``corrected``, or ``best`` (corrected when the
+    calibration has a model)."""
 
     calibration: str
     sensor: str = ""
@@ -63,9 +65,9 @@ class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """id: CANopen node id, 1..127; fingertips are 0x10-0x1F by convention; 255 waits for LSS to give one.
+    """The CANopen node. id: 1..127, by convention 0x10-0x1F for fingertips; 255: LSS assigns the id.
 
-    serial_number: 1018h:04, by which LSS tells fingertips apart. parameters: the file that keeps what a
+    serial_number: 1018h:04, by which LSS distinguishes fingertips. parameters: the file for parameters that a
     master stores (1010h); without one storing is refused.
     """
 
@@ -75,14 +77,14 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class IlluminationConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The LED ring's controller. i2c_bus: N of /dev/i2c-N; None where there is no controller."""
+    """The illumination controller. i2c_bus: N of /dev/i2c-N; None without a controller."""
 
     i2c_bus: Annotated[int, msgspec.Meta(ge=0, le=255)] | None = None
     address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x2A
 
 
 class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All of a ``palpate-edge run --config`` file. health: the file it keeps for ``palpate-edge check``."""
+    """The file of ``palpate-edge run --config``. health: path of the health report, empty for the default."""
 
     name: str
     capture: CaptureConfig

@@ -171,6 +171,7 @@ class _Daemon:
             _log_bus_change(change)
             core.bus_state_changed(change)
         core.error_passive(bus.error_passive)
+        core.receive_overruns(clock.now_us(), bus.receive_overruns)
         self._update_light()
         now_us = clock.now_us()
         step = core.poll(now_us)

@@ -1,7 +1,7 @@
 """The fingertip without threads, sockets and clock: bus frames, contacts and failures in, bus frames out.
 
-It ties the node, the bus's clock and the monitor over frames together, and decides what is an emergency. A
-contact is on the bus as valid only while frames come: the first deadline that passes withdraws it.
+The core connects the node, the bus clock and the frame monitor, and raises the emergencies. A contact on the
+bus is valid only while frames come: when a deadline passes, it is withdrawn.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import SlaveOutput
 
 REPORT_EVERY_US = 1_000_000  # 2042h
+OVERRUN_CLEARS_AFTER_US = 1_000_000  # without another lost frame, EMCY 8110h is cleared
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
 BUS_CLOCK_STATES = {
     ClockState.FREE: BusClockState.NONE,
@@ -39,8 +40,8 @@ BUS_CLOCK_STATES = {
 
 @dataclass(frozen=True, slots=True)
 class CoreStep:
-    """frames_out: to send, in order; next_due_us: when to call `poll` again at the latest; events: of the
-    node, for the rim to see to what is its own."""
+    """The result of `poll`. frames_out: to send, in order; next_due_us: the latest time of the next `poll`;
+    events: of the node, for the caller to handle."""
 
     frames_out: tuple[CanFrame, ...]
     next_due_us: int
@@ -48,7 +49,8 @@ class CoreStep:
 
 
 class FingertipCore:
-    """All times are local microseconds (LocalClock); the bus's own go no further than `clock`."""
+    """The core of one fingertip. All times are local microseconds (LocalClock); only `clock` handles bus
+    times."""
 
     def __init__(self, node: FingertipNode, name: str, timeout_us: int, now_us: int) -> None:
         self.clock = BusClock()
@@ -61,30 +63,34 @@ class FingertipCore:
         self._withdrawn = True  # nothing valid is on the bus yet
         self._capture_failed = False
         self._sequence = 0
-        self._withdrawals = 0  # each takes a sequence number of its own
+        self._withdrawals = 0  # each uses a sequence number
         self._report_at_us = now_us
+        self._overruns = 0
+        self._overrun_clears_at_us = 0
 
     @property
     def state(self) -> NmtState:
+        """The node's NMT state."""
         return self._node.slave.state
 
     def latencies(self) -> list[int]:
-        """2040h: frames by their time from exposure to publication."""
+        """Return 2040h: frames by their latency, from exposure to publication."""
         return [int(self._node.slave.read(LATENCY_HISTOGRAM, 1 + bin_)) for bin_ in range(8)]
 
     def receive(self, now_us: int, frames: Sequence[Stamped]) -> None:
-        """Bus frames with their local arrival times. Raises BusError when another node has our id."""
+        """Process bus frames with their local arrival times. Raises BusError when another node has this
+        node's id."""
         arrived_us = [stamp_us for stamp_us, _ in frames]
         self._take(self._node.process(now_us, [frame for _, frame in frames], arrived_us))
 
     def contact(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
-        """The estimate of a frame; returns its TPDOs, to send before anything else is done."""
+        """Publish the contact of a frame: return its TPDOs, to be sent before anything else."""
         self._sequence = contact.sequence
         self._withdrawn = not contact.valid
         return self._publish(now_us, contact)
 
     def frame_seen(self, now_us: int, contact: Contact, health: Health) -> None:
-        """What the contact just sent says of camera and beads, with the board's health then."""
+        """Update the state of camera and beads after a contact was sent, and report the board's health."""
         self.monitor.frame_estimated(now_us, contact, health.frames_dropped)
         self._capture_failed = False
         self.emergencies.set(Emergency.CAMERA_LOST, False)
@@ -94,7 +100,7 @@ class FingertipCore:
         self._node.report_health(health)
 
     def capture_failed(self, now_us: int, error: CaptureError) -> None:
-        """The source has failed and is tried again, or the daemon is about to end."""
+        """Report that the source has failed, before another attempt or before the daemon ends."""
         self._capture_failed = True
         stalled = isinstance(error, CameraStalledError)
         self.emergencies.set(Emergency.CAMERA_LOST, not stalled)
@@ -102,28 +108,41 @@ class FingertipCore:
         self._withdraw(now_us, str(error))
 
     def stop(self, now_us: int) -> None:
-        """The daemon ends: what is on the bus is not valid any more."""
+        """Withdraw the contact before the daemon ends."""
         self._withdraw(now_us, "the fingertip is stopped")
 
     def bus_state_changed(self, change: BusStateChange) -> None:
-        """After bus-off the node does what 1029h asks for; by default it waits to be started again."""
+        """Apply 1029h after a bus-off; by default the node enters PRE-OPERATIONAL and waits for a start."""
         if change.state is BusState.UP and change.after_bus_off:
             self._node.slave.communication_error(Emergency.BUS_OFF_RECOVERED)
             self._node.slave.emcy.clear(Emergency.BUS_OFF_RECOVERED)
 
+    def receive_overruns(self, now_us: int, count: int) -> None:
+        """Report EMCY 8110h when the count of receive overruns has grown. count: since the start.
+
+        The emergency is cleared after OVERRUN_CLEARS_AFTER_US without another overrun.
+        """
+        if count > self._overruns:
+            self._overrun_clears_at_us = now_us + OVERRUN_CLEARS_AFTER_US
+            self.emergencies.set(Emergency.RECEIVE_OVERRUN, True)
+        self._overruns = count
+
     def error_passive(self, passive: bool) -> None:
+        """Report whether the CAN controller is error passive."""
         self.emergencies.set(Emergency.ERROR_PASSIVE, passive)
 
     def light(self, *, lost: bool, too_hot: bool) -> None:
-        """What the LED ring's controller says, where there is one."""
+        """Report the state of the illumination controller."""
         self.emergencies.set(Emergency.LIGHT_LOST, lost)
         self.emergencies.set(Emergency.LED_TOO_HOT, too_hot)
 
     def poll(self, now_us: int) -> CoreStep:
-        """Serve what is due, and hand over what there is to send."""
+        """Process the deadlines that have passed; return the frames to send and the node's events."""
         if self.monitor.is_stalled(now_us) and not self._capture_failed:
             self.emergencies.set(Emergency.CAMERA_STALLED, True)
             self._withdraw(now_us, "no frame in time: the camera stalls")
+        if now_us >= self._overrun_clears_at_us:
+            self.emergencies.set(Emergency.RECEIVE_OVERRUN, False)
         self.emergencies.set(Emergency.CLOCK_LOST, self.clock.state(now_us) is ClockState.LOST)
         if now_us >= self._report_at_us:
             self._report_at_us = now_us + REPORT_EVERY_US
@@ -133,6 +152,8 @@ class FingertipCore:
         due_us = min(output.next_due_us, self._report_at_us)
         if not self._withdrawn:
             due_us = min(due_us, self.monitor.stalls_at_us)
+        if now_us < self._overrun_clears_at_us:
+            due_us = min(due_us, self._overrun_clears_at_us)
         step = CoreStep(tuple(self._frames_out), due_us, tuple(self._events))
         self._frames_out.clear()
         self._events.clear()
@@ -146,7 +167,7 @@ class FingertipCore:
             self._frames_out += self._publish(now_us, refused)
 
     def _publish(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
-        """On the bus an exposure is told on the bus's clock, and a withdrawal counts as a frame."""
+        """Publish with the exposure on the bus clock; each withdrawal counts as a frame."""
         self._node.publish(
             contact,
             now_us - contact.exposed_at_us,

@@ -22,7 +22,8 @@ class CameraHealth(msgspec.Struct, frozen=True, kw_only=True):
     """The camera. fps: frames of the last second; wanted_fps: configured rate, None for a recording;
     age_ms: time since the last frame, None before the first.
 
-    dropped: frames since the start; dropped_share: share of the last minute's frames, 0 to 1.
+    dropped: frames since the start; dropped_share: share of the last minute's frames, 0 to 1; damaged: frames
+    since the start that were incomplete or undecodable.
     """
 
     source: str
@@ -31,21 +32,31 @@ class CameraHealth(msgspec.Struct, frozen=True, kw_only=True):
     age_ms: float | None
     dropped: int
     dropped_share: float
+    damaged: int = 0
 
 
 class BeadHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The beads of the last frame. refused: frames without a valid contact since the start; reason: why the
-    last frame was refused, empty if it was valid."""
+    """The beads of the last frame. reason: why the frame was refused, empty if it was valid.
+
+    Since the start: refused, frames without a valid contact; lost, beads over all frames; searches, of the
+    whole image. drift_px: of the untouched skin since the reference frames or the last tare.
+    """
 
     found: int
     expected: int
     refused: int
     reason: str
+    lost: int = 0
+    searches: int = 0
+    drift_px: float = 0.0
 
 
 class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The CAN bus. state: up, bus-off, down. dropped: PDOs dropped by a full transmit queue since the start;
-    dropped_lately: PDOs dropped in the last minute.
+    """The CAN bus. state: up, bus-off, down. dropped: PDOs dropped by a full transmit queue or a lost bus.
+
+    receive_overruns: reports that the controller lost received frames. error_frames: of any kind.
+    foreign_frames: 29-bit and CAN FD frames. Counters are since the start, dropped_lately and overruns_lately
+    of the last minute.
     """
 
     interface: str
@@ -57,10 +68,17 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
     dropped_lately: int
     restarts: int
     error_passive: bool
+    receive_overruns: int = 0
+    overruns_lately: int = 0
+    error_frames: int = 0
+    foreign_frames: int = 0
 
 
 class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The bus clock. state: free, synchronised, lost. local_us and bus_us: the same moment on both clocks."""
+    """The bus clock. state: free, synchronised, lost. local_us and bus_us: the same moment on both clocks.
+
+    steps: jumps of the bus's time; rejected: time stamps that were not used; both since the start.
+    """
 
     state: str
     local_us: int
@@ -72,18 +90,26 @@ class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The illumination controller. problem: why it does not answer, or empty; faults: names, joined."""
+    """The illumination controller. problem: why it does not answer, or empty; faults: names, joined.
+
+    losses: times that it stopped answering since the start; triggers and pec_errors: the controller's own
+    counters, modulo 2^16.
+    """
 
     level: int
     led_degC: float | None
     silicone_degC: float | None
     faults: str
     problem: str
+    losses: int = 0
+    triggers: int = 0
+    pec_errors: int = 0
 
 
 class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     """All parts of one fingertip. written_at: CLOCK_MONOTONIC, s. latencies: bins of 2040h. recording: folder
-    of the present recording, or empty. light: None without an illumination controller."""
+    of the present recording, or empty. light: None without an illumination controller. recording_left_out:
+    frames that were not recorded because the disk was too slow, since the start."""
 
     name: str
     pid: int
@@ -101,6 +127,7 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     bus: BusHealth
     clock: ClockHealth
     light: LightHealth | None = None
+    recording_left_out: int = 0
 
 
 def health_path(name: str, configured: str) -> Path:

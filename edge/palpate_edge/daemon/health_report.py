@@ -41,12 +41,14 @@ class FingertipParts:
 
 
 def health_report(
-    parts: FingertipParts, dropped_share: float, pdos_dropped_lately: int, now_us: int
+    parts: FingertipParts, dropped_share: float, pdos_dropped_lately: int, overruns_lately: int, now_us: int
 ) -> HealthReport:
-    """Return the report. dropped_share: of the last minute's frames; now_us: local time."""
+    """Return the report. dropped_share: of the last minute's frames; lately: in the last minute; now_us:
+    local time."""
     config, core, bus, capture = parts.config, parts.core, parts.bus, parts.capture
     monitor = core.monitor
     contact = monitor.last_contact
+    counters, estimator = bus.counters, capture.estimator.health
     return HealthReport(
         name=config.name,
         pid=os.getpid(),
@@ -66,26 +68,35 @@ def health_report(
             age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
             dropped=capture.source.dropped,
             dropped_share=dropped_share,
+            damaged=capture.source.damaged,
         ),
         beads=BeadHealth(
             found=contact.beads_found if contact else 0,
             expected=contact.beads_expected if contact else 0,
             refused=monitor.refused,
             reason=contact.reason if contact else "no frame yet",
+            lost=estimator.beads_lost,
+            searches=estimator.searches,
+            drift_px=estimator.drift_px,
         ),
         bus=BusHealth(
             interface=config.bus.interface,
             state=bus.state.value,
-            sent=bus.counters.sent,
-            received=bus.counters.received,
+            sent=counters.sent,
+            received=counters.received,
             retries=bus.retries,
             dropped=bus.dropped,
             dropped_lately=pdos_dropped_lately,
             restarts=bus.restarts,
             error_passive=bus.error_passive,
+            receive_overruns=counters.receive_overruns,
+            overruns_lately=overruns_lately,
+            error_frames=counters.error_frames,
+            foreign_frames=counters.foreign_frames,
         ),
         clock=clock_health(core.clock, now_us),
         light=None if parts.light is None else light_health(parts.light.latest),
+        recording_left_out=parts.recording.frames_left_out,
     )
 
 
@@ -112,4 +123,7 @@ def light_health(light: LightState) -> LightHealth:
         silicone_degC=light.temperature_degC,
         faults=", ".join((fault.name or "").lower().replace("_", " ") for fault in faults),
         problem=light.problem,
+        losses=light.losses,
+        triggers=0 if state is None else state.triggers,
+        pec_errors=0 if state is None else state.pec_errors,
     )

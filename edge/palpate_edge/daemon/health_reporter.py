@@ -27,7 +27,7 @@ class HealthReporter:
         self.due_us = 0
         self._parts, self._notifier = parts, notifier
         self._file = HealthFile(health_path(parts.config.name, parts.config.health))
-        self._dropped_frames, self._dropped_pdos = DroppedFrames(), SlidingWindow()
+        self._dropped_frames, self._lately = DroppedFrames(), SlidingWindow()
         self._emergencies: set[str] = set()
 
     def update(self, now_us: int) -> None:
@@ -39,8 +39,10 @@ class HealthReporter:
         dropped_share = self._dropped_frames.share(
             now_us, parts.core.monitor.frames, parts.capture.source.dropped
         )
-        (pdos_dropped_lately,) = self._dropped_pdos.growth(now_us, (parts.bus.dropped,))
-        report = health_report(parts, dropped_share, pdos_dropped_lately, now_us)
+        pdos_lately, overruns_lately = self._lately.growth(
+            now_us, (parts.bus.dropped, parts.bus.receive_overruns)
+        )
+        report = health_report(parts, dropped_share, pdos_lately, overruns_lately, now_us)
         self._notifier.status(_status_line(report))
         self._log_emergencies(set(report.emergencies) - LOGGED_ELSEWHERE)
         self._file.write(report)

@@ -1,8 +1,8 @@
-"""The file behind 1010h, 1011h and LSS's store: the only part of the node that touches a disk.
+"""The file behind 1010h, 1011h and LSS's store: the only part of the node that uses a disk.
 
-A save is written beside, flushed, read back, and only then takes the name of the last one, which stays as
-``NAME.previous``. Whenever the power goes, one of the two is whole. A checksum tells a torn file from a whole
-one. The file is text: a line with the checksum, then JSON.
+A save is written to a new file, flushed, read back and then renamed; the last save stays as
+``NAME.previous``. Whenever the power fails, one of the two files is intact; a checksum detects a torn one.
+The file is text: a line with the checksum, then JSON.
 """
 
 from __future__ import annotations
@@ -25,17 +25,19 @@ TITLE = b"palpate parameters 1 crc32 "
 
 
 class Files(Protocol):
-    """What the store needs of a file system; each raises OSError."""
+    """The file operations that a store needs; each raises OSError."""
 
-    def read(self, path: Path) -> bytes: ...
+    def read(self, path: Path) -> bytes:
+        """Return the content of a file."""
 
     def write(self, path: Path, content: bytes) -> None:
-        """Contents, not yet safe from a loss of power."""
+        """Write a file; its content is not yet safe from a power failure."""
 
     def flush(self, path: Path) -> None:
         """Return when a file, or the names in a folder, are on the disk."""
 
-    def replace(self, path: Path, target: Path) -> None: ...
+    def replace(self, path: Path, target: Path) -> None:
+        """Rename a file; an existing target is replaced."""
 
 
 class Disk:
@@ -68,7 +70,7 @@ class _Content(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class ParameterFile:
-    """One node's parameters at `path`."""
+    """The stored parameters of one node at `path`."""
 
     def __init__(self, path: Path, files: Files | None = None) -> None:
         self._path = path
@@ -77,9 +79,9 @@ class ParameterFile:
         self._files = files or Disk()
 
     def load(self) -> StoredParameters:
-        """What was saved last, or before that when the last save is torn; nothing when none was ever.
+        """Return the last save, or the one before if the last is torn; NOTHING_STORED if there never was one.
 
-        Raises ConfigError when what there is cannot be read: nothing is overwritten silently.
+        Raises ConfigError when files exist and none is intact: nothing is overwritten silently.
         """
         found = False
         for path in (self._path, self._previous):
@@ -97,13 +99,14 @@ class ParameterFile:
         return NOTHING_STORED
 
     def save(self, parameters: StoredParameters) -> None:
-        """Return when `parameters` are safe. Raises ConfigError when they cannot be; the old ones stay."""
+        """Save `parameters` and return when they are on the disk. Raises ConfigError; the old ones then
+        stay."""
         content = encode(parameters)
         try:
             self._files.write(self._new, content)
             self._files.flush(self._new)
             if self._files.read(self._new) != content:
-                raise OSError("what was written reads back differently")
+                raise OSError("the file reads back differently")
             if self._is_whole(self._path):
                 self._files.replace(self._path, self._previous)
             self._files.replace(self._new, self._path)
@@ -114,7 +117,7 @@ class ParameterFile:
             ) from error
 
     def _is_whole(self, path: Path) -> bool:
-        """A torn file must not take the place of the previous one."""
+        """Return whether a file is intact: a torn file must not replace the previous one."""
         try:
             decode(self._files.read(path))
         except (OSError, ValueError):
@@ -123,7 +126,7 @@ class ParameterFile:
 
 
 def answer_store_requests(slave: Slave, events: Iterable[Event], file: ParameterFile) -> list[str]:
-    """Save what the slave's events ask for and tell it how that went. Returns what failed, a line each."""
+    """Carry out the store requests among the events and answer the slave. Returns a line for each failure."""
     failures = []
     for event in events:
         if isinstance(event, StoreRequested):
@@ -138,7 +141,7 @@ def answer_store_requests(slave: Slave, events: Iterable[Event], file: Parameter
 
 
 def encode(parameters: StoredParameters) -> bytes:
-    """The file's content."""
+    """Return the content of the file."""
     objects: dict[str, Value] = {
         f"{index:04X}:{subindex:02X}": value for (index, subindex), value in parameters.objects.items()
     }
@@ -148,10 +151,10 @@ def encode(parameters: StoredParameters) -> bytes:
 
 
 def decode(content: bytes) -> StoredParameters:
-    """Raises ValueError when `content` is not a whole file."""
+    """Parse the content of a file. Raises ValueError when it is not intact."""
     title, _, body = content.partition(b"\n")
     if title != TITLE + b"%08x" % zlib.crc32(body):
-        raise ValueError("not a whole parameter file")
+        raise ValueError("not an intact parameter file")
     try:
         kept = msgspec.json.decode(body, type=_Content)
     except msgspec.DecodeError as error:

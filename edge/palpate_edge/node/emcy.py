@@ -28,8 +28,6 @@ class EmcyCode(IntEnum):
     """The codes of CiA 301 that the core itself reports, and those of a bus that came back."""
 
     DATA_SET = 0x6300
-    OVERRUN = 0x8110
-    ERROR_PASSIVE = 0x8120
     HEARTBEAT = 0x8130
     BUS_OFF_RECOVERED = 0x8140
     PDO_LENGTH = 0x8210

@@ -1,4 +1,4 @@
-"""What a fingertip reports as EMCY beyond the bus's own errors, and what is the matter now."""
+"""Emergencies of a fingertip beyond those of the node core: codes, names, and the set of active ones."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ class Emergency(IntEnum):
     """Error codes: CiA 301, 7.2.7.1, and its device-specific range FFxxh."""
 
     LED_TOO_HOT = 0x4200
+    RECEIVE_OVERRUN = 0x8110
     ERROR_PASSIVE = 0x8120
     BUS_OFF_RECOVERED = 0x8140
     CAMERA_LOST = 0xFF01
@@ -23,6 +24,7 @@ class Emergency(IntEnum):
 
 REGISTER = {
     Emergency.LED_TOO_HOT: ErrorRegister.TEMPERATURE,
+    Emergency.RECEIVE_OVERRUN: ErrorRegister.COMMUNICATION,
     Emergency.ERROR_PASSIVE: ErrorRegister.COMMUNICATION,
     Emergency.CLOCK_LOST: ErrorRegister.COMMUNICATION,
 }

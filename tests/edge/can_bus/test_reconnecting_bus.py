@@ -230,3 +230,19 @@ def test_the_descriptor_tells_that_it_is_another_one(rig):
     rig.turn(0)
     rig.turn(200_000)
     assert rig.link.descriptor() != first
+
+
+def test_counters_add_up_over_all_openings_of_the_bus(rig):
+    rig.drivers[0].arriving = [message(0x80), error_frame(CAN_ERR_CRTL, 0x01), gone()]
+    rig.turn(0, TPDO)
+    rig.turn(1_000)
+    assert rig.link.state is BusState.DOWN
+    assert (rig.link.counters.error_frames, rig.link.receive_overruns) == (1, 1)
+    rig.turn(200_000)
+    rig.drivers[-1].arriving = [message(0x80), error_frame(CAN_ERR_CRTL, 0x01), message(0x81)]
+    before = rig.link.activity
+    rig.turn(201_000, TPDO)
+    counters = rig.link.counters
+    assert (counters.received, counters.sent, counters.error_frames) == (3, 2, 2)
+    assert rig.link.receive_overruns == counters.receive_overruns == 2
+    assert rig.link.activity - before == 3

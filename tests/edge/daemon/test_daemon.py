@@ -31,6 +31,8 @@ def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_ba
     assert rig.process.poll() is None
     rig.camera.thaw()
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    log = (rig.folder / "stderr").read_text()
+    assert log.count("no frame for 0.5 s") == log.count("finger: camera gives frames again") == 1
     thawed_s = time.monotonic()
     rig.until(lambda: rig.feeds(thawed_s) >= 2)
 
@@ -50,6 +52,18 @@ def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
     rig.heard(rig.listen(), TPDO_2, lambda data: flags(data) & 0x04)
     back_s = time.monotonic()
     rig.until(lambda: rig.feeds(back_s) >= 2)
+
+
+def test_lost_beads_are_logged_when_they_begin_and_when_they_are_over(rig):
+    def log():
+        return (rig.folder / "stderr").read_text()
+
+    rig.until((rig.folder / "finger.health").exists)
+    rig.camera.cover()
+    rig.until(lambda: "finger: beads lost: see palpate-edge check\n" in log())
+    rig.camera.uncover()
+    rig.until(lambda: "finger: beads lost: over\n" in log())
+    assert json.loads((rig.folder / "finger.health").read_bytes())["beads"]["lost"] > 0
 
 
 def test_stopping_is_told_and_the_health_file_goes(rig):
@@ -80,7 +94,9 @@ def test_check_asks_the_daemon(rig):
     time.sleep(2.2)  # a whole second of frames is told
     done = rig.edge("check", "--json")
     rows = {row["part"]: row for row in json.loads(done.stdout)}
-    assert list(rows) == ["camera", "beads", "calibration", "model", "bus", "clock", "temperature"]
+    parts = ["camera", "beads", "calibration", "model", "bus", "clock", "temperature"]
+    counters = ["frame errors", "bead errors", "bus errors", "bus losses", "clock errors"]
+    assert list(rows) == parts + counters
     verdicts = {part: row["verdict"] for part, row in rows.items()}
     assert verdicts["bus"] == verdicts["calibration"] == "ok"
     assert verdicts["clock"] == "warn"  # no host

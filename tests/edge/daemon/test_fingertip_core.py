@@ -288,3 +288,24 @@ def test_a_hot_led_and_a_lost_controller_are_told_once_and_taken_back(rig):
     rig.see(frames=3)
     assert [code for code in rig.emergencies() if code] == [0x4200, 0xFF06]
     assert rig.emergencies()[-1] == 0x0000
+
+
+def test_lost_frames_of_the_controller_are_emcy_8110h_until_a_second_passes_without_one(rig):
+    rig.core.receive_overruns(rig.now_us, 0)
+    rig.wait(0.1)
+    assert rig.emergencies() == []
+    rig.core.receive_overruns(rig.now_us, 1)
+    rig.wait(0.6)
+    rig.core.receive_overruns(rig.now_us, 3)
+    begun_us = rig.now_us
+    rig.wait(0.9)
+    rig.core.receive_overruns(rig.now_us, 3)
+    assert rig.emergencies() == [0x8110]
+    assert rig.core.emergencies.names() == ["receive overrun"]
+    assert rig.core._node.slave.read(0x1001) == 0x11  # generic, communication
+    rig.wait(1.0)
+    cleared_us = [at_us for at_us, frame in rig.sent if frame.can_id == EMCY][-1]
+    assert rig.emergencies() == [0x8110, 0x0000]
+    assert cleared_us - begun_us == 1_000_000
+    assert rig.core.emergencies.names() == []
+    assert rig.core._node.slave.read(0x1001) == 0

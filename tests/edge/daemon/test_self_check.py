@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import msgspec
 import pytest
 
-from palpate_edge.daemon.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, LightHealth
-from palpate_edge.daemon.self_check import (
+from palpate_edge.can_bus.bus import BusCounters
+from palpate_edge.daemon.check_rows import (
     CheckRow,
     Verdict,
     as_table,
+    counter_rows,
     exit_status,
     judge_beads,
     judge_bus,
     judge_camera,
     judge_clock,
     judge_light,
+)
+from palpate_edge.daemon.health import (
+    BeadHealth,
+    BusHealth,
+    CameraHealth,
+    ClockHealth,
+    HealthReport,
+    LightHealth,
 )
 
 CAMERA = CameraHealth(
@@ -96,3 +107,67 @@ def test_the_light_is_judged(light, verdict, word):
     row = judge_light(light)
     assert row.verdict.value == verdict
     assert word in row.value + row.way_out
+
+
+REPORT = HealthReport(
+    name="finger-1",
+    pid=1,
+    written_at=0.0,
+    node_id=0x10,
+    nmt_state="operational",
+    frames=1,
+    method="paper",
+    calibration="finger-1.cal",
+    emergencies=[],
+    latencies=[0] * 8,
+    recording="",
+    camera=change(CAMERA, damaged=1001),
+    beads=change(BEADS, lost=1002, searches=1003, drift_px=1004.0),
+    bus=change(
+        BUS,
+        retries=1005,
+        dropped=1006,
+        restarts=1007,
+        receive_overruns=1008,
+        error_frames=1009,
+        foreign_frames=1010,
+    ),
+    clock=change(CLOCK, steps=1011, rejected=1012),
+    light=change(LIGHT, losses=1013, triggers=1014, pec_errors=1015),
+    recording_left_out=1016,
+)
+
+
+def test_every_counter_is_in_the_table():
+    table = as_table(counter_rows(REPORT))
+    for number in range(1001, 1017):
+        assert str(number) in table, f"counter {number}"
+    assert all(row.verdict is Verdict.OK for row in counter_rows(REPORT))
+
+
+def test_every_counter_of_an_open_bus_is_in_the_health_report():
+    assert {field.name for field in dataclasses.fields(BusCounters)} - {"send_retries"} <= {
+        field.name for field in msgspec.structs.fields(BusHealth)
+    }  # a fingertip never waits to send: its retries are those of ReconnectingBus
+
+
+def test_receive_overruns_of_the_last_minute_are_a_warning():
+    lately = change(REPORT, bus=change(REPORT.bus, overruns_lately=7))
+    (row,) = [row for row in counter_rows(lately) if row.verdict is not Verdict.OK]
+    assert (row.part, row.verdict) == ("bus errors", Verdict.WARN)
+    assert "lost received frames 7 times in the last minute" in row.way_out
+
+
+def test_a_health_report_of_an_earlier_version_is_read():
+    """Counters that it does not have are 0."""
+    old = msgspec.to_builtins(REPORT)
+    for part, names in {
+        "camera": ["damaged"],
+        "beads": ["lost", "searches", "drift_px"],
+        "bus": ["receive_overruns", "overruns_lately", "error_frames", "foreign_frames"],
+        "light": ["losses", "triggers", "pec_errors"],
+    }.items():
+        for name in names:
+            del old[part][name]
+    del old["recording_left_out"]
+    assert msgspec.convert(old, HealthReport).bus.receive_overruns == 0
