@@ -48,12 +48,12 @@ def says(text, *parts):
 
 
 def test_frames_that_are_not_there(estimate, tmp_path):
-    says(estimate(tmp_path / "none"), tmp_path / "none", "is missing", "give a folder of images")
+    says(estimate(tmp_path / "none"), tmp_path / "none", "no such folder", "give a folder of images")
 
 
 def test_an_empty_folder(estimate, tmp_path):
     (tmp_path / "empty").mkdir()
-    says(estimate(tmp_path / "empty"), tmp_path / "empty", "holds no image", "put .png or .jpg frames there")
+    says(estimate(tmp_path / "empty"), tmp_path / "empty", "has no image", "put .png or .jpg frames there")
 
 
 @pytest.mark.parametrize("number", [0, 2, 3], ids=["first", "middle", "last"])
@@ -72,7 +72,7 @@ def test_a_truncated_jpg(estimate, drawn_dome, tmp_path, share):
 def test_a_text_file_named_as_an_image(estimate, tmp_path):
     path = tmp_path / "frame.png"
     path.write_text("not an image\n")
-    says(estimate(path), path, "is no image that can be decoded")
+    says(estimate(path), path, "is not an image that can be decoded")
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "avi", "mkv", "webm"])
@@ -82,7 +82,7 @@ def test_a_text_file_named_as_an_image(estimate, tmp_path):
 def test_a_video_that_is_no_video(estimate, tmp_path, suffix, content):
     path = tmp_path / f"frames.{suffix}"
     path.write_bytes(content)
-    says(estimate(path), path, "is no video that can be decoded", "record or copy it again")
+    says(estimate(path), path, "is not a video that can be decoded", "record or copy it again")
 
 
 @pytest.mark.parametrize("kind", ["folder", "video"])
@@ -129,7 +129,7 @@ def test_a_calibration_that_was_changed(estimate, dataset, tmp_path, drawn_calib
 def test_a_calibration_that_was_cut_short(estimate, dataset, tmp_path, drawn_calibration_file):
     half = tmp_path / "half.cal"
     half.write_bytes(drawn_calibration_file.read_bytes())
-    says(estimate(dataset, cut(half)), half, "is no whole calibration", "make it again")
+    says(estimate(dataset, cut(half)), half, "is not valid JSON: cut short or damaged", "make it again")
 
 
 def test_a_calibration_of_another_sensor(estimate, dataset, drawn_calibration_file):
@@ -163,20 +163,20 @@ def test_a_method_that_the_calibration_cannot_do(refused, dataset, tmp_path, dra
 @pytest.mark.parametrize(
     ("spoil", "parts"),
     [
-        (shutil.rmtree, ["dome is missing", "give a press dataset's folder"]),
-        (lambda d: (d / "sensor.toml").unlink(), ["sensor.toml is missing"]),
-        (lambda d: cut(d / "sensor.toml"), ["sensor.toml", "correct it as in"]),
-        (lambda d: (d / "sensor.toml").write_bytes(b"\xff\x00"), ["sensor.toml", "correct it as in"]),
-        (lambda d: shutil.rmtree(d / "reference"), ["reference is missing"]),
-        (lambda d: [p.unlink() for p in (d / "reference").iterdir()], ["reference holds no image"]),
+        (shutil.rmtree, ["dome: no such folder", "give a press dataset's folder"]),
+        (lambda d: (d / "sensor.toml").unlink(), ["sensor.toml: no such file", "docs/press-dataset.md"]),
+        (lambda d: cut(d / "sensor.toml", 0.5), ["sensor.toml", "not valid TOML"]),
+        (lambda d: (d / "sensor.toml").write_bytes(b"\xff\x00"), ["sensor.toml: line 1 is not UTF-8 text"]),
+        (lambda d: shutil.rmtree(d / "reference"), ["reference: no such folder"]),
+        (lambda d: [p.unlink() for p in (d / "reference").iterdir()], ["reference has no image"]),
         (lambda d: cut(d / "reference" / "0.png"), ["0.png is cut short"]),
         (lambda d: cut(d / "reference" / "3.png"), ["3.png is cut short"]),
-        (lambda d: cut(d / "truth.csv", 0.9), ["truth.csv line 5", "is it cut short?"]),
+        (lambda d: cut(d / "truth.csv", 0.9), ["truth.csv, line 5", "the file may be cut short"]),
         (
             lambda d: (d / "truth.csv").write_text("a,b\n1,2\n"),
             ["truth.csv: the first line must be frame,split"],
         ),
-        (lambda d: (d / "frames" / "001.png").unlink(), ["001.png is missing"]),
+        (lambda d: (d / "frames" / "001.png").unlink(), ["001.png: no such file"]),
     ],
 )
 def test_a_dataset_that_cannot_be_calibrated(calibrate, dataset, spoil, parts):
@@ -210,7 +210,7 @@ def test_no_rings_in_the_description_nor_in_the_reference_frames(calibrate, data
 @pytest.mark.parametrize(
     ("spoil", "parts"),
     [
-        (shutil.rmtree, ["dome is missing"]),
+        (shutil.rmtree, ["dome: no such folder"]),
         (lambda d: (d / "truth.csv").unlink(), ["truth.csv", "no row"]),
         (lambda d: cut(d / "frames" / "003.png"), ["003.png is cut short"]),
     ],

@@ -6,51 +6,69 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.common.atomic_write import whole_file
-from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.atomic_write import write_atomically
+from palpate_edge.common.config_file import json_fault
+from palpate_edge.common.errors import CalibrationError, reason_of
+from palpate_edge.common.type_text import value_text
 from palpate_edge.estimation.calibration import FORMAT, VERSION, Calibration
 from palpate_edge.geometry.sensor import Sensor
 
+AGAIN = "make it again with palpate-edge calibrate"
+
+
+class _Head(msgspec.Struct, frozen=True):
+    """What every version of the file has."""
+
+    format: str
+    version: int
+
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write the file whole or not at all: temporary file, fsync, rename."""
+    """Write the file with its checksum, whole or not at all. Raises CalibrationError."""
     sealed = msgspec.structs.replace(calibration, checksum=calibration.digest())
-    with whole_file(path, CalibrationError) as temporary:
-        temporary.write_bytes(_text(sealed))
+    write_atomically(path, _text(sealed), CalibrationError)
 
 
 def _text(calibration: Calibration) -> bytes:
-    """The one way in which a calibration is written down."""
+    """Return the only JSON text that is accepted for this calibration."""
     return msgspec.json.format(msgspec.json.encode(calibration), indent=1) + b"\n"
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read and check a calibration file. Raises CalibrationError naming the file and the way out."""
-    again = "make it again with palpate-edge calibrate"
+    """Read and check a calibration file. Raises CalibrationError with the file, the fault and the way out."""
     try:
         data = path.read_bytes()
-        calibration = msgspec.json.decode(data, type=Calibration)
-    except FileNotFoundError:
-        raise CalibrationError(f"{path} is missing: make it with palpate-edge calibrate") from None
     except OSError as error:
-        raise CalibrationError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        raise CalibrationError(f"{path} is no whole calibration ({error}): {again}") from None
-    if calibration.format != FORMAT or calibration.version != VERSION:
-        raise CalibrationError(
-            f"{path} is {calibration.format} version {calibration.version}, this program reads "
-            f"{FORMAT} version {VERSION}: {again}"
-        )
+        raise CalibrationError(f"{path}: {reason_of(error)}; make it with palpate-edge calibrate") from None
+    try:
+        calibration = msgspec.json.decode(data, type=Calibration)
+    except (msgspec.DecodeError, ValueError, RecursionError):
+        _check_version(data, path)
+        raise CalibrationError(f"{path}: {json_fault(data, Calibration)}; {AGAIN}") from None
+    _check_version(data, path)
     if calibration.checksum != calibration.digest() or data != _text(calibration):
-        raise CalibrationError(f"{path} was changed or damaged (its checksum does not match): {again}")
+        raise CalibrationError(f"{path} was changed or damaged (its checksum does not match): {AGAIN}")
     return calibration
 
 
+def _check_version(data: bytes, path: Path) -> None:
+    """Refuse a file of another program or version; a damaged one is left to the caller."""
+    try:
+        head = msgspec.json.decode(data, type=_Head)
+    except (msgspec.DecodeError, ValueError, RecursionError):
+        return
+    if head.format != FORMAT or head.version != VERSION:
+        raise CalibrationError(
+            f"{path} is {value_text(head.format)} version {head.version}, this program reads "
+            f"{FORMAT} version {VERSION}: {AGAIN}"
+        )
+
+
 def check_sensor(calibration: Calibration, calibration_path: Path, sensor: Sensor, where: Path) -> None:
-    """Refuse a calibration that was made for another sensor than the one described in `where`."""
+    """Refuse a calibration of another sensor than the one that the file `where` describes."""
     ours, theirs = calibration.sensor.fingerprint(), sensor.fingerprint()
     if ours != theirs:
         raise CalibrationError(
             f"calibration {calibration_path} was made for sensor {ours}, {where} describes {theirs}: "
-            "run palpate-edge calibrate for it"
+            "make one for it with palpate-edge calibrate"
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibration_file import check_sensor
-from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
@@ -131,8 +131,7 @@ def evaluate_dataset(
 
 def write_json(figures: Figures, path: Path) -> None:
     """The figures for programs."""
-    with whole_file(path, DatasetError) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n")
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n", DatasetError)
 
 
 def _figures(

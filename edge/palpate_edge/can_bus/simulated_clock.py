@@ -21,6 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import LocalClock, monotonic_us
 
@@ -38,12 +39,7 @@ answer."""
 
 def make_clock(path: Path) -> LocalClock:
     """Make a new clock, without a keeper yet. Raises ConfigError when the file cannot be written."""
-    fresh = path.with_name(f"{path.name}.{os.getpid()}")
-    try:
-        fresh.write_bytes(FORMAT.pack(MAGIC, 0, NO_LIMIT_US))
-        fresh.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be made: {error.strerror}: give another path") from None
+    write_atomically(path, FORMAT.pack(MAGIC, 0, NO_LIMIT_US), ConfigError, sync_folder=False)
     return LocalClock(SimulatedClock(path).now_us)
 
 

@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate_edge.common.arrays import Image
+from palpate_edge.common.atomic_write import atomic_path
 from palpate_edge.common.errors import CaptureError
 
 MAGIC = b"PALPRING"
@@ -92,20 +93,14 @@ class RingWriter:
     def __init__(self, path: Path, form: RingFormat) -> None:
         """Raises CaptureError when the file cannot be written."""
         self._path, self._form = path, form
-        fresh = path.with_name(f"{path.name}.{os.getpid()}")
-        try:
-            with fresh.open("xb+") as file:
-                os.posix_fallocate(file.fileno(), 0, form.file_bytes)  # else a full disk is a SIGBUS later
-                self._map = mmap.mmap(file.fileno(), form.file_bytes)
-                self._inode = os.fstat(file.fileno()).st_ino
+        with atomic_path(path, CaptureError, sync_folder=False) as fresh, fresh.open("wb+") as file:
+            os.posix_fallocate(file.fileno(), 0, form.file_bytes)  # else a full disk is a SIGBUS later
+            self._map = mmap.mmap(file.fileno(), form.file_bytes)
+            self._inode = os.fstat(file.fileno()).st_ino
             fingerprint = form.fingerprint.encode("ascii")
             HEADER.pack_into(
                 self._map, 0, MAGIC, VERSION, form.slots, form.width, form.height, form.channels, fingerprint
             )
-            fresh.replace(path)
-        except OSError as error:
-            fresh.unlink(missing_ok=True)
-            raise CaptureError(f"{path} cannot be made: {error.strerror}: give another path") from None
         self._slots = [_pixels(self._map, form, slot) for slot in range(form.slots)]
         self._count = 0
 

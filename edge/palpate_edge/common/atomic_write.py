@@ -1,28 +1,112 @@
-"""Files that appear whole or not at all: written beside, flushed to the disk, renamed into place."""
+"""Write a file so that it appears complete or not at all, even when the power fails.
+
+A regular file is written beside its place, flushed to the disk, and renamed; the folder is flushed after it.
+A symbolic link keeps pointing to its target, which is replaced. A device, a pipe and ``-`` (standard output)
+are written directly: there is nothing to replace.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO, TextIO, cast
 
-from palpate_edge.common.errors import PalpateError
+from palpate_edge.common.errors import PalpateError, reason_of
+
+STANDARD_OUTPUT = Path("-")
 
 
 @contextmanager
-def whole_file(path: Path, error: type[PalpateError]) -> Iterator[Path]:
-    """A path to write to; what is there at the end of the block takes `path`'s place, unless it raises.
+def atomic_path(path: Path, error: type[PalpateError], *, sync_folder: bool = True) -> Iterator[Path]:
+    """Yield the path to write to; at the end of the block its content is at `path`, unless the block raises.
 
-    Raises `error` when the file system refuses.
+    sync_folder: False saves a flush for each of many files whose names may be lost with the power. Raises
+    `error` when the file system refuses.
     """
-    temporary = path.parent / f".{path.name}.{os.getpid()}.tmp"
+    if _is_direct(path):
+        with refused_as(path, error):
+            yield path
+        return
+    target = path.resolve()
+    temporary = target.parent / f".{target.name}.{os.getpid()}.tmp"
     try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as refusal:
-        raise error(f"{path} cannot be written: {refusal.strerror}") from None
+        with refused_as(path, error):
+            yield temporary
+            _sync(temporary)
+            temporary.replace(target)
+            if sync_folder:
+                _sync(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_file(path: Path, error: type[PalpateError], *, sync_folder: bool = True) -> Iterator[BinaryIO]:
+    """Yield an open binary file, as `atomic_path`; ``-`` is standard output."""
+    if path == STANDARD_OUTPUT:
+        yield cast(BinaryIO, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+        return
+    with (
+        atomic_path(path, error, sync_folder=sync_folder) as temporary,
+        refused_as(path, error),
+        temporary.open("wb") as file,
+    ):
+        yield file
+
+
+@contextmanager
+def atomic_text(path: Path, error: type[PalpateError]) -> Iterator[TextIO]:
+    """Yield an open UTF-8 text file, line ends as written, as `atomic_path`; ``-`` is standard output."""
+    if path == STANDARD_OUTPUT:
+        yield sys.stdout
+        sys.stdout.flush()
+        return
+    with (
+        atomic_path(path, error) as temporary,
+        refused_as(path, error),
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        yield file
+
+
+def write_atomically(path: Path, data: bytes, error: type[PalpateError], *, sync_folder: bool = True) -> None:
+    """Write `data` as the whole content of `path`, as `atomic_file`."""
+    with atomic_file(path, error, sync_folder=sync_folder) as file:
+        file.write(data)
+
+
+@contextmanager
+def refused_as(path: Path, error: type[PalpateError]) -> Iterator[None]:
+    """Turn an OSError of the block into `error`, which says that `path` cannot be written, and why."""
+    try:
+        yield
+    except OSError as refusal:
+        reason = reason_of(refusal)
+        if refusal.errno == errno.ENOENT:
+            reason = "its folder does not exist"
+        raise error(f"{path} cannot be written: {reason}; give another path") from None
+
+
+def _is_direct(path: Path) -> bool:
+    """Return whether a path is no regular file, or a name of a file that is already open (/dev/stdout)."""
+    try:
+        if path.is_symlink() and path.readlink().is_relative_to("/proc"):
+            return True
+        return path.resolve().is_relative_to("/proc") or not stat.S_ISREG(path.stat().st_mode)
+    except OSError:  # not there yet, or not readable: writing it says why
+        return False
+
+
+def _sync(path: Path) -> None:
+    """Flush a file or a folder to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,14 +1,33 @@
-"""The errors a person may meet: each says what, where, and the way out, in one line.
+"""User-facing exceptions; each message states what failed, where, and how to fix it, in one line.
 
-The command lines print ``error: <message>`` and leave with :data:`EXIT_STATUS` of the class; nothing else
-in the packages catches them to go on silently.
+The command lines print ``error: <message>`` and exit with the class's `exit_status`; nothing else in the
+packages catches these errors to continue silently.
 """
 
 from __future__ import annotations
 
+import errno
+
+_REASONS = {
+    errno.ENOENT: "no such file",
+    errno.EISDIR: "is a folder",
+    errno.ENOTDIR: "a part of its path is a file",
+    errno.EACCES: "permission denied",
+    errno.ENOSPC: "no space left on the disk",
+    errno.EROFS: "the disk is read-only",
+}
+
+
+def reason_of(error: OSError) -> str:
+    """Return why the operating system refused, in lower case, without its error number."""
+    if error.errno in _REASONS:
+        return _REASONS[error.errno]
+    text = error.strerror or str(error) or type(error).__name__
+    return text[:1].lower() + text[1:]
+
 
 class PalpateError(Exception):
-    """Base of every refusal; its text is one line that names the thing and the way out."""
+    """Base of every refusal; its text is one line."""
 
     exit_status = 1
 
@@ -38,11 +57,11 @@ class CaptureError(PalpateError):
 
 
 class CameraLostError(CaptureError):
-    """The camera is not there or was unplugged; it may come back."""
+    """The camera is absent or was unplugged; it may be plugged in again."""
 
 
 class CameraStalledError(CaptureError):
-    """The camera is there and gives no frames; opening it again may help."""
+    """The camera is present but gives no frames; opening it again may help."""
 
 
 class BusError(PalpateError):
@@ -52,10 +71,10 @@ class BusError(PalpateError):
 
 
 class BusOffError(BusError):
-    """The controller took itself off the bus after too many errors; it may come back."""
+    """The CAN controller went bus-off after too many errors; it may restart."""
 
 
 class IlluminationError(PalpateError):
-    """The illumination controller does not answer, is another, or refuses."""
+    """The illumination controller does not answer, is of another kind, or refuses."""
 
     exit_status = 7

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.common.file_permissions import refuse_unsafe
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 
@@ -38,7 +38,7 @@ class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     timeout_ms: after this time without a frame the contact is withdrawn and the camera counts as stalled.
     """
 
-    source: Literal["recorded", "v4l2", "shared_memory"]
+    source: Literal["v4l2", "recorded", "shared_memory"]
     path: str = ""
     loop: bool = False
     timeout_ms: Annotated[int, msgspec.Meta(ge=20, le=10_000)] = 200
@@ -98,15 +98,7 @@ class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_config(path: Path) -> FingertipConfig:
     """Read a fingertip's configuration. Raises ConfigError naming file and key."""
-    try:
-        refuse_unsafe(path)
-        config = msgspec.toml.decode(path.read_bytes(), type=FingertipConfig)
-    except FileNotFoundError:
-        raise ConfigError(f"{path} is missing: write it as in docs/configuration.md") from None
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: {error}: correct it as in docs/configuration.md") from None
+    config = read_toml(path, FingertipConfig, guide="docs/configuration.md lists every key of a fingertip")
     folder = path.resolve().parent
     _check_capture(path, config.capture)
     capture_path = str(folder / config.capture.path) if config.capture.path else ""

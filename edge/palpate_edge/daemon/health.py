@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 
 STALE_AFTER_S = 5.0
@@ -164,8 +164,7 @@ class HealthFile:
 
 def write_health(path: Path, report: HealthReport) -> None:
     """Write the file in one step. Raises ConfigError when the file system refuses."""
-    with whole_file(path, ConfigError) as temporary:
-        temporary.write_bytes(msgspec.json.encode(report))
+    write_atomically(path, msgspec.json.encode(report), ConfigError)
 
 
 def read_health(name: str, configured: str, now_s: float) -> HealthReport | None:

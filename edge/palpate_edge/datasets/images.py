@@ -1,4 +1,4 @@
-"""Reading image files: whole, 8-bit, grey or BGR, or refused."""
+"""Read image files: complete, 8-bit, grey or BGR; anything else is refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Image
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.errors import DatasetError, reason_of
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp"})
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -17,23 +17,21 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".m4v", ".avi", ".mkv", ".webm", ".mov"})
 
 
 def list_images(folder: Path) -> list[Path]:
-    """The image files of a folder in name order. Raises DatasetError when there is none."""
+    """Return the image files of a folder in name order. Raises DatasetError when there is none."""
     if not folder.is_dir():
-        raise DatasetError(f"{folder} is missing: give a folder of images, a press dataset or a video")
+        raise DatasetError(f"{folder}: no such folder: give a folder of images, a press dataset or a video")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:
-        raise DatasetError(f"{folder} holds no image: put .png or .jpg frames there")
+        raise DatasetError(f"{folder} has no image: put .png or .jpg frames there")
     return paths
 
 
 def read_image(path: Path, *, grey: bool = False) -> Image:
-    """One image (height, width[, 3]) uint8. Raises DatasetError when missing, cut short or no image."""
+    """Read one image, (height, width[, 3]) uint8. Raises DatasetError when missing, cut short or no image."""
     try:
         data = path.read_bytes()
-    except FileNotFoundError:
-        raise DatasetError(f"{path} is missing: the dataset names it") from None
     except OSError as error:
-        raise DatasetError(f"{path} cannot be read: {error.strerror}") from None
+        raise DatasetError(f"{path}: {reason_of(error)}") from None
     if not data:
         raise DatasetError(f"{path} is empty: record or copy it again")
     if not _is_whole(data):
@@ -44,13 +42,16 @@ def read_image(path: Path, *, grey: bool = False) -> Image:
     except cv2.error:  # a header that promises more pixels than OpenCV allows
         image = None
     if image is None:
-        raise DatasetError(f"{path} is no image that can be decoded: record or copy it again")
+        raise DatasetError(f"{path} is not an image that can be decoded: record or copy it again")
     return np.asarray(image, dtype=np.uint8)
 
 
 def _is_whole(data: bytes) -> bool:
-    """A JPEG without its end marker decodes to a half-grey picture, a damaged PNG makes its library talk on
-    stderr; both are told from whole ones before decoding. A JPEG carries no checksum."""
+    """Return whether a JPEG has its end marker and a PNG its checksums; other formats pass.
+
+    OpenCV decodes a cut JPEG to a half-grey picture, and libpng prints to stderr for a damaged PNG, so both
+    are checked before decoding. A JPEG has no checksum.
+    """
     if data.startswith(b"\xff\xd8"):
         return b"\xff\xd9" in data[-64:]
     if data.startswith(PNG_SIGNATURE[:4]):
@@ -59,7 +60,7 @@ def _is_whole(data: bytes) -> bool:
 
 
 def _png_chunks_are_whole(data: bytes) -> bool:
-    """Every chunk up to IEND has the CRC that it carries (PNG specification, 5.3)."""
+    """Return whether every chunk up to IEND has the CRC that it carries (PNG specification, 5.3)."""
     at = len(PNG_SIGNATURE)
     while at + 12 <= len(data):
         end = at + 8 + int.from_bytes(data[at : at + 4], "big")

@@ -1,4 +1,4 @@
-"""The press dataset: what the camera saw while a probe pressed at known places (docs/press-dataset.md)."""
+"""Press dataset: images of a dome pressed by a probe at known places and forces (docs/press-dataset.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate_edge.common.contact import Vector3
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.errors import DatasetError, reason_of
+from palpate_edge.common.type_text import value_text
 from palpate_edge.datasets.images import list_images
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.geometry.sensor import Sensor
@@ -21,8 +22,8 @@ SPLITS = frozenset({"train", "test"})
 class Press:
     """One row of truth.csv.
 
-    frame: file name under frames/; position_mm: first touch on the undeformed outer surface, None when
-    nothing touches; normal_force_N >= 0; force_N: the whole force on the dome; lost: beads hidden.
+    frame: file name under frames/. position_mm: point of first touch on the undeformed outer surface, None
+    without contact. normal_force_N: >= 0. force_N: total force on the dome. lost: number of hidden beads.
     """
 
     frame: str
@@ -37,7 +38,7 @@ class Press:
 
 @dataclass(frozen=True, slots=True)
 class PressDataset:
-    """One sensor's recording. `presses` is empty for a recording without truth."""
+    """One sensor's recording; `presses` is empty without a truth.csv."""
 
     folder: Path
     sensor: Sensor
@@ -45,7 +46,7 @@ class PressDataset:
     presses: tuple[Press, ...]
 
     def split(self, name: str) -> tuple[Press, ...]:
-        """The presses of one split, ``train`` or ``test``."""
+        """Return the presses of one split, ``train`` or ``test``."""
         return tuple(press for press in self.presses if press.split == name)
 
     def path(self, press: Press) -> Path:
@@ -59,10 +60,10 @@ def is_dataset(folder: Path) -> bool:
 def read_dataset(folder: Path) -> PressDataset:
     """Read a press dataset's description and truth; images are read when needed.
 
-    Raises DatasetError naming file, line and column.
+    Raises DatasetError with file, line and column.
     """
     if not folder.is_dir():
-        raise DatasetError(f"{folder} is missing: give a press dataset's folder")
+        raise DatasetError(f"{folder}: no such folder: give a press dataset's folder")
     sensor = read_sensor(folder / "sensor.toml")
     reference = tuple(list_images(folder / "reference"))
     truth = folder / "truth.csv"
@@ -70,12 +71,16 @@ def read_dataset(folder: Path) -> PressDataset:
 
 
 def read_truth(path: Path) -> tuple[Press, ...]:
-    """All rows of a truth.csv. Raises DatasetError naming the line and the column."""
+    """Read all rows of a truth.csv. Raises DatasetError with the line and the column."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{path} cannot be read as CSV: {error}") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {reason_of(error)}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise DatasetError(
+            f"{path} is not a CSV file in UTF-8: write it as in docs/press-dataset.md"
+        ) from None
     if not rows or rows[0] != COLUMNS:
         raise DatasetError(f"{path}: the first line must be {','.join(COLUMNS)}")
     return tuple(_press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row)
@@ -83,7 +88,9 @@ def read_truth(path: Path) -> tuple[Press, ...]:
 
 def _press(path: Path, number: int, row: list[str]) -> Press:
     if len(row) != len(COLUMNS):
-        raise DatasetError(f"{path} line {number}: {len(row)} fields, not {len(COLUMNS)}; is it cut short?")
+        raise DatasetError(
+            f"{path}, line {number} has {len(row)} fields, not {len(COLUMNS)}: the file may be cut short"
+        )
     cell = dict(zip(COLUMNS, row, strict=True))
 
     def value(column: str) -> float:
@@ -92,13 +99,17 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
         except ValueError:
             number_read = math.nan
         if not math.isfinite(number_read):
-            raise DatasetError(f"{path} line {number}: {column} is {cell[column]!r}, not a number")
+            raise DatasetError(
+                f"{path}, line {number}: {column} = {value_text(cell[column])} is not a finite number"
+            )
         return number_read
 
     if Path(cell["frame"]).name != cell["frame"] or cell["frame"] in {"", ".."} or "\0" in cell["frame"]:
-        raise DatasetError(f"{path} line {number}: frame {cell['frame']!r} is not a file name")
+        raise DatasetError(f"{path}, line {number}: frame = {value_text(cell['frame'])} is not a file name")
     if cell["split"] not in SPLITS:
-        raise DatasetError(f"{path} line {number}: split is {cell['split']!r}, not train or test")
+        raise DatasetError(
+            f"{path}, line {number}: split = {value_text(cell['split'])} is not one of train, test"
+        )
     touches = any(cell[column] for column in ("x_mm", "y_mm", "z_mm"))
     return Press(
         frame=cell["frame"],

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 
-from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import CaptureError
 from palpate_edge.common.frame import Frame
 
@@ -70,8 +70,8 @@ class FrameRing:
         """Keep a frame and let the oldest go. Raises CaptureError when the disk refuses."""
         _, data = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
         path = self.folder / f"{frame.sequence:010}.png"
-        with whole_file(path, CaptureError) as temporary:
-            temporary.write_bytes(data.tobytes())
+        # Flushing the folder as well would double the cost of a frame; a power cut may lose the last names.
+        write_atomically(path, data.tobytes(), CaptureError, sync_folder=False)
         self._kept.append(_Kept(path, data.size, frame.exposed_at_us, frame.sequence))
         self._size += data.size
         self._let_go()
@@ -83,8 +83,8 @@ class FrameRing:
         """frames.csv, as it is now."""
         self._since_index = 0
         lines = [f"{one.path.name},{one.exposed_at_us},{one.sequence}\n" for one in self._kept]
-        with whole_file(self.folder / INDEX, CaptureError) as temporary:
-            temporary.write_text(INDEX_HEADER + "".join(lines))
+        text = INDEX_HEADER + "".join(lines)
+        write_atomically(self.folder / INDEX, text.encode(), CaptureError)
 
     def _let_go(self) -> None:
         newest_us = self._kept[-1].exposed_at_us

@@ -78,7 +78,7 @@ class VideoRecording:
         self._video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         self.count = int(self._video.get(cv2.CAP_PROP_FRAME_COUNT)) if self._video.isOpened() else 0
         if self.count <= 0:
-            raise DatasetError(f"{path} is no video that can be decoded: record or copy it again")
+            raise DatasetError(f"{path} is not a video that can be decoded: record or copy it again")
         self.fps = float(self._video.get(cv2.CAP_PROP_FPS)) or DEFAULT_FPS
         self.sensor = sensor
         self._next = 0
@@ -92,8 +92,8 @@ class VideoRecording:
         ok, image = self._video.read()
         if not ok:
             raise DatasetError(
-                f"{self._path} ends at frame {self._next} of {self.count}: it is cut short, record or copy "
-                "it again"
+                f"{self._path} ends at frame {self._next} of {self.count}: record or copy the whole video "
+                "again"
             )
         self._next += 1
         return np.asarray(image, dtype=np.uint8), f"{self._path.name}#{index}"
@@ -103,16 +103,16 @@ class VideoRecording:
 
 
 def open_recording(path: Path, *, grey: bool = True) -> Recording:
-    """A press dataset (its frames/ in name order, or its frames.mp4), a folder of images, an image, a video.
-
-    Raises DatasetError naming what was expected.
-    """
+    """Open a press dataset (its frames/ in name order, or its frames.mp4), a folder of images, an image or a
+    video. Raises DatasetError with what was expected."""
     if path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES:
         return VideoRecording(path)
     if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
         return ImageRecording([path], DEFAULT_FPS, None, grey)
     if path.is_file():
-        raise DatasetError(f"{path} is neither an image nor a video: give .png, .jpg, .mp4, .avi or a folder")
+        raise DatasetError(
+            f"{path} is not an image or a video: give a .png, .jpg, .mp4 or .avi file, or a folder"
+        )
     if is_dataset(path):
         return _open_dataset(path, grey)
     return ImageRecording(list_images(path), recorded_fps(path) or DEFAULT_FPS, None, grey)
@@ -177,7 +177,7 @@ class RealTimeSource:
         try:  # decoded before it is exposed: what that takes is not a camera's
             image, name = self._recording.read(sequence % self._recording.count)
         except DatasetError as error:
-            raise CaptureError(f"recorded source stopped: {error}") from error
+            raise CaptureError(f"the recording stopped: {error}") from error
         now = self._clock_us()
         if exposed_at_us > now:
             self._sleep_s((exposed_at_us - now) / 1e6)

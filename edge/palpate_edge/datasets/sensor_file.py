@@ -5,53 +5,82 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import msgspec
-
+from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.geometry.sensor import Sensor
 
+MOST_BEADS_IN_A_RING = 1000
+IMAGE_SIDE_PX = range(16, 8193)
+
 
 def read_sensor(path: Path) -> Sensor:
-    """Read a ``sensor.toml``. Raises DatasetError, naming file and key."""
-    try:
-        sensor = msgspec.toml.decode(path.read_bytes(), type=Sensor)
-    except FileNotFoundError:
-        raise DatasetError(f"{path} is missing: a press dataset describes its sensor there") from None
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: {error}: correct it as in docs/press-dataset.md") from None
-    _check(sensor, path)
+    """Read a ``sensor.toml``. Raises DatasetError with the file, the key and what is allowed."""
+    guide = "docs/press-dataset.md lists the keys of a sensor"
+    sensor = read_toml(path, Sensor, guide=guide, error=DatasetError, trusted=False)
+    for key, value, is_allowed, allowed in _checks(sensor):
+        if not is_allowed:
+            raise DatasetError(f"{path}: {key} = {value} is out of range: it must be {allowed}")
     return sensor
 
 
-def _check(sensor: Sensor, path: Path) -> None:
-    """Refuse what TOML's types cannot: sizes that no dome has."""
-    checks = {
-        "dome.outer_radius_mm": 0 < sensor.dome.outer_radius_mm < math.inf,
-        "dome.wall_mm": 0 < sensor.dome.wall_mm < sensor.dome.outer_radius_mm,
-        "markers.radius_mm": 0 < sensor.markers.radius_mm <= sensor.dome.outer_radius_mm,
-        "markers.diameter_mm": 0 < sensor.markers.diameter_mm < sensor.markers.radius_mm,
-        "markers.rings": all(
-            0 < ring.count <= 1000 and 0 <= ring.theta_deg <= 180 and math.isfinite(ring.phi0_deg)
-            for ring in sensor.markers.rings
+def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
+    """Key, value, whether it is allowed, and what is, of sizes that TOML's types leave open."""
+    dome, markers, camera = sensor.dome, sensor.markers, sensor.camera
+    radius_mm, wall_mm = dome.outer_radius_mm, dome.wall_mm
+    lens = (4,) if camera.model == "fisheye" else (4, 5, 8)
+    rings = [
+        check
+        for number, ring in enumerate(markers.rings)
+        for check in (
+            (
+                f"markers.rings[{number}].count",
+                ring.count,
+                0 < ring.count <= MOST_BEADS_IN_A_RING,
+                f"1 to {MOST_BEADS_IN_A_RING}",
+            ),
+            (f"markers.rings[{number}].theta_deg", ring.theta_deg, 0 <= ring.theta_deg <= 180, "0 to 180"),
+            (f"markers.rings[{number}].phi0_deg", ring.phi0_deg, math.isfinite(ring.phi0_deg), "finite"),
+        )
+    ]
+    return [
+        ("dome.outer_radius_mm", radius_mm, 0 < radius_mm < math.inf, "above 0"),
+        (
+            "dome.wall_mm",
+            wall_mm,
+            0 < wall_mm < radius_mm,
+            f"above 0, below outer_radius_mm {radius_mm:g}",
         ),
-        "camera.width": 16 <= sensor.camera.width <= 8192,
-        "camera.height": 16 <= sensor.camera.height <= 8192,
-        "camera.matrix": min(sensor.camera.matrix[:2]) > 0 and _all_finite(sensor.camera.matrix),
-        "camera.distortion": len(sensor.camera.distortion) in ({4} if _is_fisheye(sensor) else {4, 5, 8})
-        and _all_finite(sensor.camera.distortion),
-        "camera.position_mm": _all_finite(sensor.camera.position_mm),
-        "camera.fps": 0 < sensor.camera.fps <= 1000,
-    }
-    for key, holds in checks.items():
-        if not holds:
-            raise DatasetError(f"{path}: {key} is out of range: correct it as in docs/press-dataset.md")
+        (
+            "markers.radius_mm",
+            markers.radius_mm,
+            0 < markers.radius_mm <= radius_mm,
+            f"above 0 and at most dome.outer_radius_mm {radius_mm:g}",
+        ),
+        (
+            "markers.diameter_mm",
+            markers.diameter_mm,
+            0 < markers.diameter_mm < markers.radius_mm,
+            f"above 0 and below markers.radius_mm {markers.radius_mm:g}",
+        ),
+        *rings,
+        ("camera.width", camera.width, camera.width in IMAGE_SIDE_PX, "16 to 8192"),
+        ("camera.height", camera.height, camera.height in IMAGE_SIDE_PX, "16 to 8192"),
+        (
+            "camera.matrix",
+            list(camera.matrix),
+            min(camera.matrix[:2]) > 0 and _all_finite(camera.matrix),
+            "fx, fy, cx, cy in pixels, finite, fx and fy above 0",
+        ),
+        (
+            "camera.distortion",
+            list(camera.distortion),
+            len(camera.distortion) in lens and _all_finite(camera.distortion),
+            f"{' or '.join(map(str, lens))} finite coefficients of the {camera.model} model",
+        ),
+        ("camera.position_mm", list(camera.position_mm), _all_finite(camera.position_mm), "finite"),
+        ("camera.fps", camera.fps, 0 < camera.fps <= 1000, "above 0 and at most 1000"),
+    ]
 
 
 def _all_finite(values: tuple[float, ...]) -> bool:
     return all(math.isfinite(value) for value in values)
-
-
-def _is_fisheye(sensor: Sensor) -> bool:
-    return sensor.camera.model == "fisheye"

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterable
 from pathlib import Path
 
-from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_edge.common.errors import DatasetError
@@ -22,11 +22,8 @@ COLUMNS = tuple(dict.fromkeys([*FIRST_COLUMNS, *(quantity.column for quantity, _
 
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
-    """Write (frame name, contact, milliseconds) rows; the file appears whole, at the end, or not at all."""
-    with (
-        whole_file(path, DatasetError) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
+    """Write (frame name, contact, milliseconds) rows; the file appears complete or not at all."""
+    with atomic_text(path, DatasetError) as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(_row(*row) for row in rows)

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_bus.decode.device import Device, devices_by_kind
-from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.config_file import read_toml
 
 
 class _Joint(msgspec.Struct, frozen=True):
@@ -27,12 +27,8 @@ class _Hand(msgspec.Struct, frozen=True):
 
 def read_hand_nodes(path: Path) -> dict[int, Device]:
     """Return the devices that a hand.toml names. Raises ConfigError when the file or a node id is missing."""
-    try:
-        fingers = msgspec.toml.decode(path.read_bytes(), type=_Hand).fingers
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be read ({exc.strerror}): give a hand.toml with --config") from exc
-    except (msgspec.DecodeError, UnicodeDecodeError) as exc:
-        raise ConfigError(f"{path}: not a hand.toml ({exc}): each finger needs its nodes") from exc
+    guide = "give a hand.toml; docs/configuration.md lists its keys"
+    fingers = read_toml(path, _Hand, guide=guide, trusted=False).fingers
     return devices_by_kind(
         {finger.fingertip_node: finger.name for finger in fingers},
         {joint.drive_node: joint.name for finger in fingers for joint in finger.joints},

@@ -12,6 +12,7 @@ import msgspec
 from palpate_bus.hub import protocol
 from palpate_bus.hub.control import Refused, Reply, Request, reply_decoder
 from palpate_bus.hub.protocol import Hello, Kind
+from palpate_edge.common.config_file import json_fault
 from palpate_edge.common.errors import BusError
 
 ANSWER_TIMEOUT_S = 5.0  # a hub responds within 1 ms; a loaded machine may take longer
@@ -111,8 +112,16 @@ def ask(path: Path, request: Request) -> Reply:
                 if kind is Kind.REJECT:
                     raise rejected(path, payload)
                 if kind is Kind.REPLY:
-                    return _checked(reply_decoder.decode(payload))
+                    return _checked(_decoded(path, payload))
     raise HubGoneError(f"the CAN hub at {path} does not reply within {ANSWER_TIMEOUT_S:.0f} s: restart it")
+
+
+def _decoded(path: Path, payload: bytes) -> Reply:
+    try:
+        return reply_decoder.decode(payload)
+    except msgspec.MsgspecError:
+        fault = json_fault(payload, Reply)
+        raise BusError(f"the CAN hub at {path} is of another version ({fault}): restart it") from None
 
 
 def _checked(reply: Reply) -> Reply:

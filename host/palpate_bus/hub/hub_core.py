@@ -25,6 +25,7 @@ from palpate_bus.hub.protocol import FrameFlag, GarbledStreamError, Kind, PortMo
 from palpate_bus.hub.wire import Delivery, Submitted, Wire
 from palpate_bus.load.measured_load import WINDOW_US, BusLoad
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.config_file import json_fault
 from palpate_edge.common.errors import ConfigError
 
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
@@ -242,5 +243,5 @@ def _deliver_message(delivery: Delivery, flags: int) -> bytes:
 def _parse_request(payload: bytes) -> Request:
     try:
         return request_decoder.decode(payload)
-    except msgspec.MsgspecError as error:
-        raise GarbledStreamError(f"invalid REQUEST: {error}") from error
+    except msgspec.MsgspecError:
+        raise GarbledStreamError(f"invalid REQUEST: {json_fault(payload, Request)}") from None

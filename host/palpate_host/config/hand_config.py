@@ -9,10 +9,10 @@ from typing import Annotated
 import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.common.config_file import Strict, read_toml
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.geometry_config import GeometryConfig
-from palpate_host.config.toml_file import Strict, read_toml
 from palpate_host.config.twin_config import TwinConfig
 
 FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
@@ -21,7 +21,8 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
-Name = Annotated[str, msgspec.Meta(pattern=r"^\S+$")]  # a word: it goes into log headers and option lists
+Name = Annotated[str, msgspec.Meta(pattern=r"^\S+$", description="one word in quotes, without spaces")]
+"""Names stand in log headers and option lists."""
 Milliseconds = Annotated[int, msgspec.Meta(ge=1, le=600_000)]
 
 
@@ -222,12 +223,7 @@ def load(path: Path) -> HandConfig:
     ConfigError (one line: file, key, way out) when it is missing, garbled, has an unknown or a missing key, a
     value out of range, or one node id for two nodes.
     """
-    config = read_toml(
-        path,
-        HandConfig,
-        option="the hand's file with --config",
-        example="models/table4.toml shows every one",
-    )
+    config = read_toml(path, HandConfig, guide="docs/configuration.md lists every key of a hand")
     _check_nodes(path, config)
     _check_ranges(path, config)
     if config.model.mjcf is not None:

@@ -8,12 +8,14 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from palpate_edge.common.config_file import Strict, read_toml
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import ControlMode
-from palpate_host.config.toml_file import Strict, read_toml
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
-Word = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+$")]  # a folder's name
+Word = Annotated[
+    str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+$", description="one word of letters, digits, - and _")
+]  # a folder's name
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.5, le=600)]
 Marker = tuple[Annotated[int, msgspec.Meta(ge=0, le=49)], Positive]
@@ -97,12 +99,7 @@ class TrialCase:
 
 def load(path: Path) -> ExperimentConfig:
     """Read experiment.toml. Raises ConfigError when it is missing or invalid, or its parts contradict."""
-    config = read_toml(
-        path,
-        ExperimentConfig,
-        option="the experiment's file",
-        example="models/experiment.toml shows every one",
-    )
+    config = read_toml(path, ExperimentConfig, guide="models/experiment.toml in the package shows every key")
     names = [turn.name for turn in config.turns]
     for kind, found in (("turns", names), ("poses", [pose.name for pose in config.poses])):
         for name in found:

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.config_file import read_json
 from palpate_edge.common.errors import ConfigError
 from palpate_host.groundtruth.marker import DICTIONARY
 
@@ -187,16 +188,7 @@ def _check(rms_px: float, turns: Iterable[object], reasons: str) -> None:
 
 def read_intrinsics(path: Path) -> Intrinsics:
     """Read a file of `write_intrinsics`. Raises ConfigError when it cannot be read or is invalid."""
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=Intrinsics)
-    except OSError as exc:
-        raise ConfigError(
-            f"{path}: cannot be read ({exc.strerror}): make it with palpate-host groundtruth calibrate"
-        ) from exc
-    except msgspec.MsgspecError as exc:
-        raise ConfigError(
-            f"{path}: not a file of intrinsics ({exc}): make one with palpate-host groundtruth calibrate"
-        ) from exc
+    return read_json(path, Intrinsics, guide="make it with palpate-host groundtruth calibrate")
 
 
 def write_intrinsics(path: Path, intrinsics: Intrinsics) -> None:

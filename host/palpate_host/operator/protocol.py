@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import msgspec
 
+from palpate_edge.common.config_file import json_fault
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.status import HostStatus
 
@@ -42,9 +43,8 @@ def decode_request(line: bytes) -> Request:
     """Parse a line. Raises CommandError, in one line, for anything but a request."""
     try:
         request: Request = _requests.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as exc:
-        reason = " ".join(str(exc).split())
-        raise CommandError(f"not a request ({reason}): see docs/using.md") from exc
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise CommandError(f"not a request ({json_fault(line, Request)}): see docs/using.md") from None
     return request
 
 
@@ -57,11 +57,11 @@ def decode_answer(line: bytes) -> Answer:
     """Parse a line. Raises CommandError for anything but a response, as from a host of another version."""
     try:
         answer: Answer = _answers.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as exc:
-        reason = " ".join(str(exc).split())
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        reason = json_fault(line, Answer)
         raise CommandError(
             f"not a host's response ({reason}): use the same palpate version on both sides"
-        ) from exc
+        ) from None
     return answer
 
 

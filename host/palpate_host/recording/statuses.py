@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_edge.common.config_file import json_fault
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
@@ -45,8 +46,8 @@ def _read_lines(source: Path) -> Iterator[HostStatus]:
             return
         try:
             yield decoder.decode(line)
-        except msgspec.MsgspecError as exc:
-            raise ConfigError(f"{source}, line {number}: is no status of the host ({exc})") from exc
+        except msgspec.MsgspecError:
+            raise _not_a_status(f"{source}, line {number}", line) from None
 
 
 def _read_mcap(source: Path) -> Iterator[HostStatus]:
@@ -57,5 +58,12 @@ def _read_mcap(source: Path) -> Iterator[HostStatus]:
     for payload in messages(source, STATUS_TOPIC):
         try:
             yield decoder.decode(payload)
-        except msgspec.MsgspecError as exc:
-            raise ConfigError(f"{source}: its {STATUS_TOPIC} is no status of the host ({exc})") from exc
+        except msgspec.MsgspecError:
+            raise _not_a_status(f"{source}, {STATUS_TOPIC}", payload) from None
+
+
+def _not_a_status(where: str, data: bytes) -> ConfigError:
+    fault = json_fault(data, HostStatus)
+    return ConfigError(
+        f"{where}: not a host status ({fault}): give a file of palpate-host run --status or record"
+    )

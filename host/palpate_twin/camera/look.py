@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_edge.common.config_file import read_json
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 
@@ -75,12 +76,10 @@ def save_twin(twin: TwinSensor, path: Path) -> None:
 
 def load_twin(path: Path) -> TwinSensor:
     """Read a twin.json. Raises ConfigError naming file and key."""
-    try:
-        twin = msgspec.json.decode(path.read_bytes(), type=TwinSensor)
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError) as error:
-        raise ConfigError(f"{path}: {error}: make it with palpate-host simulate dataset") from None
+    twin = read_json(path, TwinSensor, guide="make it with palpate-host simulate dataset")
     if len(twin.bead_mm) != len(twin.bead_size) or not twin.bead_mm:
-        raise ConfigError(f"{path}: bead_mm and bead_size are not one a bead: make the file again")
+        raise ConfigError(
+            f"{path}: bead_mm has {len(twin.bead_mm)} beads, bead_size {len(twin.bead_size)}: "
+            "make it again with palpate-host simulate dataset"
+        )
     return twin

@@ -12,7 +12,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.config_file import decode_json
+from palpate_edge.common.errors import DatasetError, reason_of
 from palpate_host.common import rotation
 from palpate_host.common.command import Rotate
 from palpate_host.common.mode import Mode
@@ -104,6 +105,11 @@ def read_commands(path: Path) -> list[SentCommand]:
     """
     try:
         lines = path.read_bytes().splitlines() if path.exists() else []
-        return [msgspec.json.decode(line, type=SentCommand) for line in lines]
-    except (OSError, msgspec.DecodeError) as error:
-        raise DatasetError(f"{path} cannot be read ({error}): run the demo again") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {reason_of(error)}: run the demo again") from None
+    return [
+        decode_json(
+            line, SentCommand, f"{path}, line {number}", guide="run the demo again", error=DatasetError
+        )
+        for number, line in enumerate(lines, start=1)
+    ]

@@ -17,17 +17,16 @@ are the mirror image of those towards +y and are not stored.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.equilibrium import ElasticDome, State
@@ -109,27 +108,13 @@ def solve_angle(
     ]
 
 
-@contextmanager
-def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that takes the path's name once it is whole. Raises ConfigError where it cannot be written."""
-    fresh = path.with_name(path.name + ".new")
-    try:
-        with fresh.open("wb") as file:
-            yield file
-        fresh.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be written: {error.strerror}: give another --out") from None
-    finally:
-        fresh.unlink(missing_ok=True)
-
-
 def write_library(path: Path, rows: list[LibraryRow], domes: Domes, resolution: Resolution) -> None:
     """Write the rows, complete and in order (see the module), in place of the file that is there.
 
     Raises ConfigError for a folder that cannot be written.
     """
     mesh = domes.half.mesh
-    with new_file(path) as file:
+    with atomic_file(path, ConfigError) as file:
         np.savez_compressed(
             file,
             directions=field_grid.ring_directions().astype(np.float32),

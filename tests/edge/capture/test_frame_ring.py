@@ -212,7 +212,7 @@ def test_a_ring_of_another_sensor_or_size_is_refused_by_name(tmp_path: Path) -> 
     open_with(RingFormat(64, 48, 1, fingerprint=SENSOR.fingerprint())).close()
     with pytest.raises(CaptureError, match="is missing: start"):
         SharedMemorySource(path, SENSOR, lambda stamp_us: stamp_us)
-    with pytest.raises(CaptureError, match="cannot be made"):
+    with pytest.raises(CaptureError, match="cannot be written: its folder does not exist"):
         RingWriter(tmp_path / "nowhere" / "ring", FORM)
 
 

@@ -82,11 +82,11 @@ def test_random_bytes_are_refused(tmp_path, data):
 
 
 def test_the_way_out_is_said(encoded, tmp_path):
-    assert "is missing" in refused(tmp_path / "none.png")
+    assert "none.png: no such file" in refused(tmp_path / "none.png")
     (tmp_path / "empty.png").touch()
     assert "is empty: record or copy it again" in refused(tmp_path / "empty.png")
     (tmp_path / "folder.png").mkdir()
-    assert "cannot be read" in refused(tmp_path / "folder.png")
+    assert "folder.png: is a folder" in refused(tmp_path / "folder.png")
 
 
 def test_images_are_listed_by_name_and_others_left_out(tmp_path):
@@ -96,7 +96,7 @@ def test_images_are_listed_by_name_and_others_left_out(tmp_path):
 
 
 def test_a_folder_without_images_is_refused(tmp_path):
-    with pytest.raises(DatasetError, match="holds no image"):
+    with pytest.raises(DatasetError, match="has no image"):
         list_images(tmp_path)
-    with pytest.raises(DatasetError, match="is missing"):
+    with pytest.raises(DatasetError, match="no such folder"):
         list_images(tmp_path / "none")

@@ -110,7 +110,7 @@ def test_a_loop_goes_on_with_rising_sequence_and_time():
 def test_a_frame_that_cannot_be_read_stops_the_source():
     clock = Clock()
     source = source_of(TenFrames(broken=True), clock)
-    with pytest.raises(CaptureError, match="recorded source stopped: frame 7 cannot be read"):
+    with pytest.raises(CaptureError, match="the recording stopped: frame 7 cannot be read"):
         for _ in range(10):
             source.read()
 
@@ -170,9 +170,9 @@ def test_one_image_is_a_recording_of_one_frame(drawn_dataset):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("text.mp4", b"this is no video", "is no video that can be decoded"),
-        ("empty.avi", b"", "is no video that can be decoded"),
-        ("notes.txt", b"hello", "is neither an image nor a video"),
+        ("text.mp4", b"this is no video", "is not a video that can be decoded"),
+        ("empty.avi", b"", "is not a video that can be decoded"),
+        ("notes.txt", b"hello", "is not an image or a video"),
     ],
 )
 def test_files_that_hold_no_frames_are_refused(tmp_path, name, content, said):
@@ -182,5 +182,5 @@ def test_files_that_hold_no_frames_are_refused(tmp_path, name, content, said):
 
 
 def test_a_missing_recording_is_refused(tmp_path):
-    with pytest.raises(DatasetError, match="none is missing: give a folder of images"):
+    with pytest.raises(DatasetError, match="none: no such folder: give a folder of images"):
         open_recording(tmp_path / "none")

@@ -246,7 +246,7 @@ def test_the_commands_say_what_is_wrong(tmp_path: Path, board_pictures: list[np.
     status, said = run(
         "track", tmp_path, "--intrinsics", out / "t.csv", "--marker", 7, 30, "-o", out / "t.csv"
     )
-    assert status != 0 and "not a file of intrinsics" in said
+    assert status != 0 and "is not valid JSON" in said and "groundtruth calibrate" in said
     status, said = run(
         "track", tmp_path, "--intrinsics", out / "camera.json", "--marker", 77, 30, "-o", out / "t"
     )

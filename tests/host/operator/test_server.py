@@ -266,7 +266,9 @@ def test_no_host_is_said_so(tmp_path):
 
 
 def test_an_answer_of_another_version_is_no_crash():
-    with pytest.raises(CommandError, match=r"not a host.s response .*: use the same palpate version"):
+    with pytest.raises(
+        CommandError, match=r"not a host.s response .status = 3 is not .*: use the same palpate version"
+    ):
         decode_answer(b'{"status": 3}')
 
 

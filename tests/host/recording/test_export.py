@@ -206,7 +206,7 @@ def test_status_lines_export_too_and_a_cut_last_line_is_left_out(tmp_path: Path)
         ("no-folder/hand.csv", None, "cannot be written"),
         ("no-folder/hand.mcap", None, "cannot be written"),
         ("no-folder/hand.parquet", None, "cannot be written"),
-        ("hand.csv", "{}\n", "line 1: is no status of the host"),
+        ("hand.csv", "{}\n", "line 1: not a host status (key time_us"),
         ("hand.csv", "not-an-mcap", "is no MCAP file"),
     ],
 )

@@ -105,7 +105,7 @@ def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, 
     failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert failed.returncode == 5
     assert failed.stderr.startswith("camera of 85 beads")
-    assert "error: /nowhere/ring cannot be made" in failed.stderr
+    assert "error: /nowhere/ring cannot be written: its folder does not exist" in failed.stderr
 
 
 def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ import pytest
 from click.testing import CliRunner
 from tests.twin.dome.fresh_solutions import directions, solutions
 
+from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.cli.simulate import simulate
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.convergence import converge
 from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.library import load_library
-from palpate_twin.dome.make_library import Domes, new_file, solve_angle, write_library
+from palpate_twin.dome.make_library import Domes, solve_angle, write_library
 from palpate_twin.dome.mesh import Resolution, dome_mesh
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.side_points import side_points
@@ -94,7 +95,7 @@ def test_written_library_is_read_back_and_a_failed_write_leaves_the_old_one(tmp_
     assert library.probes == (Probe.SPHERE10,)
     assert library.displacement_mm[0] == pytest.approx(solved[0].displacement_mm, abs=2e-3)
     kept = path.read_bytes()
-    with pytest.raises(KeyboardInterrupt), new_file(path) as file:
+    with pytest.raises(KeyboardInterrupt), atomic_file(path, ConfigError) as file:
         file.write(b"half")
         raise KeyboardInterrupt
     assert path.read_bytes() == kept

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.atomic_write import whole_file
+from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import canonical_directions
 
@@ -78,7 +78,7 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
 
 def save_dome_model(dome: DomeModel, path: Path) -> None:
     """Write a dome model, fields in half precision (0.1 % of a motion)."""
-    with whole_file(path, CalibrationError) as temporary, temporary.open("wb") as file:
+    with atomic_file(path, CalibrationError) as file:
         np.savez_compressed(
             file,
             fields=dome.fields.astype(np.float16),

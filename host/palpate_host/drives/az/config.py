@@ -9,8 +9,8 @@ from typing import Annotated
 import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.common.config_file import Strict, read_toml
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config.toml_file import Strict, read_toml
 from palpate_host.drives.az.axis import AxisSettings, TorqueBy
 from palpate_host.drives.az.motor import AzMotor
 from palpate_host.drives.az.port import BAUD_RATE, Parity
@@ -86,9 +86,7 @@ class AzConfig(Strict, frozen=True):
 
 def load(path: Path) -> AzConfig:
     """Read and check az.toml. Raises ConfigError with the file, the key and how to correct it."""
-    config = read_toml(
-        path, AzConfig, option="az.toml with --config", example="models/table4-az.toml shows them"
-    )
+    config = read_toml(path, AzConfig, guide="models/table4-az.toml in the package shows every key")
     _check_unique(path, "ports.path", [port.path for port in config.ports])
     _check_unique(path, "ports.axes.drive_node", [a.drive_node for port in config.ports for a in port.axes])
     for port in config.ports:

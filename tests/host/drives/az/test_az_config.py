@@ -42,11 +42,31 @@ def load(tmp_path: Path) -> Callable[[str], az_config.AzConfig]:
         ("drive_node = 2,", "drive_node = 1,", "drive_node 1 is used twice"),
         ("by-id/finger-2", "by-id/finger-1", "ports.path .* is used twice"),
         ("torque_limit_Nm = 0.5", "torque_limit_Nm = 5.0", "exceeds its torque_Nm 1.9: lower it"),
-        ("device_id = 3", "device_id = 248", "247"),
-        ("device_id = 3", "device = 3", "device"),
-        ("device_id = 3", "device_id = 3, temperature_limit_degC = 85.1", "<= 85.0 .*temperature_limit_degC"),
-        ("device_id = 3", "device_id = 3, temperature_limit_degC = 39.9", ">= 40.0 .*temperature_limit_degC"),
-        ("device_id = 3", 'device_id = 3, temperature_limit_degC = "75"', "temperature_limit_degC"),
+        (
+            "device_id = 3",
+            "device_id = 248",
+            "device_id = 248 is out of range: it must be a whole number from 1 to 247",
+        ),
+        (
+            "device_id = 3",
+            "device = 3",
+            r"unknown key ports\[0\].axes\[2\].device; did you mean .*.device_id\?",
+        ),
+        (
+            "device_id = 3",
+            "device_id = 3, temperature_limit_degC = 85.1",
+            "temperature_limit_degC = 85.1 is out of range: it must be a number from 40 to 85",
+        ),
+        (
+            "device_id = 3",
+            "device_id = 3, temperature_limit_degC = 39.9",
+            "temperature_limit_degC = 39.9 is out of range: it must be a number from 40 to 85",
+        ),
+        (
+            "device_id = 3",
+            'device_id = 3, temperature_limit_degC = "75"',
+            'temperature_limit_degC = "75" is not a number',
+        ),
         ("[[ports]]", "[ports]", "az.toml"),
     ],
 )
@@ -66,7 +86,10 @@ def test_the_limit_of_temperature_is_75_degrees_or_the_axis_own(
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nothing\.toml: cannot be read"):
+    with pytest.raises(
+        ConfigError,
+        match=r"nothing\.toml: no such file; models/table4-az\.toml in the package shows every key",
+    ):
         az_config.load(tmp_path / "nothing.toml")
 
 
