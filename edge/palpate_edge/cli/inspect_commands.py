@@ -1,4 +1,5 @@
-"""palpate-edge inspect and follow: look at what the estimator sees, in one frame and through a video."""
+"""``palpate-edge inspect`` and ``follow``: pictures of the estimator's steps in a frame, and of a video's
+tracks."""
 
 from __future__ import annotations
 
@@ -18,17 +19,28 @@ DIAMETER = click.option(
 @click.argument("frame", type=INPUT)
 @click.option("-o", "--output", type=INPUT, required=True, help="Picture to write (.png).")
 @click.option(
-    "--calibration", "calibration_path", type=INPUT, help="Draw every step from this frame to its contact."
+    "--calibration",
+    "calibration_path",
+    type=INPUT,
+    help="Draw every step from the frame to its contact.",
 )
 @DIAMETER
 def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: float | None) -> None:
-    """Find the beads in one image without knowing anything of the sensor, and draw them; with a calibration,
-    draw a picture for each step of the paper's and of the corrected method."""
+    """Find and draw the beads of one image FRAME.
+
+    No description of the sensor is needed. With --calibration, every step of the paper's and of the corrected
+    method is drawn.
+
+    \b
+    Examples:
+      palpate-edge inspect demo/recording/press/reference/000.jpg -o beads.png
+      palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
+    """
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
     from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
 
     if calibration_path is not None and diameter is not None:
-        raise click.UsageError("--diameter is for a frame without --calibration: leave one of them out")
+        raise click.UsageError("--diameter and --calibration exclude each other: remove one of them")
     image = read_image(frame)
     if calibration_path is not None:
         from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
@@ -55,8 +67,15 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
 @click.option("-o", "--output", type=INPUT, required=True, help="Picture of the tracks to write (.png).")
 @DIAMETER
 def follow(video: Path, output: Path, diameter: float | None) -> None:
-    """Follow the markers of VIDEO (or of a folder of frames) to its end and back, without knowing anything
-    of the sensor: a marker that does not come back to where it began has changed its label."""
+    """Track the markers of VIDEO to its end and back.
+
+    VIDEO may be a folder of frames; no description of the sensor is needed. A marker that does not return to
+    its start has changed its label.
+
+    \b
+    Example:
+      palpate-edge follow demo/recording/finger-1/frames.webm -o tracks.png
+    """
     from palpate_edge.datasets.recording import open_recording  # noqa: PLC0415
     from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
     from palpate_edge.diagnostics.figures import draw_followed  # noqa: PLC0415

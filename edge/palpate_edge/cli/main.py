@@ -34,24 +34,25 @@ METHOD = click.option(
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="palpate-edge")
 def cli() -> None:
-    """Touch for robot hands, the part on the fingertip's board.
+    """Touch for robot hands: the programs of a fingertip's board.
 
     \b
     Examples:
-      palpate-edge calibrate press-sample -o finger-1.cal
-      palpate-edge estimate press-sample --calibration finger-1.cal --csv contacts.csv
-      palpate-edge evaluate press-sample --calibration finger-1.cal
+      palpate-edge calibrate demo/recording/press -o finger-1.cal
+      palpate-edge estimate demo/recording/press --calibration finger-1.cal --csv contacts.csv
       palpate-edge run --config finger-1.toml
       palpate-edge check --config finger-1.toml
-      palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
-      palpate-edge follow video.avi -o tracks.png
+
+    \b
+    Exit status: 0 success, 1 unexpected error, 2 configuration, 3 dataset or image, 4 calibration,
+    5 capture, 6 bus, 7 illumination controller.
     """
     cv2.setNumThreads(1)
     _quieten_libraries()
 
 
 def _quieten_libraries() -> None:
-    """What goes wrong is said by our own one line on stderr, not by OpenCV and FFmpeg as well."""
+    """Silence OpenCV and FFmpeg: errors are reported by this program's one line on stderr."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -59,17 +60,28 @@ def _quieten_libraries() -> None:
 @cli.command()
 @click.argument("dataset", type=INPUT)
 @click.option("-o", "--output", type=INPUT, required=True, help="Calibration file to write.")
-@click.option("--no-model", is_flag=True, help="Leave the correction model out: the paper's method only.")
+@click.option("--no-model", is_flag=True, help="Make no correction model: the paper's method only.")
 @click.option(
-    "--dome-model", type=INPUT, help="Start from this dome model (palpate-edge train), not the shipped one."
+    "--dome-model",
+    type=INPUT,
+    help="Start from this dome model (of palpate-edge train) instead of the packaged one.",
 )
-@click.option("--picture", type=INPUT, help="Also draw how far each bead lies from the fitted layout (.png).")
+@click.option(
+    "--picture", type=INPUT, help="Also draw the distance of each bead from the fitted layout (.png)."
+)
 def calibrate(
     dataset: Path, output: Path, no_model: bool, dome_model: Path | None, picture: Path | None
 ) -> None:
-    """Make a calibration from a press DATASET: the layout and the camera from its reference frames; from the
-    train split of its presses, if it has any, the paper's correction function and stiffness and the
-    correction model. Without presses the correction model is the dome model alone, and gives no force."""
+    """Make a calibration from a press DATASET.
+
+    Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
+    and the correction model are fitted to the train split of the presses; without presses the correction
+    model is the dome model, and no force is estimated.
+
+    \b
+    Example:
+      palpate-edge calibrate demo/recording/press -o finger-1.cal
+    """
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
@@ -107,7 +119,7 @@ def calibrate(
     elif not trainable and not no_model:
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
     if not calibration.paper.stiffness_N_px:
-        click.echo("  no press of known force: forces stay empty")
+        click.echo("  no press of known force: no force is estimated")
 
 
 def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
@@ -123,9 +135,13 @@ def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> N
 @click.argument("datasets", type=INPUT, nargs=-1, required=True)
 @click.option("-o", "--output", type=INPUT, required=True, help="Dome model file to write (.npz).")
 def train(datasets: tuple[Path, ...], output: Path) -> None:
-    """Make a dome model from the presses of one or more DATASETS, for `calibrate --dome-model`.
+    """Make a dome model from the presses of DATASETS.
 
-    A sensor of the same make then needs few presses of its own.
+    With `calibrate --dome-model` a sensor of the same make then needs few presses of its own.
+
+    \b
+    Example:
+      palpate-edge train demo/recording/press -o dome.npz
     """
     from palpate_edge.calibration.training.dome_model import save_dome_model  # noqa: PLC0415
     from palpate_edge.calibration.training.pretrain import pretrain  # noqa: PLC0415
@@ -142,10 +158,15 @@ def train(datasets: tuple[Path, ...], output: Path) -> None:
 @click.option("--csv", "csv_path", type=INPUT, required=True, help="CSV file to write.")
 @METHOD
 def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) -> None:
-    """Estimate contact and force in FRAMES: a folder of images, a press dataset, one image or a video.
+    """Estimate contact and force in FRAMES.
 
-    Positions are in mm and forces in N in the fingertip frame F. Empty fields are unknown; a refused frame
-    has quality 0 and a reason. With 95 % probability a contact is within radius95_mm of its position.
+    FRAMES is a folder of images, a press dataset, one image or a video. Positions are in mm and forces in N
+    in the fingertip frame F. Empty fields are unknown; a rejected frame has quality 0 and a reason. With 95 %
+    probability a contact is within radius95_mm of its position.
+
+    \b
+    Example:
+      palpate-edge estimate demo/recording/press --calibration finger-1.cal --csv contacts.csv
     """
     from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.diagnostics.batch import estimate_recording  # noqa: PLC0415
@@ -161,14 +182,18 @@ def estimate(frames: Path, calibration_path: Path, csv_path: Path, method: str) 
 @cli.command()
 @click.argument("dataset", type=INPUT)
 @click.option("--calibration", "calibration_path", type=INPUT, required=True, help="Calibration file.")
-@click.option("--split", default="test", show_default=True, help="Which rows of truth.csv to measure on.")
-@click.option("--json", "json_path", type=INPUT, help="Also write the figures to this file.")
+@click.option("--split", default="test", show_default=True, help="Rows of truth.csv to evaluate.")
+@click.option("--json", "json_path", type=INPUT, help="Also write the figures to this JSON file.")
 @METHOD
 def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path | None, method: str) -> None:
-    """Measure position, force and contact errors on a press DATASET with truth.
+    """Measure position, force and contact errors on a DATASET.
 
-    Printed by the regions of the paper's Fig. 8b (1 = 15-30 deg above the base plane, 5 = 75-90), by thirds
-    of the largest force, and over all.
+    The DATASET has to contain presses with truth. Errors are printed by the regions of the paper's Fig. 8b (1
+    = 15-30 deg above the base plane, 5 = 75-90), by thirds of the largest force, and over all presses.
+
+    \b
+    Example:
+      palpate-edge evaluate demo/recording/press --calibration finger-1.cal
     """
     from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.calibration.evaluation import evaluate_dataset, write_json  # noqa: PLC0415
@@ -185,7 +210,16 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
 @cli.command()
 @click.option("--config", "config_path", type=INPUT, required=True, help="The fingertip's TOML file.")
 def run(config_path: Path) -> None:
-    """Run the fingertip's daemon: frames in, contact and force on the bus, until SIGTERM or Ctrl-C."""
+    """Run the fingertip's daemon until SIGTERM or Ctrl-C.
+
+    The daemon reads frames, estimates contacts and publishes them on the bus. It logs to standard error, with
+    priorities when systemd collects it. A lost camera or bus is reopened; other errors end the daemon with
+    the exit statuses of `palpate-edge --help`.
+
+    \b
+    Example:
+      palpate-edge run --config finger-1.toml
+    """
     from palpate_edge.common.logs import logging_to_stderr  # noqa: PLC0415
     from palpate_edge.daemon.config import read_config  # noqa: PLC0415
     from palpate_edge.daemon.daemon import run as serve  # noqa: PLC0415
@@ -203,19 +237,19 @@ cli.add_command(identify)
 
 
 def method_of(name: str) -> Method | None:
-    """The --method option's value; None lets the calibration decide."""
+    """Return the method of the --method option; None for the calibration's best."""
     from palpate_edge.estimation.estimator import Method  # noqa: PLC0415
 
     return None if name == "best" else Method(name)
 
 
 def digest(calibration: Calibration) -> str:
-    """The first digits of the model's SHA-256."""
+    """Return the first digits of the model's SHA-256."""
     return hashlib.sha256(calibration.model).hexdigest()[:16]
 
 
 def main() -> None:
-    """Entry point: a refusal becomes one line on stderr and an exit status that is not 0."""
+    """Run the command line; an error becomes one line on stderr and an exit status that is not 0."""
     run_cli(cli)
 
 

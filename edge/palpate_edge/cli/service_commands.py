@@ -1,4 +1,4 @@
-"""``palpate-edge check`` and ``palpate-edge record``: what a person or a script asks of a fingertip."""
+"""``palpate-edge check``, ``record`` and ``identify``: commands for a fingertip that runs."""
 
 from __future__ import annotations
 
@@ -21,17 +21,20 @@ CONFIG = click.option(
 
 @click.command()
 @CONFIG
-@click.option("--json", "as_json", is_flag=True, help="A list of objects instead of a table.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list instead of a table.")
 def check(config_path: Path, as_json: bool) -> None:
-    """Tell the state of each part: value, limit, ok, warn or fail, and the way out.
+    """Report the state of each part of a fingertip.
 
-    Beside a running daemon it asks that; without one it tries camera and bus for a second and sends nothing.
-    The exit status is 1 when a part fails.
+    Each part has a value, a limit, a verdict (ok, warn, fail, absent) and a remedy. If the daemon runs, its
+    health report is evaluated, with its counters; otherwise camera and bus are tried for a second, without
+    sending.
 
     \b
     Examples:
       palpate-edge check --config finger-1.toml
       palpate-edge check --config finger-1.toml --json | jq '.[] | select(.verdict != "ok")'
+
+    Exit status: 0 when no part fails, 1 when a part fails.
     """
     import msgspec  # noqa: PLC0415
 
@@ -46,7 +49,7 @@ def check(config_path: Path, as_json: bool) -> None:
     if as_json:
         click.echo(msgspec.json.encode(rows).decode())
     else:
-        click.echo(f"{config.name}: {'running' if report else 'not running, its parts were tried'}")
+        click.echo(f"{config.name}: {'running' if report else 'not running, camera and bus were tried'}")
         click.echo(as_table(rows))
     sys.exit(exit_status(rows))
 
@@ -55,10 +58,10 @@ def check(config_path: Path, as_json: bool) -> None:
 @click.argument("action", type=click.Choice(["start", "stop"]))
 @CONFIG
 def record(action: str, config_path: Path) -> None:
-    """Start or stop keeping the frames of a running fingertip (SIGUSR1 and SIGUSR2 do the same).
+    """Start or stop recording the frames of a running fingertip.
 
-    The recording is a folder of images under record.folder, a ring of record.megabytes and record.seconds;
-    every command that takes frames takes it.
+    A recording is a folder of images under record.folder; beyond record.megabytes or record.seconds the
+    oldest images are deleted. Every command that takes frames accepts it. SIGUSR1 and SIGUSR2 do the same.
 
     \b
     Examples:
@@ -82,14 +85,16 @@ def record(action: str, config_path: Path) -> None:
 @click.command()
 @CONFIG
 def identify(config_path: Path) -> None:
-    """Blink a fingertip's LED ring for ten seconds, so that a person sees which one it is.
+    """Blink the LED ring of a fingertip for ten seconds.
 
-    Every other frame is dark meanwhile, so a fingertip that a hand relies on (OPERATIONAL) refuses. The exit
-    status is 7 when it refuses, has no illumination controller, or that does not answer.
+    Every other frame is dark meanwhile, so a fingertip in OPERATIONAL, which a hand uses, refuses.
 
     \b
     Examples:
       palpate-edge identify --config finger-1.toml
+
+    Exit status: 0, or 7 when the fingertip refuses, has no illumination controller, or the controller does
+    not answer.
     """
     from palpate_edge.common.errors import IlluminationError  # noqa: PLC0415
     from palpate_edge.common.signals import IDENTIFY  # noqa: PLC0415
@@ -101,11 +106,11 @@ def identify(config_path: Path) -> None:
     config = read_config(config_path)
     bus, address = config.illumination.i2c_bus, config.illumination.address
     if bus is None:
-        raise IlluminationError(f"{config.name} has no LED ring: illumination.i2c_bus names its I2C bus")
+        raise IlluminationError(f"{config.name} has no LED ring: set illumination.i2c_bus to its I2C bus")
     report = read_health(config.name, config.health, time.monotonic())
     if report is not None and report.nmt_state == "operational":
         raise IlluminationError(
-            f"{config.name} is operational, a hand relies on what it sees: stop the host first"
+            f"{config.name} is operational, a hand uses its contacts: stop the host first"
         )
     if report is not None and report.light is not None and report.light.problem:
         raise IlluminationError(report.light.problem)

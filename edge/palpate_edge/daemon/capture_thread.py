@@ -79,7 +79,7 @@ class CaptureThread(threading.Thread):
 
     @property
     def finished(self) -> bool:
-        """Whether the source has ended and every outcome was taken."""
+        """True when the source has ended and every outcome was taken."""
         return self._ended and not self._outcomes and self._failure is None
 
     def close(self) -> None:

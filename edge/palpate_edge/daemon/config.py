@@ -118,7 +118,7 @@ def read_config(path: Path) -> FingertipConfig:
 
 
 def _check_capture(path: Path, capture: CaptureConfig) -> None:
-    """What the types cannot say: one name of the source, and no more."""
+    """Check that the source has exactly one name, which the types cannot express."""
     if capture.source == "v4l2" and bool(capture.path) == bool(capture.camera.usb_serial):
         raise ConfigError(
             f"{path}: a v4l2 camera has one name: give capture.path (/dev/v4l/by-path/...) or "

@@ -1,6 +1,6 @@
 """Growth of counters over the last minute; pure.
 
-Lifetime totals say little after months: the window shows what happens now.
+After months the totals since the start hide what happens now.
 """
 
 from __future__ import annotations

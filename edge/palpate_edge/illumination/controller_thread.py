@@ -45,7 +45,7 @@ class LightState:
 
     @property
     def too_hot(self) -> bool:
-        """Whether the controller turned the LEDs off for over-temperature."""
+        """True when the controller turned the LEDs off for over-temperature."""
         return self.state is not None and Fault.OVER_TEMPERATURE in self.state.faults
 
 

@@ -323,7 +323,9 @@ def test_a_client_that_only_sends_keeps_a_bounded_number_of_frames(start_hub, op
 
 
 def test_another_bit_rate_is_refused(hub, open_port):
-    with pytest.raises(can.CanInitializationError, match="hub has bit rate 1000000, slow has 125000: make them equal"):
+    with pytest.raises(
+        can.CanInitializationError, match="hub has bit rate 1000000, slow has 125000: make them equal"
+    ):
         open_port("slow", bitrate=125_000)
 
 

@@ -220,7 +220,7 @@ def test_a_diameter_with_a_calibration_is_refused(drawn_dataset):
         cli, ["inspect", frame, "-o", "x.png", "--calibration", "c", "--diameter", "9"]
     )
     assert result.exit_code == 2
-    assert "leave one of them out" in result.output
+    assert "exclude each other" in result.output
 
 
 def test_steps_that_cannot_be_written(drawn_calibration, drawn_dataset, tmp_path):
