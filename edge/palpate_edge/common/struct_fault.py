@@ -65,29 +65,29 @@ def _struct_faults(value: object, kind: Any, key: Key) -> Iterator[str]:
         place = f" {section_header(key, is_list=False)}" if key else " of keys"
         yield f"{key_text(key)} = {value_text(value)} is not a section{place}"
         return
-    types = get_type_hints(kind, include_extras=True)
-    required = _required(kind)
+    fields = _fields(kind)
     if _refuses_unknown_keys(kind):
-        known = {name: types[name] for name in required}
+        known = {name: field_type for name, (field_type, _) in fields.items()}
         for name, part in value.items():
             if name not in known and name != kind.__struct_config__.tag_field:
                 yield _unknown((*key, name), part, known)
-    for name, is_required in required.items():
+    for name, (field_type, is_required) in fields.items():
         if name in value:
-            yield from _faults(value[name], types[name], (*key, name))
+            yield from _faults(value[name], field_type, (*key, name))
         elif is_required:
-            yield _missing((*key, name), types[name])
+            yield _missing((*key, name), field_type)
 
 
-def _required(kind: Any) -> dict[str, bool]:
-    """Return each field's name and whether it must be given, of a struct or a dataclass."""
+def _fields(kind: Any) -> dict[str, tuple[Any, bool]]:
+    """Return the type of each key of a struct or a dataclass, and whether it must be given."""
+    types = get_type_hints(kind, include_extras=True)
     if dataclasses.is_dataclass(kind):
         missing = dataclasses.MISSING
         return {
-            field.name: field.default is missing and field.default_factory is missing
+            field.name: (types[field.name], field.default is missing and field.default_factory is missing)
             for field in dataclasses.fields(kind)
         }
-    return {field.encode_name: field.required for field in msgspec.structs.fields(kind)}
+    return {field.encode_name: (types[field.name], field.required) for field in msgspec.structs.fields(kind)}
 
 
 def _refuses_unknown_keys(kind: Any) -> bool:
