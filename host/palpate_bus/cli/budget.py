@@ -10,17 +10,39 @@ DOES_NOT_FIT = 1
 
 
 @click.command()
-@click.option("--fingertips", type=click.IntRange(0, 100), default=3, show_default=True)
-@click.option("--joints", type=click.IntRange(0, 100), default=3, show_default=True, help="Of each finger.")
-@click.option("--drives", type=click.IntRange(0, 120), help="All drives, instead of --joints.")
-@click.option("--fps", type=click.FloatRange(0, 1000), default=30, show_default=True, help="Camera frames/s.")
-@click.option("--tick", type=click.FloatRange(1, 1000), default=100, show_default=True, help="Host's Hz.")
-@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True)
-@click.option("--heartbeat-ms", type=click.FloatRange(1, 10_000), default=100, show_default=True)
 @click.option(
-    "--time-stamps", type=click.FloatRange(0, 1000), default=20, show_default=True, help="1013h a s."
+    "--fingertips", type=click.IntRange(0, 100), default=3, show_default=True, help="Number of fingertips."
 )
-@click.option("--sdo", type=click.FloatRange(0, 10_000), default=20, show_default=True, help="Transfers a s.")
+@click.option(
+    "--joints", type=click.IntRange(0, 100), default=3, show_default=True, help="Joints per finger."
+)
+@click.option("--drives", type=click.IntRange(0, 120), help="Number of all drives, instead of --joints.")
+@click.option(
+    "--fps", type=click.FloatRange(0, 1000), default=30, show_default=True, help="Camera frames per second."
+)
+@click.option(
+    "--tick", type=click.FloatRange(1, 1000), default=100, show_default=True, help="Host's rate, Hz."
+)
+@click.option(
+    "--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True, help="bit/s."
+)
+@click.option(
+    "--heartbeat-ms",
+    type=click.FloatRange(1, 10_000),
+    default=100,
+    show_default=True,
+    help="Heartbeat time of every node, ms.",
+)
+@click.option(
+    "--time-stamps",
+    type=click.FloatRange(0, 1000),
+    default=20,
+    show_default=True,
+    help="Time stamps (1013h) per second.",
+)
+@click.option(
+    "--sdo", type=click.FloatRange(0, 10_000), default=20, show_default=True, help="SDO transfers per second."
+)
 def budget(
     fingertips: int,
     joints: int,
@@ -32,14 +54,15 @@ def budget(
     time_stamps: float,
     sdo: float,
 ) -> None:
-    """The bus load of a hand: exact frame lengths, mean and worst-case stuffing, and what fits.
+    """Compute the bus load of a hand from exact frame lengths, with mean and worst-case bit stuffing.
 
-    Exit status 1 when it does not fit.
+    Exit status: 0 the load fits, 1 it does not fit.
 
     \b
-    palpate-host bus budget
-    palpate-host bus budget --joints 5 --fps 120
-    palpate-host bus budget --fingertips 10 --drives 0 --fps 120 --bitrate 500000
+    Examples:
+      palpate-host bus budget
+      palpate-host bus budget --joints 5 --fps 120
+      palpate-host bus budget --fingertips 10 --drives 0 --fps 120 --bitrate 500000
     """
     from rich.console import Console  # noqa: PLC0415 - no other command of the hub needs it
 

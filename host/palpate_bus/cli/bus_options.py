@@ -1,4 +1,4 @@
-"""What the commands that speak on a bus have in common: which bus, which node."""
+"""Options shared by the commands that use a bus: the bus and the node."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SLICE_S = 0.1
 
 
 class NodeId(click.ParamType[int]):
-    """A node id, decimal or 0x."""
+    """A node id, decimal or hexadecimal with 0x."""
 
     name = "node"
 
@@ -27,9 +27,9 @@ class NodeId(click.ParamType[int]):
         try:
             number = int(str(value), 0)
         except ValueError:
-            self.fail(f"{value!r} is no node id: write 16 or 0x10", param, ctx)
+            self.fail(f"{value!r} is not a node id: write for example 16 or 0x10", param, ctx)
         if not 1 <= number <= 127:
-            self.fail(f"{value} is no node id: 1 to 127", param, ctx)
+            self.fail(f"{value} is not a node id: give 1 to 127", param, ctx)
         return number
 
 
@@ -37,7 +37,7 @@ NODE = NodeId()
 
 
 def BUS_OPTIONS(command: Command) -> Command:
-    """--interface, --channel, --bitrate: the local hub by default."""
+    """Add --interface, --channel and --bitrate to a command; the default is the local hub."""
     options = (
         click.option(
             "--interface",
@@ -45,10 +45,10 @@ def BUS_OPTIONS(command: Command) -> Command:
             show_default=True,
             help="Any python-can interface: palpate (the local hub), socketcan, slcan, ...",
         ),
-        click.option("--channel", default="", help="can0, the hub's socket, ...; the usual one by default."),
         click.option(
-            "--bitrate", type=click.IntRange(10_000, 1_000_000), help="bit/s; the bus's by default."
+            "--channel", default="", help="can0, path of the hub's socket, ...; default: the interface's."
         ),
+        click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="bit/s; default: the bus's."),
     )
     for option in reversed(options):
         command = option(command)
@@ -56,7 +56,7 @@ def BUS_OPTIONS(command: Command) -> Command:
 
 
 def chosen_bus(interface: str, channel: str, bitrate: int | None) -> BusConfig:
-    """The options as a configuration."""
+    """Return the options as a configuration."""
     if interface == "palpate" and not channel:
         channel = str(default_socket())
     return BusConfig(interface=interface, channel=channel, bitrate=bitrate or 1_000_000)
@@ -66,7 +66,7 @@ def chosen_bus(interface: str, channel: str, bitrate: int | None) -> BusConfig:
 def open_chosen_bus(
     options: dict[str, Any], name: str, duration_s: float | None
 ) -> Iterator[Iterator[LogRecord]]:
-    """Every frame of the bus until SIGINT, SIGTERM or the duration."""
+    """Yield an iterator over the frames of the bus, which ends at SIGINT, SIGTERM or after the duration."""
     with open_bus(chosen_bus(**options), name) as bus, stop_event() as stopped:
         yield _frames(bus, stopped.is_set, duration_s)
 

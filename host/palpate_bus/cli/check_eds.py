@@ -12,15 +12,17 @@ FOUND_ERRORS = 1
 
 @click.command("check-eds")
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--quiet", is_flag=True, help="Errors only, no warnings.")
+@click.option("--quiet", is_flag=True, help="Print errors only, no warnings.")
 def check_eds(paths: tuple[Path, ...], quiet: bool) -> None:
     """Check electronic data sheets against CiA 306 and CiA 301, line by line.
 
-    One line a finding: file, line, what is wrong, the way out. Exit status 1 when there is an error.
+    Each finding is printed on one line: file, line number, problem, remedy. Exit status: 0 no error, 1 errors
+    found.
 
     \b
-    palpate-host bus check-eds firmware/fingertip.eds
-    palpate-host bus check-eds --quiet vendor/*.eds
+    Examples:
+      palpate-host bus check-eds firmware/fingertip.eds
+      palpate-host bus check-eds --quiet firmware/*.eds
     """
     from palpate_bus.eds.check import check_file  # noqa: PLC0415 - no other command needs it
     from palpate_bus.eds.text import Severity  # noqa: PLC0415

@@ -12,11 +12,11 @@ from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID
 
 _HELP = {
-    FaultKind.DROP: "Lose frames before they reach the wire.",
+    FaultKind.DROP: "Drop frames before they reach the wire.",
     FaultKind.DUPLICATE: "Send frames twice.",
-    FaultKind.DELAY: "Hold frames back; a range of delays also reorders them.",
+    FaultKind.DELAY: "Delay frames; a range of delays also reorders them.",
     FaultKind.TX_FULL: "Refuse frames as if the sender's transmit buffer were full (ENOBUFS).",
-    FaultKind.BUS_OFF: "Cut a port off the bus.",
+    FaultKind.BUS_OFF: "Set a port bus-off.",
 }
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Any]
@@ -29,37 +29,63 @@ class _Identifier(click.ParamType[int]):
         try:
             number = int(str(value), 0)
         except ValueError:
-            self.fail(f"{value!r} is no number: write 0x190 or 400", param, ctx)
+            self.fail(f"{value!r} is not a number: write for example 0x190 or 400", param, ctx)
         if not 0 <= number <= MAX_STANDARD_ID:
-            self.fail(f"{value} has more than 11 bits", param, ctx)
+            self.fail(f"{value} is not an 11-bit identifier: give 0 to 0x7FF", param, ctx)
         return number
 
 
 _MATCH_OPTIONS: tuple[Decorator, ...] = (
     click.option("--id", "can_id", type=_Identifier(), help="Only frames with this identifier."),
     click.option(
-        "--mask", type=_Identifier(), default="0x7FF", show_default=True, help="Bits of --id that count."
+        "--mask",
+        type=_Identifier(),
+        default="0x7FF",
+        show_default=True,
+        help="Bits of the identifier that are compared with --id.",
     ),
-    click.option("--probability", type=click.FloatRange(0, 1), default=1.0, show_default=True),
-    click.option("--count", type=click.IntRange(min=1), help="End after this many hits."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Of the random draws."),
+    click.option(
+        "--probability",
+        type=click.FloatRange(0, 1),
+        default=1.0,
+        show_default=True,
+        help="Share of the frames that are affected.",
+    ),
+    click.option("--count", type=click.IntRange(min=1), help="End after this many affected frames."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random numbers."),
 )
 _DELAY_OPTIONS: tuple[Decorator, ...] = (
-    click.option("--delay-ms", type=click.FloatRange(min=0), required=True),
-    click.option("--delay-max-ms", type=click.FloatRange(min=0), help="Draw from --delay-ms to this."),
+    click.option("--delay-ms", type=click.FloatRange(min=0), required=True, help="Delay of each frame, ms."),
+    click.option(
+        "--delay-max-ms",
+        type=click.FloatRange(min=0),
+        help="Delay each frame by a random time from --delay-ms to this, ms.",
+    ),
 )
 _WINDOW_OPTIONS: tuple[Decorator, ...] = (
-    click.option("--start-ms", type=click.FloatRange(min=0), default=0.0, show_default=True),
-    click.option("--duration-ms", type=click.FloatRange(min=0.001), help="Without it: until cleared."),
+    click.option(
+        "--start-ms",
+        type=click.FloatRange(min=0),
+        default=0.0,
+        show_default=True,
+        help="Begin after this time, ms.",
+    ),
+    click.option(
+        "--duration-ms",
+        type=click.FloatRange(min=0.001),
+        help="End after this time, ms; default: until bus fault clear.",
+    ),
 )
 
 
 def fault_rule_options(
     socket_option: Decorator, inject: Callable[[Path, FaultRule], None]
 ) -> Iterator[click.Command]:
-    """One command for each kind of fault; it calls `inject` with the socket's path and the rule."""
+    """Yield one command for each kind of fault; it calls `inject` with the socket's path and the rule."""
     for kind in FaultKind:
-        port = click.option("--port", required=kind is FaultKind.BUS_OFF, help="Only what this client sends.")
+        port = click.option(
+            "--port", required=kind is FaultKind.BUS_OFF, help="Client whose frames are affected."
+        )
         options: list[Decorator] = [socket_option, port, *_WINDOW_OPTIONS]
         if kind is not FaultKind.BUS_OFF:
             options += _MATCH_OPTIONS

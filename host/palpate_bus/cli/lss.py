@@ -1,4 +1,4 @@
-"""``palpate-host bus lss``: node ids for devices that have none."""
+"""``palpate-host bus lss``: assign node ids to devices that have none."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE, chosen_bus
 
 @click.group()
 def lss() -> None:
-    """Give node ids to devices that have none (CiA 305).
+    """Assign node ids to devices that have none (LSS, CiA 305).
 
     \b
-    palpate-host bus lss list
-    palpate-host bus lss set 0x11 --store
-    palpate-host bus lss set 0x12 --address 0:404:10000:2A
+    Examples:
+      palpate-host bus lss list
+      palpate-host bus lss set 0x11 --store
+      palpate-host bus lss set 0x12 --address 0:404:10000:2A
     """
 
 
 @lss.command("list")
 @BUS_OPTIONS
 def list_(**bus: Any) -> None:
-    """Find every device without a node id by fastscan; prints vendor:product:revision:serial.
+    """Find every device without a node id by fastscan and print vendor:product:revision:serial.
 
     \b
-    palpate-host bus lss list
+    Example:
+      palpate-host bus lss list
     """
     from palpate_bus.master.lss import find_unconfigured  # noqa: PLC0415
     from palpate_bus.master.session import master  # noqa: PLC0415
@@ -39,13 +41,17 @@ def list_(**bus: Any) -> None:
 @lss.command("set")
 @click.argument("node", type=NODE)
 @BUS_OPTIONS
-@click.option("--address", help="vendor:product:revision:serial; the only unconfigured one otherwise.")
-@click.option("--store", is_flag=True, help="Have the device keep the id through power off.")
+@click.option("--address", help="vendor:product:revision:serial; default: the only device without an id.")
+@click.option("--store", is_flag=True, help="Store the id in the device, so that it keeps it without power.")
 def set_(node: int, address: str | None, store: bool, **bus: Any) -> None:
-    """Give the id NODE to a device.
+    """Assign the id NODE to a device.
+
+    Exit status: 0 assigned, 6 the device does not respond or rejects the id.
 
     \b
-    palpate-host bus lss set 0x11 --store
+    Examples:
+      palpate-host bus lss set 0x11 --store
+      palpate-host bus lss set 0x12 --address 0:404:10000:2A
     """
     from palpate_bus.master.lss import only_unconfigured, parse_address, set_node_id  # noqa: PLC0415
     from palpate_bus.master.session import master  # noqa: PLC0415

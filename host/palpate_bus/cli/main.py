@@ -1,4 +1,4 @@
-"""``palpate-host bus``: the hub, a logger, statistics, faults, and logs for Wireshark."""
+"""``palpate-host bus``: the hub, a logger, statistics, fault injection and log conversion for Wireshark."""
 
 from __future__ import annotations
 
@@ -45,20 +45,24 @@ HEADER = click.option(
     "header_entries",
     multiple=True,
     metavar="KEY=VALUE",
-    help="A line of the log's header, such as origin=demo; may be given many times.",
+    help="Add a line to the log's header, such as origin=demo; may be repeated.",
 )
 
 
 @click.group()
 def bus() -> None:
-    """Look at a CANopen bus, ask its nodes, or stand in for it by a local hub.
+    """Inspect a CANopen bus, access its nodes, or run a local bus without CAN hardware.
+
+    Exit status: 0 done, 1 differences or errors found (sdo check, check-eds, budget), 2 wrong argument or
+    file, 6 the bus or a node does not respond.
 
     \b
-    palpate-host bus scan                           who is there
-    palpate-host bus monitor                        all traffic in words
-    palpate-host bus sdo read 0x10 1018:4           one object
-    palpate-host bus budget --fps 120               what fits on a bus
-    palpate-host bus hub --log traffic.log          a bus on this machine, without CAN hardware
+    Examples:
+      palpate-host bus hub --log hand.log             run a bus on this machine
+      palpate-host bus scan                           list the nodes
+      palpate-host bus monitor                        show all frames decoded
+      palpate-host bus sdo read 0x10 1018:4           read one object
+      palpate-host bus budget --fps 120               compute the bus load
     """
 
 
@@ -77,14 +81,14 @@ def bus() -> None:
     type=click.IntRange(1, 4096),
     default=128,
     show_default=True,
-    help="Frames each client may have waiting; one more is refused with ENOBUFS.",
+    help="Length of each client's transmit queue; one more frame is refused with ENOBUFS.",
 )
-@click.option("--log", "log_path", type=FILE, help="Write all traffic to this candump log.")
+@click.option("--log", "log_path", type=FILE, help="Write all frames to this candump log.")
 @click.option(
     "--clock",
     "clock_path",
     type=FILE,
-    help="Make this clock and go by it: a simulated hand holds it back where the machine is too slow.",
+    help="Create this clock file and use it; a simulated hand slows it down when the machine is too slow.",
 )
 def hub(
     socket_path: Path,
@@ -94,11 +98,14 @@ def hub(
     log_path: Path | None,
     clock_path: Path | None,
 ) -> None:
-    """Run the hub until SIGTERM or SIGINT, then print one line of counters.
+    """Run the hub until SIGTERM or SIGINT, then log one line of counters.
+
+    Exit status: 0 stopped, 6 the socket cannot be created or another hub uses it.
 
     \b
-    palpate-host bus hub
-    palpate-host bus hub --socket /run/user/1000/hand.sock --bitrate 500000 --log hand.log
+    Examples:
+      palpate-host bus hub
+      palpate-host bus hub --socket /tmp/hand.sock --bitrate 500000 --log hand.log
     """
     clock = None if clock_path is None else make_clock(clock_path)
     server = Hub(socket_path, bitrate, txqueuelen, clock)
@@ -121,10 +128,11 @@ def hub(
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after this many seconds.")
 @click.argument("log_path", metavar="LOG", type=FILE)
 def log(socket_path: Path, header_entries: tuple[str, ...], duration_s: float | None, log_path: Path) -> None:
-    """Write the traffic to LOG (candump -L format) until SIGTERM, SIGINT or the duration.
+    """Write all frames to LOG (candump -L format) until SIGTERM, SIGINT or the duration.
 
     \b
-    palpate-host bus log hand.log --duration 10 --header origin=bench
+    Example:
+      palpate-host bus log hand.log --duration 10 --header origin=bench
     """
     config = BusConfig(interface="palpate", channel=str(socket_path))
     end_s = None if duration_s is None else time.monotonic() + duration_s
@@ -146,7 +154,8 @@ def stats(socket_path: Path) -> None:
     """Print bus load, clients, identifiers and faults.
 
     \b
-    palpate-host bus stats
+    Example:
+      palpate-host bus stats
     """
     reply = ask(socket_path, AskStatistics())
     if isinstance(reply, Statistics):
@@ -157,32 +166,34 @@ def stats(socket_path: Path) -> None:
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.argument("pcap_path", metavar="PCAP", type=FILE)
 def pcap(log_path: Path, pcap_path: Path) -> None:
-    """Turn LOG into a pcap file.
+    """Convert LOG to a pcap file for Wireshark.
 
     \b
-    palpate-host bus pcap hand.log hand.pcap
-    tshark -r hand.pcap -d can.subdissector,canopen
+    Example:
+      palpate-host bus pcap hand.log hand.pcap
+      tshark -r hand.pcap -d can.subdissector,canopen
     """
     write_pcap(pcap_path, read_log(log_path).records)
 
 
 @bus.group()
 def fault() -> None:
-    """Put faults into the running bus, or clear them.
+    """Inject faults into the running hub, or clear them.
 
     \b
-    palpate-host bus fault drop --id 0x190 --probability 0.1 --seed 7
-    palpate-host bus fault delay --port finger-1 --delay-ms 5 --delay-max-ms 40
-    palpate-host bus fault tx-full --port finger-1 --count 3
-    palpate-host bus fault bus-off --port finger-1 --duration-ms 2000
-    palpate-host bus fault clear
+    Examples:
+      palpate-host bus fault drop --id 0x190 --probability 0.1 --seed 7
+      palpate-host bus fault delay --port finger-1 --delay-ms 5 --delay-max-ms 40
+      palpate-host bus fault tx-full --port finger-1 --count 3
+      palpate-host bus fault bus-off --port finger-1 --duration-ms 2000
+      palpate-host bus fault clear
     """
 
 
 @fault.command()
 @SOCKET
 def clear(socket_path: Path) -> None:
-    """End every fault; ports that were cut off come back."""
+    """End every fault; bus-off ports become active again."""
     ask(socket_path, ClearFaults())
 
 
@@ -202,6 +213,6 @@ def _header(entries: tuple[str, ...]) -> LogHeader:
     for entry in entries:
         key, equals, value = entry.partition("=")
         if not equals:
-            raise ConfigError(f"--header {entry}: write KEY=VALUE")
+            raise ConfigError(f"--header {entry} is not KEY=VALUE: write for example origin=bench")
         pairs[key] = value
     return LogHeader(pairs)

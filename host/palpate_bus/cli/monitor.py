@@ -24,13 +24,15 @@ SERVICES = ("nmt", "sync", "time", "emcy", "tpdo", "rpdo", "sdo", "heartbeat", "
 @click.command()
 @BUS_OPTIONS
 @click.option("--log", "log_path", type=FILE, help="Decode this log (candump, ASC, BLF) instead of a bus.")
-@click.option("--config", "config_path", type=FILE, help="hand.toml: names of the nodes.")
+@click.option(
+    "--config", "config_path", type=FILE, help="Take the nodes' names and EDS files from hand.toml."
+)
 @click.option("--eds", "eds", multiple=True, metavar="NODE=FILE", help="EDS of a node; may be repeated.")
 @click.option("--node", "nodes", multiple=True, type=NODE, help="Only frames of this node; may be repeated.")
 @click.option("--service", "services", multiple=True, type=click.Choice(SERVICES), help="Only this service.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a frame.")
-@click.option("--count", type=click.IntRange(min=1), help="Stop after so many shown frames.")
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
+@click.option("--count", type=click.IntRange(min=1), help="Stop after this many printed frames.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after this many seconds.")
 def monitor(
     log_path: Path | None,
     config_path: Path | None,
@@ -42,18 +44,19 @@ def monitor(
     duration_s: float | None,
     **bus: Any,
 ) -> None:
-    """Show the traffic decoded: PDOs as named values with units, EMCY, SDO, NMT, heartbeats in words.
+    """Print every frame decoded: PDOs as named values with units; EMCY, SDO, NMT and heartbeats as text.
 
-    Names come from the EDS files: a log's header, --config and --eds say which node has which; else nodes
-    0x10 to 0x1F are fingertips and 1 to 15 drives.
+    The names come from EDS files. A node's EDS is given by the log's header, --config or --eds; otherwise
+    nodes 0x10 to 0x1F are fingertips and nodes 1 to 15 drives.
 
     \b
-    palpate-host bus monitor
-    palpate-host bus monitor --node 0x10 --service tpdo --service emcy
-    palpate-host bus monitor --log traffic.log --json | jq .values
-    palpate-host bus monitor --interface socketcan --channel can0 --eds 5=drive.eds
+    Examples:
+      palpate-host bus monitor
+      palpate-host bus monitor --node 0x10 --service tpdo --service emcy
+      palpate-host bus monitor --log hand.log --json | jq .values
+      palpate-host bus monitor --interface socketcan --channel can0 --eds 5=drive.eds
     """
-    from palpate_bus.decode.decoder import Decoder, Service  # noqa: PLC0415 - `bus hub` shall not wait for it
+    from palpate_bus.decode.decoder import Decoder, Service  # noqa: PLC0415 - not needed by `bus hub`
     from palpate_bus.decode.monitor_lines import Selection, json_line, line  # noqa: PLC0415
 
     selection = Selection(frozenset(nodes), frozenset(Service(service) for service in services))
@@ -81,7 +84,10 @@ def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, .
         match = re.fullmatch(r"(0x[0-9a-fA-F]+|\d+)=(.+)", entry)
         node_id = int(match[1], 0) if match else 0
         if match is None or not 1 <= node_id <= 127:
-            raise ConfigError(f"--eds {entry}: write NODE=FILE, such as 0x10=fingertip.eds")
+            raise ConfigError(
+                f"--eds {entry} is not NODE=FILE with a node id of 1 to 127: write for example"
+                " 0x10=fingertip.eds"
+            )
         devices[node_id] = Device(node_id, f"node 0x{node_id:02X}", Path(match[2]))
     return devices
 
@@ -90,7 +96,7 @@ def _devices(header: dict[str, str], config_path: Path | None, eds: tuple[str, .
 def _source(
     log_path: Path | None, duration_s: float | None, bus: dict[str, Any]
 ) -> Iterator[tuple[dict[str, str], Iterator[LogRecord]]]:
-    """A log's header and its records, or what comes from the bus until a stop."""
+    """Yield header and records of a log, or an empty header and the records of the bus until a stop."""
     from palpate_bus.logs.log_files import read_any_log  # noqa: PLC0415
 
     if log_path is not None:

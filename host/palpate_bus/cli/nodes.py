@@ -1,4 +1,4 @@
-"""``palpate-host bus scan | sdo``: questions to the nodes of a bus."""
+"""``palpate-host bus scan`` and ``palpate-host bus sdo``: list nodes, read and write their objects."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ TIMEOUT = click.option(
     type=click.FloatRange(0.01, 60),
     default=1.0,
     show_default=True,
-    help="Of an answer, s.",
+    help="Wait this long for a response, s.",
 )
-EDS = click.option("--eds", "eds_path", type=FILE, help="The node's EDS; by its id otherwise.")
+EDS = click.option(
+    "--eds", "eds_path", type=FILE, help="The node's EDS; default: by its id, fingertip or CiA 402 drive."
+)
 
 
 @click.command()
@@ -38,24 +40,25 @@ EDS = click.option("--eds", "eds_path", type=FILE, help="The node's EDS; by its 
     type=click.FloatRange(0),
     default=1.2,
     show_default=True,
-    help="For heartbeats, s.",
+    help="Listen this long for heartbeats, s.",
 )
-@click.option("--lss/--no-lss", default=True, help="Also look for nodes without an id.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a node.")
+@click.option("--lss/--no-lss", default=True, help="Also search for nodes without an id.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per node.")
 def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any) -> None:
-    """Ask every node id who it is; find nodes without an id by LSS fastscan.
+    """List the nodes with state, profile and identity; find nodes without an id by LSS fastscan.
 
     \b
-    palpate-host bus scan
-    palpate-host bus scan --interface socketcan --channel can0 --json
+    Examples:
+      palpate-host bus scan
+      palpate-host bus scan --interface socketcan --channel can0 --json
     """
     from palpate_bus.master.lss import find_unconfigured  # noqa: PLC0415
     from palpate_bus.master.scan import scan as scan_bus  # noqa: PLC0415
     from palpate_bus.master.session import master  # noqa: PLC0415
-    from palpate_edge.common.progress import progress_bar  # noqa: PLC0415 - `bus hub` shall not wait for canopen
+    from palpate_edge.common.progress import progress_bar  # noqa: PLC0415 - `bus hub` needs no canopen
 
     with master(chosen_bus(**bus), "scan") as network:
-        with progress_bar("asking 127 node ids") as progress:
+        with progress_bar("requesting 127 node ids") as progress:
             found = scan_bus(network, listen_s, min(timeout_s, 0.3), progress)
         unconfigured = find_unconfigured(network) if lss else []
     if as_json:
@@ -77,7 +80,7 @@ def _as_dict(node: FoundNode) -> dict[str, object]:
 
 def _print_table(found: list[FoundNode]) -> None:
     if not found:
-        click.echo("no node answers: check the bit rate, the termination and that the nodes have power")
+        click.echo("no node responds: check the bit rate, the termination and the nodes' power supply")
         return
     rows: list[tuple[str, ...]] = [
         ("node", "state", "profile", "name", "vendor", "product", "revision", "serial", "")
@@ -101,14 +104,15 @@ def _print_table(found: list[FoundNode]) -> None:
 
 @click.group()
 def sdo() -> None:
-    """Read and write a node's objects, by index or by the EDS's names.
+    """Read and write a node's objects, by index or by their names in the EDS.
 
     \b
-    palpate-host bus sdo read 0x10 "Value of contact x"
-    palpate-host bus sdo read 0x10 1018:4
-    palpate-host bus sdo write 0x10 1017 250ms
-    palpate-host bus sdo write 0x10 1010:1 save
-    palpate-host bus sdo check 0x10
+    Examples:
+      palpate-host bus sdo read 0x10 "Value of contact x"
+      palpate-host bus sdo read 0x10 1018:4
+      palpate-host bus sdo write 0x10 1017 250ms
+      palpate-host bus sdo write 0x10 1010:1 save
+      palpate-host bus sdo check 0x10
     """
 
 
@@ -118,7 +122,7 @@ def sdo() -> None:
 @BUS_OPTIONS
 @TIMEOUT
 @EDS
-@click.option("--block", is_flag=True, help="Block transfer even when it is small.")
+@click.option("--block", is_flag=True, help="Use block transfer for small objects as well.")
 @click.option("-o", "--output", type=FILE, help="Write the bytes to this file.")
 def read(
     node: int,
@@ -129,11 +133,14 @@ def read(
     output: Path | None,
     **bus: Any,
 ) -> None:
-    """Read OBJECT (INDEX, INDEX:SUB in hexadecimal, or a name) of NODE.
+    """Read OBJECT (INDEX or INDEX:SUB in hexadecimal, or a name) of NODE.
+
+    Exit status: 0 read, 2 unknown object, 6 the node aborts or does not respond.
 
     \b
-    palpate-host bus sdo read 0x10 "Manufacturer device name"
-    palpate-host bus sdo read 5 1021 --block -o drive.eds
+    Examples:
+      palpate-host bus sdo read 0x10 "Manufacturer device name"
+      palpate-host bus sdo read 5 1021 --block -o drive.eds
     """
     from palpate_bus.master import sdo_access  # noqa: PLC0415
     from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
@@ -155,7 +162,7 @@ def read(
 @BUS_OPTIONS
 @TIMEOUT
 @EDS
-@click.option("--block", is_flag=True, help="Block transfer even when it is small.")
+@click.option("--block", is_flag=True, help="Use block transfer for small objects as well.")
 @click.option("--file", "file_path", type=FILE, help="Write this file's bytes.")
 def write(
     node: int,
@@ -167,11 +174,14 @@ def write(
     file_path: Path | None,
     **bus: Any,
 ) -> None:
-    """Write VALUE to OBJECT of NODE: a raw number, one with the object's unit, text, or hex:0102.
+    """Write VALUE to OBJECT of NODE: a raw number, a number with the object's unit, text, or hex:0102.
+
+    Exit status: 0 written, 2 unknown object or value out of range, 6 the node aborts or does not respond.
 
     \b
-    palpate-host bus sdo write 0x10 "Producer heartbeat time" 250ms
-    palpate-host bus sdo write 0x10 6125:1 zero
+    Examples:
+      palpate-host bus sdo write 0x10 "Producer heartbeat time" 250ms
+      palpate-host bus sdo write 0x10 6125:1 zero
     """
     from palpate_bus.master import sdo_access  # noqa: PLC0415
     from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
@@ -193,10 +203,13 @@ def write(
 @TIMEOUT
 @EDS
 def check(node: int, timeout_s: float, eds_path: Path | None, **bus: Any) -> None:
-    """Compare the PDOs that NODE has with those of its EDS. Exit status 1 when they differ.
+    """Compare the PDOs of NODE with those of its EDS.
+
+    Exit status: 0 equal, 1 they differ, 6 the node aborts or does not respond.
 
     \b
-    palpate-host bus sdo check 0x10
+    Example:
+      palpate-host bus sdo check 0x10
     """
     from palpate_bus.master.node_check import differences  # noqa: PLC0415
     from palpate_bus.master.sdo_access import read_number  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The hub's statistics as text for a person."""
+"""Text output of the hub's statistics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from palpate_bus.hub.control import Statistics
 
 
 def status_line(statistics: Statistics) -> str:
-    """All the totals on one line, ``name value`` pairs."""
+    """Return all totals on one line as ``name value`` pairs."""
     ports = statistics.ports
     return (
         f"uptime_s {statistics.uptime_us / 1e6:.1f} frames {statistics.frames} bits {statistics.bits} "
@@ -16,7 +16,7 @@ def status_line(statistics: Statistics) -> str:
 
 
 def stats_table(statistics: Statistics) -> str:
-    """Bus load, then a line for each client, identifier and fault."""
+    """Return the totals, then one line for each client, identifier and fault."""
     lines = [
         status_line(statistics),
         "",

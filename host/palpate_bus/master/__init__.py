@@ -1,6 +1,7 @@
 """Requests to nodes: scan, SDO access, LSS, checks against an EDS.
 
-Belongs here: what a master asks of nodes on a live bus. May use: decode, hub, load, eds, logs.
+Belongs here: everything that a master does with the nodes of a live bus. May use: decode, hub, load, eds,
+logs.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

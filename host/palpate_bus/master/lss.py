@@ -1,4 +1,4 @@
-"""LSS master (CiA 305) by the canopen package: finds unconfigured nodes by fastscan, gives node ids."""
+"""LSS master (CiA 305) on the canopen package: fastscan for unconfigured nodes, assignment of node ids."""
 
 # mypy: disallow-untyped-calls=False
 # (the canopen package is typed in part)
@@ -16,8 +16,10 @@ from canopen.lss import LssError
 from palpate_edge.common.errors import BusError, ConfigError
 
 ANSWER_TIMEOUTS_S = (0.05, 0.2, 0.5)
-"""Of one fastscan question, in turn until a scan succeeds: a node answers within a millisecond, a busy one
-later, and an answer that comes too late makes a scan fail."""
+"""Response timeouts of fastscan, tried in turn until a scan succeeds.
+
+A node responds within 1 ms, a busy one later; a scan fails when a response arrives after its timeout.
+"""
 COMMAND_TIMEOUT_S = 1.0
 MAX_NODES = 127
 SETTLE_S = 0.05
@@ -25,7 +27,7 @@ SETTLE_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class LssAddress:
-    """What tells one device from all others: 1018h."""
+    """LSS address, unique for each device: the identity object 1018h."""
 
     vendor: int
     product: int
@@ -37,12 +39,12 @@ class LssAddress:
 
 
 def parse_address(text: str) -> LssAddress:
-    """``vendor:product:revision:serial`` in hexadecimal; ConfigError otherwise."""
+    """Parse ``vendor:product:revision:serial`` in hexadecimal. Raises ConfigError for any other text."""
     parts = text.split(":")
     if len(parts) != 4 or not all(re.fullmatch(r"(0x)?[0-9a-fA-F]{1,8}", part) for part in parts):
         raise ConfigError(
-            f"LSS address {text!r}: write vendor:product:revision:serial in hexadecimal, "
-            "as palpate-host bus lss list does"
+            f"LSS address {text!r} is not vendor:product:revision:serial in hexadecimal: copy it from"
+            " palpate-host bus lss list"
         )
     return LssAddress(*(int(part, 16) for part in parts))
 
@@ -50,13 +52,16 @@ def parse_address(text: str) -> LssAddress:
 def find_unconfigured(
     network: canopen.Network, progress: Callable[[LssAddress], None] = lambda _address: None
 ) -> list[LssAddress]:
-    """Every node without an id, by repeated fastscan; all are back in LSS waiting afterwards."""
+    """Return every node without an id, found by repeated fastscan.
+
+    All are in LSS waiting state afterwards.
+    """
     found: list[LssAddress] = []
     with _lss_errors("fastscan"):
         try:
             while len(found) < MAX_NODES:
                 address = _fast_scan(network)
-                # A node that has been found must be silent; one that is not would be found for ever.
+                # A found node must not respond to further scans; one that does would be found repeatedly.
                 if address is None or address in found:
                     return found
                 found.append(address)
@@ -69,36 +74,42 @@ def find_unconfigured(
 def _fast_scan(network: canopen.Network) -> LssAddress | None:
     for timeout_s in ANSWER_TIMEOUTS_S:
         with _timeout(network, timeout_s):
-            there, numbers = network.lss.fast_scan()
-        if there:
+            is_found, numbers = network.lss.fast_scan()
+        if is_found:
             return LssAddress(*numbers)
     return None
 
 
 def set_node_id(network: canopen.Network, address: LssAddress, node_id: int, store: bool) -> None:
-    """Give the device an id, and have it keep it when `store`. BusError when it refuses or is not there."""
+    """Assign a node id to the device, stored in it if `store`.
+
+    Raises BusError when the device rejects the id or does not respond.
+    """
     lss = network.lss
     with _lss_errors(f"device {address}"), _timeout(network, COMMAND_TIMEOUT_S):
         lss.send_switch_state_global(lss.WAITING_STATE)
         if not lss.send_switch_state_selective(
             address.vendor, address.product, address.revision, address.serial
         ):
-            raise BusError(f"device {address} does not answer: palpate-host bus lss list shows who does")
+            raise BusError(
+                f"device {address} does not respond: list the unconfigured devices with"
+                " palpate-host bus lss list"
+            )
         try:
             lss.configure_node_id(node_id)
             if store:
                 lss.store_configuration()
         finally:
             lss.send_switch_state_global(lss.WAITING_STATE)
-            time.sleep(SETTLE_S)  # closing the bus may drop what its queue still holds
+            time.sleep(SETTLE_S)  # closing the bus may drop frames that are still queued
 
 
 def only_unconfigured(network: canopen.Network) -> LssAddress:
-    """The one node without an id; BusError when there is none or more than one."""
+    """Return the only node without an id. Raises BusError when there is none or more than one."""
     found = find_unconfigured(network)
     if len(found) != 1:
         names = ", ".join(map(str, found)) or "none"
-        raise BusError(f"one unconfigured node is wanted, there are {len(found)} ({names}): give --address")
+        raise BusError(f"{len(found)} unconfigured nodes ({names}), not one: choose one with --address")
     return found[0]
 
 
@@ -109,8 +120,8 @@ def _lss_errors(what: str) -> Iterator[None]:
     except LssError as error:
         reason = " ".join(str(error).split())
         raise BusError(
-            f"LSS, {what}: {reason}: 1 is refused or not supported, 2 a fault of its storage; "
-            "check the id and that the device has LSS"
+            f"LSS, {what}: {reason} (error code 1: rejected or not supported, 2: storage failed): "
+            "check the id and that the device supports LSS"
         ) from error
 
 

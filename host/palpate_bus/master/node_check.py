@@ -1,4 +1,4 @@
-"""Does a node on the bus have the PDOs that its EDS says? Asked by SDO, before its values are believed."""
+"""Comparison of a node's PDO parameters, read by SDO, with its EDS."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, pdo_numbers
 from palpate_bus.eds.values import parse_integer
 
 Read = Callable[[Key], int | None]
-"""An object's number, None when the node has none."""
+"""Function that returns an object's number, None when the node does not have the object."""
 
 ID_BITS = NOT_VALID | 0x7FF
 
 
 def differences(device: Device, read: Read) -> Iterator[str]:
-    """One line for each PDO parameter in which the node differs from its EDS: COB-ID, type and mapping."""
+    """Yield one line for each PDO parameter that differs from the EDS: COB-ID, type and mapping."""
     for kind in PDO_KINDS:
         for number in pdo_numbers(device.variables, kind):
             communication, mapping = kind.communication + number - 1, kind.mapping + number - 1
@@ -33,9 +33,9 @@ def _compare(device: Device, read: Read, key: Key, mask: int = 0xFFFF_FFFF) -> I
         return
     found = read(key)
     if found is None:
-        yield f"{device.name_of(key)}: the node does not have it, the EDS says 0x{expected:X}"
+        yield f"{device.name_of(key)}: missing in the node, 0x{expected:X} in the EDS"
     elif (found ^ expected) & mask:
-        yield f"{device.name_of(key)}: is 0x{found:X}, the EDS says 0x{expected:X}"
+        yield f"{device.name_of(key)}: 0x{found:X} in the node, 0x{expected:X} in the EDS"
 
 
 def _expected(device: Device, key: Key) -> int | None:

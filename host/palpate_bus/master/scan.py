@@ -1,4 +1,4 @@
-"""Who is on the bus: every node that answers SDO or beats, and what it says of itself."""
+"""Scan of the bus: every node that responds to SDO or sends a heartbeat, with its identity."""
 
 # mypy: disallow-untyped-calls=False
 # (the canopen package is typed in part)
@@ -38,8 +38,12 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class FoundNode:
-    """One node id. state: by its heartbeat, empty without one. answers: to one SDO request; more than one
-    means that nodes share the id. identity: vendor, product, revision, serial as far as it tells them."""
+    """One node id in use.
+
+    state: NMT state by its heartbeat, empty without one. answers: number of responses to one SDO request;
+    more than one means that several nodes have this id. identity: vendor, product, revision and serial, None
+    where missing.
+    """
 
     node_id: int
     state: str
@@ -50,7 +54,7 @@ class FoundNode:
 
     @property
     def profile(self) -> str:
-        """The CiA profile of 1000h."""
+        """The CiA profile given by 1000h."""
         if self.device_type is None:
             return ""
         number = self.device_type & 0xFFFF
@@ -58,14 +62,14 @@ class FoundNode:
 
     @property
     def remark(self) -> str:
-        """What is wrong with it; empty when nothing is."""
+        """The problem with this node, empty for none."""
         if self.answers > 1:
             return f"{self.answers} nodes have this id"
-        return "" if self.answers else "no answer by SDO"
+        return "" if self.answers else "no SDO response"
 
 
-class _Ears:
-    """Counts SDO answers and keeps heartbeat states."""
+class _Listener:
+    """Subscriber that counts SDO responses and keeps the NMT states of heartbeats."""
 
     def __init__(self, network: canopen.Network) -> None:
         self.answers: dict[int, int] = {}
@@ -74,7 +78,7 @@ class _Ears:
             network.subscribe(0x580 + node_id, self._answer)
             network.subscribe(0x700 + node_id, self._heartbeat)
 
-    def forget(self, network: canopen.Network) -> None:
+    def unsubscribe(self, network: canopen.Network) -> None:
         for node_id in NODE_IDS:
             network.unsubscribe(0x580 + node_id, self._answer)
             network.unsubscribe(0x700 + node_id, self._heartbeat)
@@ -90,24 +94,24 @@ class _Ears:
 def scan(
     network: canopen.Network, listen_s: float, timeout_s: float, progress: Progress = lambda _done, _of: None
 ) -> list[FoundNode]:
-    """Every node, in the order of ids. listen_s: longer than the heartbeats' period."""
-    ears = _Ears(network)
+    """Return every node in the order of ids. listen_s: longer than the nodes' heartbeat time."""
+    listener = _Listener(network)
     begin_s = time.monotonic()
     for node_id in NODE_IDS:
         network.send_message(0x600 + node_id, struct.pack("<BHB4x", 0x40, DEVICE_TYPE, 0))
         progress(node_id, len(NODE_IDS))
         time.sleep(PAUSE_S)
     time.sleep(max(timeout_s, listen_s - (time.monotonic() - begin_s)))
-    ears.forget(network)
+    listener.unsubscribe(network)
     return [
-        _ask(network, node_id, ears, timeout_s)
-        for node_id in sorted(ears.answers.keys() | ears.states.keys())
+        _identify(network, node_id, listener, timeout_s)
+        for node_id in sorted(listener.answers.keys() | listener.states.keys())
     ]
 
 
-def _ask(network: canopen.Network, node_id: int, ears: _Ears, timeout_s: float) -> FoundNode:
-    state = ears.states.get(node_id)
-    answers = ears.answers.get(node_id, 0)
+def _identify(network: canopen.Network, node_id: int, listener: _Listener, timeout_s: float) -> FoundNode:
+    state = listener.states.get(node_id)
+    answers = listener.answers.get(node_id, 0)
     numbers: list[int | None] = [None] * 5
     name = ""
     if answers == 1:
@@ -127,7 +131,7 @@ def _ask(network: canopen.Network, node_id: int, ears: _Ears, timeout_s: float) 
 
 
 def _read(client: SdoClient, index: int, subindex: int) -> bytes | None:
-    """None when the node does not have it or falls silent."""
+    """Return an object's bytes, None when the node does not have it or does not respond."""
     try:
         data: bytes = client.upload(index, subindex)
     except (SdoAbortedError, SdoCommunicationError):

@@ -1,4 +1,4 @@
-"""Objects of a node by name or index: values with units, limits of the EDS, large ones in blocks."""
+"""SDO access to objects by name or index: values with units, limits of the EDS, block transfer."""
 
 # mypy: disallow-untyped-calls=False
 # (the canopen package is typed in part)
@@ -16,39 +16,44 @@ from palpate_bus.eds.values import DataTypeInfo, parse_integer
 from palpate_bus.master.session import sdo_errors
 from palpate_edge.common.errors import ConfigError
 
-BLOCK_FROM_BYTES = 128  # below, the block transfer's own frames cost more than they save
+BLOCK_FROM_BYTES = 128  # for less data, block transfer needs more frames than segmented transfer
 COMMAND_UNKNOWN, NO_OBJECT, NO_SUBINDEX = 0x0504_0001, 0x0602_0000, 0x0609_0011
 _INDEX = re.compile(r"(?:0x)?(?P<index>[0-9a-fA-F]{4})h?(?::(?:0x)?(?P<sub>[0-9a-fA-F]{1,2})h?)?")
 _SIGNATURE = re.compile(r"[a-z]{4}")
 
 
 def find_object(device: Device | None, text: str) -> Key:
-    """``1017``, ``0x7130:1`` (sub-index in hexadecimal) or a name of the EDS; ConfigError when it is none."""
+    """Return the object given as ``1017``, as ``0x7130:1`` (hexadecimal sub-index) or by its name in the EDS.
+
+    Raises ConfigError when there is no such object.
+    """
     match = _INDEX.fullmatch(text.strip())
     if match:
         return int(match["index"], 16), int(match["sub"] or "0", 16)
     if device is None:
         raise ConfigError(
-            f"{text!r}: no EDS is known for this node: give an index such as 1017 or --eds FILE"
+            f"{text!r} is a name, but no EDS is known for this node: give an index such as 1017 or --eds FILE"
         )
     return device.find(text)
 
 
 def encode(device: Device | None, key: Key, text: str) -> bytes:
-    """The bytes of a value as a person writes it: a number, one with its unit, text, or ``hex:0102``.
+    """Return the bytes of a value given as a number, a number with its unit, text, or ``hex:0102``.
 
-    ConfigError when the object may not be written or the value is out of its type or limits.
+    Raises ConfigError when the object is read-only or the value exceeds its type or limits.
     """
     if text.startswith("hex:"):
         return _hex(text)
     variable = device.variable(key) if device else None
     if device is None or variable is None or variable.info is None:
         raise ConfigError(
-            f"{text!r}: the type of {key[0]:04X}h:{key[1]:02X} is not known: give --eds FILE, or hex:0102..."
+            f"{text!r}: the type of {key[0]:04X}h:{key[1]:02X} is unknown: give --eds FILE, or write hex:0102"
         )
     name = device.name_of(key)
     if not variable.writable:
-        raise ConfigError(f"{name} is {variable.access} in {device.eds.name}: it cannot be written")
+        raise ConfigError(
+            f"{name} cannot be written: its access type in {device.eds.name} is {variable.access}"
+        )
     info = variable.info
     if info.is_text:
         return text.encode("latin-1", "replace")
@@ -64,10 +69,13 @@ def encode(device: Device | None, key: Key, text: str) -> bytes:
 
 
 def read(client: SdoClient, node_id: int, device: Device | None, key: Key, block: bool) -> bytes:
-    """The object's bytes; in blocks when asked for or when it is a domain, if the node has block transfer."""
+    """Return the object's bytes.
+
+    Uses block transfer for a domain, or if `block` is set, when the node supports it.
+    """
     variable = device.variable(key) if device else None
     large = block or (variable is not None and variable.info is not None and variable.info.name == "DOMAIN")
-    what = f"to tell {_name(device, key)}"
+    what = f"reading {_name(device, key)}"
 
     def in_blocks() -> bytes:
         with client.open(*key, mode="rb", block_transfer=True) as stream:
@@ -78,8 +86,11 @@ def read(client: SdoClient, node_id: int, device: Device | None, key: Key, block
 
 
 def read_number(client: SdoClient, node_id: int, device: Device, key: Key) -> int | None:
-    """The object's bytes as an unsigned number; None when the node has no such object. BusError else."""
-    with sdo_errors(node_id, f"to tell {device.name_of(key)}", client.RESPONSE_TIMEOUT):
+    """Return the object's bytes as an unsigned number, None when the node does not have the object.
+
+    Raises BusError for any other failure.
+    """
+    with sdo_errors(node_id, f"reading {device.name_of(key)}", client.RESPONSE_TIMEOUT):
         try:
             return int.from_bytes(client.upload(*key), "little")
         except SdoAbortedError as error:
@@ -89,7 +100,7 @@ def read_number(client: SdoClient, node_id: int, device: Device, key: Key) -> in
 
 
 def write(client: SdoClient, node_id: int, device: Device | None, key: Key, data: bytes, block: bool) -> None:
-    """Write the object; in blocks from BLOCK_FROM_BYTES on, if the node has block transfer."""
+    """Write the object; by block transfer from BLOCK_FROM_BYTES on, when the node supports it."""
 
     def in_blocks() -> bytes:
         with client.open(*key, mode="wb", size=len(data), block_transfer=True) as stream:
@@ -100,7 +111,7 @@ def write(client: SdoClient, node_id: int, device: Device | None, key: Key, data
         client.download(*key, data)
         return b""
 
-    with sdo_errors(node_id, f"to take {_name(device, key)}", client.RESPONSE_TIMEOUT):
+    with sdo_errors(node_id, f"writing {_name(device, key)}", client.RESPONSE_TIMEOUT):
         if block or len(data) >= BLOCK_FROM_BYTES:
             _blocks_or(in_blocks, segmented)
         else:
@@ -117,7 +128,7 @@ def _blocks_or(in_blocks: Callable[[], bytes], otherwise: Callable[[], bytes]) -
 
 
 def _raw(device: Device, key: Key, info: DataTypeInfo, text: str) -> int:
-    """The integer behind a number, a number with the object's unit, or a signature such as ``save``."""
+    """Return the raw integer of a number, a number with the object's unit, or a signature like ``save``."""
     name, unit = device.name_of(key), device.unit(key)
     if unit is not None and unit.name and text.replace(" ", "").endswith(unit.name.replace(" ", "")):
         plain = text.replace(" ", "").removesuffix(unit.name.replace(" ", ""))
@@ -152,14 +163,16 @@ def _real(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise ConfigError(f"{name}: {text!r} is no number: give one such as 0.5") from error
+        raise ConfigError(f"{name}: {text!r} is not a number: give one such as 0.5") from error
 
 
 def _hex(text: str) -> bytes:
     try:
         return bytes.fromhex(text.removeprefix("hex:"))
     except ValueError as error:
-        raise ConfigError(f"{text!r}: no hexadecimal bytes: write hex:01a2ff") from error
+        raise ConfigError(
+            f"{text!r} is not a list of hexadecimal bytes: write for example hex:01a2ff"
+        ) from error
 
 
 def _name(device: Device | None, key: Key) -> str:

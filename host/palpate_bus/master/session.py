@@ -1,4 +1,4 @@
-"""The canopen package as a master on any bus: opened, closed and made to speak in our errors."""
+"""Session of a CANopen master on any bus, with the canopen package's exceptions converted to BusError."""
 
 # mypy: disallow-untyped-calls=False
 # (the canopen package is typed in part)
@@ -25,12 +25,12 @@ _SEND_AGAIN_S = 0.002
 
 
 class PatientNetwork(canopen.Network):
-    """Waits for room in a short transmit queue: a block of 127 segments is longer than most queues."""
+    """Network that retries when the transmit queue is full: a block of 127 segments exceeds most queues."""
 
     NOTIFIER_CYCLE = 0.1  # s
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Sends one frame. Raises can.CanError when there stays no room, or the bus is gone."""
+        """Send one frame. Raises can.CanError when the queue stays full or the bus is lost."""
         for attempt in range(_SEND_TRIES):
             try:
                 super().send_message(can_id, data, remote)
@@ -44,8 +44,8 @@ class PatientNetwork(canopen.Network):
 
 @contextmanager
 def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
-    """A connected master. Raises BusError when the bus cannot be opened or is lost meanwhile."""
-    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what goes wrong is said once, by our errors
+    """Yield a connected master. Raises BusError when the bus cannot be opened or is lost meanwhile."""
+    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # BusError reports every failure once
     options = {"name": name} if config.interface == "palpate" else {}
     channel = config.channel or ("can0" if config.interface == "socketcan" else None)
     try:
@@ -63,15 +63,17 @@ def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
         yield network
         network.check()
     except can.CanError as error:
-        raise BusError(f"{config.interface} bus is lost: {' '.join(str(error).split())}") from error
+        raise BusError(f"the {config.interface} bus is lost: {' '.join(str(error).split())}") from error
     finally:
         if network.notifier is not None:
-            network.notifier.stop(network.NOTIFIER_SHUTDOWN_TIMEOUT)  # its thread must not meet a closed bus
+            network.notifier.stop(
+                network.NOTIFIER_SHUTDOWN_TIMEOUT
+            )  # its thread must end before the bus is closed
         bus.shutdown()
 
 
 def sdo_client(network: canopen.Network, node_id: int, timeout_s: float) -> SdoClient:
-    """A client of the node's default SDO server."""
+    """Return a client of the node's default SDO server."""
     client: SdoClient = network.add_node(node_id, canopen.ObjectDictionary()).sdo
     client.RESPONSE_TIMEOUT = timeout_s
     return client
@@ -79,17 +81,17 @@ def sdo_client(network: canopen.Network, node_id: int, timeout_s: float) -> SdoC
 
 @contextmanager
 def sdo_errors(node_id: int, what: str, timeout_s: float) -> Iterator[None]:
-    """SDO's exceptions as BusError that names node, object and way out."""
+    """Convert SDO exceptions to BusError with the node, the action `what` and the remedy."""
     try:
         yield
     except SdoAbortedError as error:
         raise BusError(
-            f"node 0x{node_id:02X} refuses {what}: {error.code:08X}h, {abort_text(error.code)}: "
+            f"node 0x{node_id:02X} aborts {what}: {error.code:08X}h, {abort_text(error.code)}: "
             "give another object or value"
         ) from error
     except SdoCommunicationError as error:
         reason = str(error).rstrip(".")
         raise BusError(
             f"node 0x{node_id:02X}, {what}: {reason} within {timeout_s:g} s: it may be off, STOPPED "
-            "or of another id; palpate-host bus scan shows who answers"
+            "or have another id; list the nodes with palpate-host bus scan"
         ) from error

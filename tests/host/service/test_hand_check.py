@@ -53,8 +53,8 @@ def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
         (3, (0x6072, 0), 200, "gives 0.38 N m at most (6072h), torque_limit_Nm is 0.5"),
         (4, (0x1400, 5), 0, "has no deadline for RPDO 1"),
         (5, (0x6064, 0), 900_000, "outside min_rad"),
-        (6, (0x1A00, 1), 0x60640010, "the EDS says 0x60640020"),
-        (0x11, (0x1801, 1), 0x299, "the EDS says"),
+        (6, (0x1A00, 1), 0x60640010, "0x60640010 in the node, 0x60640020 in the EDS"),
+        (0x11, (0x1801, 1), 0x299, "0x299 in the node, 0x40000291 in the EDS"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_node(nodes, node, key, value, said):
