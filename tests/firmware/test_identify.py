@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
-from palpate_edge.cli.service_commands import identify
+from palpate_edge.cli.identify import identify
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.common.signals import IDENTIFY, called_by_signals
 from palpate_edge.daemon.health import (

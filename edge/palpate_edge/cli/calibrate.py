@@ -1,0 +1,95 @@
+"""``palpate-edge calibrate``: a calibration file from a press dataset."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate_edge.cli.options import INPUT, OUTPUT
+from palpate_edge.common.progress import progress_bar
+
+if TYPE_CHECKING:
+    from palpate_edge.estimation.calibration import Calibration
+
+
+@click.command()
+@click.argument("dataset", type=INPUT)
+@click.option("-o", "--output", type=OUTPUT, required=True, help="Calibration file to write.")
+@click.option("--no-model", is_flag=True, help="Make no correction model: the paper's method only.")
+@click.option(
+    "--dome-model",
+    type=INPUT,
+    help="Start from this dome model (of palpate-edge train) instead of the packaged one.",
+)
+@click.option(
+    "--picture", type=OUTPUT, help="Also draw the distance of each bead from the fitted layout (.png)."
+)
+def calibrate(
+    dataset: Path, output: Path, no_model: bool, dome_model: Path | None, picture: Path | None
+) -> None:
+    """Make a calibration from a press DATASET.
+
+    Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
+    and the correction model are fitted to the train split of the presses; without presses the correction
+    model is the dome model, and no force is estimated.
+
+    \b
+    Example:
+      palpate-edge calibrate demo/recording/press -o finger-1.cal
+    """
+    from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
+    from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
+    from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
+    from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
+
+    trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
+    with progress_bar("calibrating") as progress:
+        dome = load_dome_model(dome_model or SHIPPED) if trainable and not no_model else None
+        calibration = make(read_dataset(dataset), progress, dome=dome)
+    save_calibration(calibration, output)
+    if picture is not None:
+        _draw_residuals(dataset, calibration, picture)
+    pose = calibration.pose
+    click.echo(
+        f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
+        f"({'bright' if calibration.appearance.bright else 'dark'} on {calibration.appearance.channel}), "
+        f"{calibration.source.reference_frames} reference frames, {calibration.source.presses} presses"
+    )
+    click.echo(
+        "  camera off by "
+        + ", ".join(f"{value:+.2f}" for value in pose.offset_mm)
+        + f" mm, focal length x {pose.focal_scale:.4f}; layout residual "
+        f"{calibration.residual_px:.2f} px rms; "
+        f"contact above {calibration.contact_threshold_px:.3f} px of skin motion"
+        + (
+            ""
+            if calibration.contact_threshold_N is None
+            else f", {calibration.contact_threshold_N:.3f} N where the dome is stiffest"
+        )
+    )
+    if calibration.model:
+        click.echo(
+            f"  correction model of {len(calibration.model) / 1e6:.1f} MB, sha256 {digest(calibration)}"
+        )
+    elif not trainable and not no_model:
+        click.echo("  no correction model: it needs pip install 'palpate[train]'")
+    if not calibration.paper.stiffness_N_px:
+        click.echo("  no press of known force: no force is estimated")
+
+
+def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
+    from palpate_edge.datasets.images import read_image  # noqa: PLC0415
+    from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
+    from palpate_edge.diagnostics.figures import draw_residuals  # noqa: PLC0415
+
+    write_picture(picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration))
+
+
+def digest(calibration: Calibration) -> str:
+    """Return the first digits of the model's SHA-256."""
+    return hashlib.sha256(calibration.model).hexdigest()[:16]

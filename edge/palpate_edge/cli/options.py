@@ -1,0 +1,45 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate_edge.common.atomic_write import STANDARD_OUTPUT
+
+if TYPE_CHECKING:
+    from palpate_edge.estimation.estimator import Method
+
+INPUT = click.Path(path_type=Path)
+OUTPUT = click.Path(path_type=Path)
+
+config_option = click.option(
+    "--config", "config_path", type=INPUT, required=True, help="The fingertip's TOML file."
+)
+calibration_option = click.option(
+    "--calibration", "calibration_path", type=INPUT, required=True, help="Calibration file."
+)
+method_option = click.option(
+    "--method",
+    type=click.Choice(["best", "paper", "corrected"]),
+    default="best",
+    show_default=True,
+    help="best: corrected when the calibration holds a model, else paper.",
+)
+diameter_option = click.option(
+    "--diameter", type=click.FloatRange(4, 200), help="Bead diameter in pixels, if known."
+)
+
+
+def method_of(name: str) -> Method | None:
+    """Return the method of the --method option; None for the calibration's best."""
+    from palpate_edge.estimation.estimator import Method  # noqa: PLC0415 - slow to import
+
+    return None if name == "best" else Method(name)
+
+
+def report(text: str, output: Path | None = None) -> None:
+    """Print a result: to standard error when `output`, the file just written, is standard output."""
+    click.echo(text, err=output == STANDARD_OUTPUT)
