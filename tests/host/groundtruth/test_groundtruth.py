@@ -193,7 +193,7 @@ def test_pictures_without_a_pose_say_why() -> None:
         "marker 8 not found; the picture has [7]"
     )
     half = np.hstack((seen[:, 320:960], seen[:, 320:960]))
-    assert detector.measure(half) == Refusal("marker 7 more than once, seen: [7, 7]")
+    assert detector.measure(half) == Refusal("marker 7 more than once; the picture has [7, 7]")
     far = ExternalCamera(10 * camera.position_m, camera.target_m, 0.03)
     small = far.picture(np.eye(3), np.array([0.0, 0.0, 0.1]), rng)
     refused = detector.measure(small)
