@@ -96,7 +96,7 @@ def test_an_interface_that_goes_down_is_an_error_and_serves_again_when_up(vcan):
     "ignore:unclosed <socket:ResourceWarning"
 )  # python-can leaves it to the collector
 def test_an_interface_that_is_not_there_is_refused():
-    with pytest.raises(BusError, match=r"cannot open socketcan bus vcan9 for finger-1: .*No such device"):
+    with pytest.raises(BusError, match=r"socketcan bus vcan9 of finger-1 cannot be opened: .*No such device"):
         open_bus(BusConfig(channel="vcan9"), "finger-1")
     gc.collect()  # python-can leaves the socket to the collector: here, where the warning is known
 

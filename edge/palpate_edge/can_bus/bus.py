@@ -277,11 +277,20 @@ def open_bus(
             **options,
         )
     except (can.CanError, OSError, ValueError) as error:
-        raise BusError(
-            f"cannot open {config.interface} bus {channel or '(default channel)'} for {name}: "
-            f"{_one_line(error)}"
-        ) from error
+        raise open_error(config, name, error) from error
     return Bus(bus, config, name)
+
+
+def open_error(config: BusConfig, name: str, error: Exception) -> BusError:
+    """Return the error for a bus that python-can cannot open, with the remedy where it is known."""
+    reason = _one_line(error)
+    if config.interface == "palpate":
+        return BusError(reason)  # the hub's plug-in states the remedy itself
+    if isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT:
+        return BusError(
+            'this kernel has no SocketCAN: load can_raw, or set interface = "palpate" (local hub)'
+        )
+    return BusError(f"{config.interface} bus {config.channel or 'can0'} of {name} cannot be opened: {reason}")
 
 
 def _filters(can_ids: Sequence[int]) -> list[can.typechecking.CanFilter]:

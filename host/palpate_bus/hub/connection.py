@@ -31,8 +31,8 @@ def connect(path: Path) -> socket.socket:
     except OSError as error:
         connection.close()
         raise HubGoneError(
-            f"no CAN hub at {path} ({error.strerror or error}): start it with: "
-            f"palpate-host bus hub --socket {path}"
+            f"no CAN bus at {path} ({error.strerror or error}): start the local hub "
+            f'(palpate-host bus hub --socket {path}) or set bus.interface = "socketcan"'
         ) from error
     connection.setblocking(False)
     return connection

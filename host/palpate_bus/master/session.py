@@ -16,7 +16,7 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate_bus.decode.sdo_abort_text import abort_text
-from palpate_edge.can_bus.bus import BusConfig
+from palpate_edge.can_bus.bus import BusConfig, open_error
 from palpate_edge.common.errors import BusError
 
 SDO_TIMEOUT_S = 1.0
@@ -53,10 +53,7 @@ def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
             interface=config.interface, channel=channel, bitrate=config.bitrate, ignore_config=True, **options
         )
     except (can.CanError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise BusError(
-            f"cannot open {config.interface} bus {channel or '(default channel)'} for {name}: {reason}"
-        ) from error
+        raise open_error(config, name, error) from error
     network = PatientNetwork(bus)
     network.connect()
     try:

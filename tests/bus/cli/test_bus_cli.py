@@ -113,5 +113,5 @@ def test_help(command):
 
 
 def test_stats_without_a_hub_says_how_to_start_one(tmp_path):
-    with pytest.raises(BusError, match="start it with: palpate-host bus hub"):
+    with pytest.raises(BusError, match=r"start the local hub .palpate-host bus hub"):
         run("stats", "--socket", tmp_path / "none.sock")

@@ -201,7 +201,7 @@ def test_a_burst_at_bus_off_is_refused(hub, open_edge):
 
 def test_without_a_hub_the_error_says_how_to_start_one(tmp_path, open_port, open_edge):
     with pytest.raises(
-        can.CanInitializationError, match=r"start it with: palpate-host bus hub --socket .*hub\.sock"
+        can.CanInitializationError, match=r"start the local hub .palpate-host bus hub --socket .*hub\.sock"
     ):
         open_port("a")
     with pytest.raises(BusError, match="palpate-host bus hub"):

@@ -301,4 +301,4 @@ def test_a_lost_hub_is_told_as_such(hub):
         text=True,
     )
     assert done.returncode == 6
-    assert "start it with: palpate-host bus hub" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert "start the local hub (palpate-host bus hub" in done.stderr and len(done.stderr.splitlines()) == 1

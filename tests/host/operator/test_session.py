@@ -148,7 +148,7 @@ def test_a_killed_hub_is_a_fault_and_a_new_one_is_found(config, tmp_path, runnin
             hand.recover(PATIENCE_S)
         ticks = [sample.counters.ticks for sample in itertools.islice(hand.stream(), 5)]
         assert ticks == sorted(set(ticks))
-        hand.wait_for(lambda s: "no CAN hub at" in s.warning, PATIENCE_S, "try again", stops=False)
+        hand.wait_for(lambda s: "no CAN bus at" in s.warning, PATIENCE_S, "try again", stops=False)
         put_on_the_bus(running, config)
         back = hand.wait_for(lambda s: not s.warning, PATIENCE_S, "find the hub", stops=False)
         assert back.mode is Mode.FAULT

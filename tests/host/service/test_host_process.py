@@ -174,4 +174,4 @@ def test_no_hub_is_a_bus_error(tmp_path, processes, config, hub):
     host = processes.start("run", "--config", config)
     _, said = host.communicate(timeout=PATIENCE_S)
     assert host.returncode == 6
-    assert "cannot open palpate bus" in said and said.count("\n") == 1
+    assert "no CAN bus at" in said and said.count("\n") == 1
