@@ -157,7 +157,8 @@ def test_its_mapping_is_checked_by_sdo(foreign):
 
         assert found() == []
         node.tpdo[0].mapping = [(0x7130, 2), (0x7130, 1), (0x7130, 3), (0x7130, 4)]
+        mapping = "TPDO 1 mapping parameter"
         assert found() == [
-            "1A00h:01 TPDO 1 mapping parameter / Mapped object 1: 0x71300210 in the node, 0x71300110 in the EDS",
-            "1A00h:02 TPDO 1 mapping parameter / Mapped object 2: 0x71300110 in the node, 0x71300210 in the EDS",
+            f"1A00h:01 {mapping} / Mapped object 1: 0x71300210 in the node, 0x71300110 in the EDS",
+            f"1A00h:02 {mapping} / Mapped object 2: 0x71300110 in the node, 0x71300210 in the EDS",
         ]
