@@ -89,12 +89,12 @@ def test_foreign_frames_are_left_out(tmp_path):
     ("name", "content", "problem"),
     [
         ("x.log", b"(1.000000) can0 190#01\nnonsense\n", "line 2"),
-        ("x.log", b"(2.000000) can0 190#01\n(1.000000) can0 190#01\n", "line 2: time runs backwards"),
-        ("x.log", b"(1.000000) can0 190#01", "line 1: cut off"),
-        ("x.log", b"", "holds no frame"),
-        ("x.log.gz", b"no gzip at all", "no gzip file, or damaged"),
-        ("x.log.gz", gzip.compress(b"(1.000000) can0 190#01\n" * 99, mtime=0)[:-12], "cut off at byte"),
-        ("x.asc", b"", "holds no frame"),
+        ("x.log", b"(2.000000) can0 190#01\n(1.000000) can0 190#01\n", "line 2: time stamp decreases"),
+        ("x.log", b"(1.000000) can0 190#01", "line 1: truncated"),
+        ("x.log", b"", "contains no CANopen frame"),
+        ("x.log.gz", b"no gzip at all", "not a gzip file, or damaged"),
+        ("x.log.gz", gzip.compress(b"(1.000000) can0 190#01\n" * 99, mtime=0)[:-12], "truncated at byte"),
+        ("x.asc", b"", "contains no CANopen frame"),
         (
             "x.asc",
             b"date Mon Jan 1 10:00:00.000 am 2024\nbase hex  timestamps absolute\n 1.0 1 190 Rx d 1 zz\n",
@@ -103,7 +103,7 @@ def test_foreign_frames_are_left_out(tmp_path):
         (
             "x.asc",
             b"base hex  timestamps absolute\n 2.0 1 190 Rx d 1 00\n 1.0 1 190 Rx d 1 00\n",
-            "line 3: time runs",
+            "line 3: time stamp decreases",
         ),
         ("x.blf", b"", "byte 0"),
         ("x.blf", b"LOGG" + bytes(20), "byte 24"),
@@ -124,7 +124,7 @@ def test_a_blf_that_was_cut_off_says_where(tmp_path):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(
-        LogError, match=f"byte {len(whole) // 2}: cut off, its header tells {len(whole)} bytes"
+        LogError, match=f"byte {len(whole) // 2}: truncated, its header gives {len(whole)} bytes"
     ):
         read_any_log(path)
 

@@ -112,5 +112,5 @@ def test_a_log_of_another_contract_is_refused(tmp_path, hand_and_config, key, va
 def test_an_empty_log_is_refused(tmp_path, hand_and_config):
     path = tmp_path / "empty.log"
     write_log(path, contract_header(hand_and_config[0]), [])
-    with pytest.raises(LogError, match="holds no frame"):
+    with pytest.raises(LogError, match="contains no CANopen frame"):
         replay_to_log(path, *hand_and_config)

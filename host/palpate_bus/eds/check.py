@@ -1,6 +1,6 @@
-"""Is a file an EDS as CiA 306-1 says, and does it describe a CANopen device as CiA 301 says?
+"""Check of an EDS file against CiA 306-1 (format) and CiA 301 (communication objects).
 
-`check_text` never raises: any file, of any vendor, gives findings. What it looks at, in order: lines and
+`check_text` never raises: any file of any vendor gives findings. It checks, in this order: lines and
 sections; [FileInfo] and [DeviceInfo]; the three lists of objects against the sections; every object's keys,
 data type, access, default and limits; CiA 301's own objects; PDO mappings; COB-IDs.
 """
@@ -39,12 +39,12 @@ _IDENTITY = {1: "VendorNumber", 2: "ProductNumber", 3: "RevisionNumber"}
 
 
 def check_file(path: Path) -> list[Finding]:
-    """Findings in the order of lines; ConfigError when the file cannot be read."""
+    """Return the findings in the order of lines. Raises ConfigError when the file cannot be read."""
     return check_text(read_text(path), path.name)
 
 
 def check_text(text: str, file_name: str) -> list[Finding]:
-    """Findings in the order of lines; those that stand nowhere come first."""
+    """Return the findings in the order of lines; those without a line come first."""
     findings = Findings()
     sections = parse_sections(text, findings)
     for name in ("FileInfo", "DeviceInfo", "MandatoryObjects"):
@@ -71,7 +71,7 @@ def _check_file_info(section: Section | None, file_name: str, findings: Findings
     named = section.value("FileName")
     if named and named != file_name:
         findings.warning(
-            section.line_of("FileName"), f"{where} FileName", f"says {named!r}", f"write FileName={file_name}"
+            section.line_of("FileName"), f"{where} FileName", f"is {named!r}", f"write FileName={file_name}"
         )
     version = section.value("EDSVersion")
     if version and not re.fullmatch(r"\d\.\d", version):
@@ -88,7 +88,7 @@ def _check_file_info(section: Section | None, file_name: str, findings: Findings
 
 
 def _check_device(section: Section, variables: Variables, findings: Findings) -> int:
-    """[DeviceInfo] against the objects; returns the granularity of PDO mapping."""
+    """Check [DeviceInfo] against the objects; return the granularity of PDO mapping."""
     where = f"[{section.name}]"
     for key in _REQUIRED:
         if section.item(key) is None:
@@ -98,22 +98,22 @@ def _check_device(section: Section, variables: Variables, findings: Findings) ->
     if not any(section.value(f"BaudRate_{rate}") not in ("", "0") for rate in BAUD_RATES_KBIT_S):
         findings.error(section.line, where, "supports no bit rate", "set one BaudRate_... to 1")
     for kind in PDO_KINDS:
-        told, found = _number(section, kind.count_key, 512, findings), len(pdo_numbers(variables, kind))
-        if told is not None and told != found:
+        declared, found = _number(section, kind.count_key, 512, findings), len(pdo_numbers(variables, kind))
+        if declared is not None and declared != found:
             findings.error(
                 section.line_of(kind.count_key),
                 f"{where} {kind.count_key}",
-                f"says {told}, {found} are described",
+                f"is {declared}, but {found} are described",
                 f"write {kind.count_key}={found}",
             )
     for sub, key in _IDENTITY.items():
-        told, identity = _number(section, key, 0xFFFFFFFF, findings), variables.get((0x1018, sub))
+        declared, identity = _number(section, key, 0xFFFFFFFF, findings), variables.get((0x1018, sub))
         default = identity.number() if identity else None
-        if told is not None and default is not None and told != default:
+        if declared is not None and default is not None and declared != default:
             findings.warning(
                 section.line_of(key),
                 f"{where} {key}",
-                f"is {told}, 1018h:{sub:02X} is {default}",
+                f"is {declared}, but 1018h:{sub:02X} is {default}",
                 "make them equal",
             )
     lss = _number(section, "LSS_Supported", 1, findings)
@@ -122,7 +122,7 @@ def _check_device(section: Section, variables: Variables, findings: Findings) ->
         findings.error(
             section.line_of("LSS_Supported"),
             f"{where} LSS_Supported",
-            f"is 1, 1018h lacks sub-index {missing[0]} of the LSS address",
+            f"is 1, but 1018h lacks sub-index {missing[0]} of the LSS address",
             "describe 1018h:01 to 04",
         )
     return _number(section, "Granularity", 64, findings) or 0
@@ -137,11 +137,13 @@ def _check_lists(sections: dict[str, Section], findings: Findings) -> None:
                 where = f"[{name}]"
                 if index in listed:
                     findings.error(
-                        line, where, f"{index:04X}h is listed in [{listed[index]}] too", "remove one"
+                        line, where, f"{index:04X}h is also listed in [{listed[index]}]", "remove one"
                     )
                 listed.setdefault(index, name)
                 if not any(index in allowed for allowed in ranges):
-                    findings.error(line, where, f"{index:04X}h does not belong here", "move it to its list")
+                    findings.error(
+                        line, where, f"{index:04X}h is outside this list's range", "move it to its list"
+                    )
                 if f"{index:04x}" not in sections:
                     findings.error(line, where, f"{index:04X}h has no section", f"add [{index:04X}]")
     for index in MANDATORY_OBJECTS:
@@ -153,14 +155,19 @@ def _check_lists(sections: dict[str, Section], findings: Findings) -> None:
     for name, section in sections.items():
         if OBJECT_SECTION.fullmatch(name) and int(name, 16) not in listed and int(name, 16) >= 0x1000:
             findings.error(
-                section.line, f"[{section.name}]", "is in no list of objects", "add it to one and count it"
+                section.line,
+                f"[{section.name}]",
+                "is not in a list of objects",
+                "add it to one and increase SupportedObjects",
             )
         elif not OBJECT_SECTION.fullmatch(name) and not _known(name):
-            findings.warning(section.line, f"[{section.name}]", "is no section of CiA 306", "check its name")
+            findings.warning(
+                section.line, f"[{section.name}]", "is not a section of CiA 306", "check its name"
+            )
 
 
 def _listed(section: Section, findings: Findings) -> list[tuple[int, int]]:
-    """(index, line) of the entries 1, 2, ...; findings where the count or the numbering is wrong."""
+    """Return (index, line) of the entries 1, 2, ...; report a wrong count or numbering."""
     entries = {key: item for key, item in section.items.items() if key != "supportedobjects"}
     count = _number(section, "SupportedObjects", 0xFFFF, findings)
     line = section.line_of("SupportedObjects")
@@ -170,14 +177,17 @@ def _listed(section: Section, findings: Findings) -> list[tuple[int, int]]:
         findings.error(
             line,
             f"[{section.name}]",
-            f"SupportedObjects is {count}, {len(entries)} are listed",
+            f"SupportedObjects is {count}, but {len(entries)} are listed",
             f"write SupportedObjects={len(entries)}",
         )
     found = []
     for place, item in enumerate(entries.values(), start=1):
         if item.key != str(place):
             findings.error(
-                item.line, f"[{section.name}]", f"entry {item.key!r} where {place} is due", "number from 1 on"
+                item.line,
+                f"[{section.name}]",
+                f"entry {item.key!r} instead of '{place}'",
+                "number the entries from 1 on",
             )
         try:
             index = parse_integer(item.value)
@@ -209,7 +219,7 @@ def _known(name: str) -> bool:
 
 
 def _number(section: Section, key: str, highest: int, findings: Findings) -> int | None:
-    """An optional number from 0 to `highest`; None when it is missing, empty or wrong."""
+    """Return an optional number from 0 to `highest`, None when it is missing, empty or wrong."""
     text = section.value(key)
     if not text:
         return None

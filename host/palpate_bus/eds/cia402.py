@@ -15,7 +15,7 @@ TORQUE = (0x6077, 0)
 
 
 class DriveState(enum.Enum):
-    """The states of the 402 state machine, as the statusword tells them."""
+    """States of the CiA 402 power state machine, coded in the statusword."""
 
     NOT_READY = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -41,7 +41,7 @@ _STATUSWORD = (
 
 
 class Controlword(enum.IntEnum):
-    """The commands of the controlword; a fault resets at the rising edge of bit 7."""
+    """Commands of the controlword; a rising edge of bit 7 resets a fault."""
 
     DISABLE_VOLTAGE = 0x00
     QUICK_STOP = 0x02
@@ -52,5 +52,5 @@ class Controlword(enum.IntEnum):
 
 
 def state_of(statusword: int) -> DriveState | None:
-    """The state in a statusword; None for a pattern that the standard does not define."""
+    """Return the state in a statusword, None for a pattern that the standard does not define."""
     return next((state for mask, value, state in _STATUSWORD if statusword & mask == value), None)

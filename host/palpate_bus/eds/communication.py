@@ -1,4 +1,4 @@
-"""What CiA 301 says of the communication objects an EDS file describes: types, access, COB-IDs."""
+"""Checks of an EDS file's communication objects against CiA 301: types, access, COB-IDs."""
 
 from __future__ import annotations
 
@@ -47,14 +47,16 @@ _NOT_WRITABLE = {(0x1000, 0), (0x1001, 0), (0x1002, 0), *((0x1018, sub) for sub 
 _PDO_SUBS = {1: UNSIGNED32, 2: UNSIGNED8, 3: UNSIGNED16, 5: UNSIGNED16, 6: UNSIGNED8}
 
 RESTRICTED = (range(1), range(1, 0x80), range(0x101, 0x181), range(0x6E0, 0x700), range(0x780, 0x800))
-"""CiA 301, restricted CAN-IDs: no PDO, SYNC, TIME or EMCY may take them (SDO's and error control's own
-are checked as duplicates)."""
+"""CiA 301, restricted CAN-IDs, which no PDO, SYNC, TIME or EMCY may use.
+
+The identifiers of SDO and error control are checked as duplicates instead.
+"""
 
 
 def check_communication(
     sections: dict[str, Section], variables: Variables, granularity: int, findings: Findings
 ) -> None:
-    """Every rule of this file. granularity: of PDO mapping in bits, 0: any."""
+    """Apply every rule of this module. granularity: of PDO mapping, in bits; 0 for any."""
     dummies = dummies_of(sections.get("dummyusage"), findings)
     for indices, object_type in ((_ARRAYS, 8), (_RECORDS, 9)):
         for index in indices:
@@ -72,13 +74,13 @@ def check_communication(
 
 
 def _check_object_type(section: Section | None, object_type: int, findings: Findings) -> None:
-    told = section.value("ObjectType").lower() if section else ""
-    if section is not None and told not in ("", f"0x{object_type}", str(object_type), f"0x0{object_type}"):
+    found = section.value("ObjectType").lower() if section else ""
+    if section is not None and found not in ("", f"0x{object_type}", str(object_type), f"0x0{object_type}"):
         kind = OBJECT_TYPES[object_type]
         findings.error(
             section.line_of("ObjectType"),
             f"[{section.name}]",
-            f"ObjectType {told} is not that of CiA 301, {kind}",
+            f"ObjectType {found} is not that of CiA 301, {kind}",
             f"write ObjectType=0x{object_type}",
         )
 
@@ -100,12 +102,15 @@ def _check_type(variable: Variable, findings: Findings) -> None:
         )
     if variable.key in _NOT_WRITABLE and variable.writable:
         findings.error(
-            variable.section.line_of("AccessType"), where, "is writable, CiA 301 says read only", "write ro"
+            variable.section.line_of("AccessType"),
+            where,
+            "is writable, CiA 301 requires read-only",
+            "write AccessType=ro",
         )
 
 
 def _cob_ids(variables: Variables) -> Iterator[tuple[str, Variable]]:
-    """Everything that puts a COB-ID of its own on the bus."""
+    """Yield (label, variable) of every object that contains a COB-ID."""
     names = {(0x1005, 0): "SYNC", (0x1012, 0): "TIME", (0x1014, 0): "EMCY"}
     for key, variable in variables.items():
         index, sub = key

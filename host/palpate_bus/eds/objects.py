@@ -1,4 +1,4 @@
-"""The objects of an EDS file (CiA 306-1, 4.6): sections become variables, with findings on the way."""
+"""Objects of an EDS file (CiA 306-1, 4.6): conversion of sections to variables, with findings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SUB_SECTION = re.compile(r"(?P<index>[0-9a-f]{4})sub(?P<sub>[0-9a-f]{1,2})")
 
 
 def read_objects(sections: dict[str, Section], findings: Findings) -> Variables:
-    """Every variable by (index, sub-index)."""
+    """Return every variable by (index, sub-index)."""
     variables: Variables = {}
     subs: dict[int, dict[int, Section]] = {}
     for name, section in sections.items():
@@ -38,7 +38,7 @@ def read_objects(sections: dict[str, Section], findings: Findings) -> Variables:
             findings.error(
                 section.line,
                 f"[{section.name}]",
-                f"there is no section [{index:04X}] it belongs to",
+                f"the section [{index:04X}] of its object is missing",
                 "add the object's section or remove this one",
             )
     return variables
@@ -53,7 +53,10 @@ def _object(index: int, section: Section, subs: dict[int, Section], findings: Fi
         if object_type not in OBJECT_TYPES:
             names = ", ".join(f"0x{code:X} {name}" for code, name in OBJECT_TYPES.items())
             findings.error(
-                section.line_of("ObjectType"), where, "ObjectType is no object code", f"use one of {names}"
+                section.line_of("ObjectType"),
+                where,
+                "ObjectType is not an object code",
+                f"use one of {names}",
             )
             object_type = 9 if subs else 7
     if object_type not in _WITH_SUBS:
@@ -85,7 +88,7 @@ def _container(index: int, section: Section, subs: dict[int, Section], findings:
         findings.error(
             section.line_of("SubNumber"),
             where,
-            f"SubNumber is {count}, {len(subs)} sub-indices are described",
+            f"SubNumber is {count}, but {len(subs)} sub-indices are described",
             f"write SubNumber={len(subs)} or describe the others",
         )
     highest = variables.get((index, 0))
@@ -97,23 +100,23 @@ def _container(index: int, section: Section, subs: dict[int, Section], findings:
             highest.section.line_of("DataType"),
             f"[{highest.section.name}]",
             "is not UNSIGNED8",
-            "write 0x0005",
+            "write DataType=0x0005",
         )
-    told = highest.number()
+    declared = highest.number()
     is_mapping = index in range(0x1600, 0x1800) or index in range(0x1A00, 0x1C00)
-    grows = is_mapping or index == 0x1003  # their sub-index 0 counts what is in use
-    if told is not None and told != max(subs) and not (grows and told <= max(subs)):
+    counts_used = is_mapping or index == 0x1003  # sub-index 0 is the number of entries in use
+    if declared is not None and declared != max(subs) and not (counts_used and declared <= max(subs)):
         findings.error(
             highest.line,
             f"[{highest.section.name}]",
-            f"says {told}, the highest sub-index described is {max(subs)}",
+            f"is {declared}, but the highest described sub-index is {max(subs)}",
             f"write DefaultValue={max(subs)} or describe the others",
         )
     return variables
 
 
 def _compact(index: int, section: Section, subs: dict[int, Section], findings: Findings) -> Variables:
-    """CiA 306-1: one description for sub-indices 1 to CompactSubObj."""
+    """Return the sub-indices 1 to CompactSubObj, which share one description (CiA 306-1)."""
     count = read_integer(section, "CompactSubObj", findings, 0)
     if not 0 < count <= MAX_SUBINDEX + 1:
         findings.error(

@@ -1,4 +1,4 @@
-"""What CiA 301 says of the PDOs an EDS file describes: parameters that belong together, mappings that fit."""
+"""Checks of an EDS file's PDOs against CiA 301: complete parameters, valid mappings, 64 bits at most."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_MAPPED = 64
 
 @dataclass(frozen=True, slots=True)
 class PdoKind:
-    """TPDO or RPDO: where its parameters lie, and which access its objects need."""
+    """Kind of PDO: label, first indices of its parameters, and its count's key in [DeviceInfo]."""
 
     label: str
     communication: int
@@ -30,7 +30,7 @@ PDOS = 512
 
 
 def pdo_numbers(variables: Variables, kind: PdoKind) -> list[int]:
-    """The PDOs that have communication or mapping parameters, 1-based."""
+    """Return the numbers, from 1 on, of the PDOs that have communication or mapping parameters."""
     numbers = {index - base + 1 for index, _ in variables for base in (kind.communication, kind.mapping)}
     return sorted(number for number in numbers if 1 <= number <= PDOS)
 
@@ -60,36 +60,41 @@ def check_pdo(
         return
     if transmission is not None:
         _check_transmission(label, transmission, kind, findings)
-    told = count.number() or 0
-    if not 0 <= told <= MAX_MAPPED:
-        if not (kind is RPDO and told in (254, 255)):  # SAM-MPDO, DAM-MPDO
+    mapped = count.number() or 0
+    if not 0 <= mapped <= MAX_MAPPED:
+        if not (kind is RPDO and mapped in (254, 255)):  # SAM-MPDO, DAM-MPDO
             findings.error(
-                count.line, f"[{count.section.name}]", f"{told} objects mapped", f"write 0 to {MAX_MAPPED}"
+                count.line, f"[{count.section.name}]", f"maps {mapped} objects", f"write 0 to {MAX_MAPPED}"
             )
         return
     bits = 0
-    for sub in range(1, told + 1):
+    for sub in range(1, mapped + 1):
         slot = variables.get((mapping, sub))
         if slot is None:
             findings.error(
-                count.line, label, f"maps {told} objects, [{mapping:04X}sub{sub}] is missing", "describe it"
+                count.line,
+                label,
+                f"maps {mapped} objects, but [{mapping:04X}sub{sub}] is missing",
+                "describe it",
             )
             return
         bits += _mapped_bits(kind, slot, variables, dummies, findings)
     if bits > MAX_PDO_BITS:
         findings.error(
-            count.line, label, f"maps {bits} bits, a frame carries {MAX_PDO_BITS}", "map fewer objects"
+            count.line, label, f"maps {bits} bits, a frame has {MAX_PDO_BITS}", "map fewer objects"
         )
     elif granularity and bits % granularity:
         findings.error(
             count.line,
             label,
-            f"maps {bits} bits, Granularity is {granularity}",
-            "map whole units or correct Granularity",
+            f"maps {bits} bits, not a multiple of Granularity {granularity}",
+            "map a multiple of it, or correct Granularity",
         )
     enabled = cob_id is not None and not (cob_id.number() or 0) & NOT_VALID
-    if enabled and not told:
-        findings.warning(count.line, label, "is enabled and maps nothing", "map an object or set bit 31")
+    if enabled and not mapped:
+        findings.warning(
+            count.line, label, "is enabled but maps no object", "map one, or set bit 31 of its COB-ID"
+        )
 
 
 def _check_transmission(label: str, variable: Variable, kind: PdoKind, findings: Findings) -> None:
@@ -103,7 +108,10 @@ def _check_transmission(label: str, variable: Variable, kind: PdoKind, findings:
         )
     elif rtr_only:
         findings.warning(
-            variable.line, label, f"transmission type {value} needs remote frames", "use 0 to 240, 254 or 255"
+            variable.line,
+            label,
+            f"transmission type {value} requires remote frames",
+            "use 0 to 240, 254 or 255",
         )
 
 
@@ -114,7 +122,7 @@ def _mapped_bits(
     where = f"[{slot.section.name}]"
     if word is None or word == 0:
         findings.error(
-            slot.line, where, "counts as mapped and names no object", "map one or lower sub-index 0"
+            slot.line, where, "is counted as mapped but contains no object", "map one, or lower sub-index 0"
         )
         return 0
     index, sub, bits = word >> 16, word >> 8 & 0xFF, word & 0xFF
@@ -125,7 +133,7 @@ def _mapped_bits(
                 slot.line,
                 where,
                 f"maps dummy {name}",
-                f"set Dummy{index:04d}=1 in [DummyUsage]" if kind is RPDO else "a TPDO cannot have one",
+                f"set Dummy{index:04d}=1 in [DummyUsage]" if kind is RPDO else "a TPDO cannot map a dummy",
             )
         return bits
     target = variables.get((index, sub))
@@ -147,22 +155,22 @@ def _mapped_bits(
             slot.line,
             where,
             f"maps {name}, whose access is {target.access}",
-            f"a {kind.label} cannot carry it",
+            f"map an object that a {kind.label} may contain",
         )
     if target.info is not None and target.info.bits != bits:
         findings.error(
             slot.line,
             where,
-            f"maps {bits} bits of {name}, a {target.info.name}",
+            f"maps {bits} bits of {name}, whose type is {target.info.name}",
             f"write 0x{(index << 16 | sub << 8 | target.info.bits):08X}"
             if target.info.bits
-            else "map another",
+            else "map another object",
         )
     return bits
 
 
 def dummies_of(section: Section | None, findings: Findings) -> set[int]:
-    """The data types that [DummyUsage] allows."""
+    """Return the data types that [DummyUsage] allows."""
     allowed = set()
     for number in range(1, 8) if section else ():
         assert section is not None

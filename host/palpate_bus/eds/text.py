@@ -1,7 +1,7 @@
-"""The text of an EDS file, line by line: sections, entries, and what is neither (CiA 306-1, 4.2 and 4.3).
+"""Text of an EDS file, line by line: sections, entries and invalid lines (CiA 306-1, 4.2 and 4.3).
 
-Nothing here raises for what stands in the file: any vendor's file comes through, with findings. Names of
-sections and keys are compared without regard to case, as every tool that reads such files does.
+No content of a file raises an exception: any vendor's file is read, with findings. Names of sections and keys
+are case-insensitive, as in every tool that reads such files.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ _INLINE_COMMENT = re.compile(r"(?:^|\s);.*")
 
 
 class Severity(Enum):
-    """ERROR: the file breaks CiA 306 or CiA 301. WARNING: allowed, and likely a mistake."""
+    """Severity of a finding.
+
+    ERROR: the file violates CiA 306 or CiA 301. WARNING: allowed, but probably a mistake.
+    """
 
     ERROR = "error"
     WARNING = "warning"
@@ -30,7 +33,10 @@ class Severity(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong. line: 1-based; 0 when it stands nowhere. where: section and key."""
+    """One problem in a file.
+
+    line: from 1 on; 0 for something missing. where: section and key. way_out: how to correct it.
+    """
 
     line: int
     severity: Severity
@@ -39,15 +45,15 @@ class Finding:
     way_out: str
 
     def text(self, name: str) -> str:
-        """One line for a person and for an editor's "go to line"."""
+        """Return the finding as one line, in the form file:line that editors recognise."""
         place = f"{name}:{self.line}" if self.line else name
-        said = f"{place}: {self.severity.value}: {self.where}: {self.problem}: {self.way_out}"
-        return "".join(character if character.isprintable() else "?" for character in said)
+        message = f"{place}: {self.severity.value}: {self.where}: {self.problem}: {self.way_out}"
+        return "".join(character if character.isprintable() else "?" for character in message)
 
 
 @dataclass(slots=True)
 class Findings:
-    """Collects findings."""
+    """Collection of findings."""
 
     found: list[Finding] = field(default_factory=list)
 
@@ -60,7 +66,7 @@ class Findings:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """``key=value`` and where it stands."""
+    """One entry ``key=value`` and its line."""
 
     key: str
     value: str
@@ -69,7 +75,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """``[name]`` and its entries by lower-case key."""
+    """One section ``[name]`` and its entries by lower-case key."""
 
     name: str
     line: int
@@ -79,18 +85,21 @@ class Section:
         return self.items.get(key.lower())
 
     def value(self, key: str) -> str:
-        """The entry's text, empty when it is missing."""
+        """Return the entry's value, empty when it is missing."""
         item = self.item(key)
         return item.value if item else ""
 
     def line_of(self, key: str) -> int:
-        """The entry's line, else the section's."""
+        """Return the entry's line, or the section's when the entry is missing."""
         item = self.item(key)
         return item.line if item else self.line
 
 
 def read_text(path: Path) -> str:
-    """The file's characters; ConfigError when it cannot be read or is no text. Latin-1 takes every byte."""
+    """Return the file's text, decoded as Latin-1, which accepts every byte.
+
+    Raises ConfigError when the file cannot be read, is larger than MAX_FILE_BYTES or contains a zero byte.
+    """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise ConfigError(f"EDS {path}: larger than {MAX_FILE_BYTES >> 20} MiB: give an EDS file")
@@ -98,12 +107,14 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise ConfigError(f"EDS {path}: cannot be read ({error.strerror}): check the path") from error
     if b"\0" in data:
-        raise ConfigError(f"EDS {path}: byte {data.index(0)} is zero, so it is no text: give an EDS file")
+        raise ConfigError(
+            f"EDS {path}: byte {data.index(0)} is zero, so this is not a text file: give an EDS file"
+        )
     return data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
 
 
 def parse_sections(text: str, findings: Findings) -> dict[str, Section]:
-    """Sections by lower-case name, in the file's order; of what stands twice the first counts."""
+    """Return the sections by lower-case name, in the file's order; of duplicates the first is used."""
     sections: dict[str, Section] = {}
     current: Section | None = None
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
@@ -117,7 +128,7 @@ def parse_sections(text: str, findings: Findings) -> dict[str, Section]:
         if line.startswith("["):
             current = _section(line, number, sections, findings)
         elif current is None:
-            findings.error(number, "line", f"{_short(line)} stands before any section", "remove it")
+            findings.error(number, "line", f"{_short(line)} precedes the first section", "remove it")
         else:
             _entry(line, number, current, findings)
     return sections
@@ -127,11 +138,13 @@ def _section(line: str, number: int, sections: dict[str, Section], findings: Fin
     match = _SECTION.fullmatch(line)
     name = match["name"].strip() if match else line.strip("[]").strip()
     if match is None:
-        findings.error(number, "line", f"{_short(line)} is no [section]", "write the name in brackets alone")
+        findings.error(
+            number, "line", f"{_short(line)} is not a [section] line", "write only the name in brackets"
+        )
     section = Section(name, number)
     first = sections.setdefault(name.lower(), section)
     if first is not section:
-        findings.error(number, f"[{name}]", f"stands in line {first.line} already", "remove one of them")
+        findings.error(number, f"[{name}]", f"is already defined in line {first.line}", "remove one of them")
     return section
 
 
@@ -141,7 +154,7 @@ def _entry(line: str, number: int, section: Section, findings: Findings) -> None
         findings.error(
             number,
             f"[{section.name}]",
-            f"{_short(line)} is no key=value",
+            f"{_short(line)} is not key=value",
             "correct the line or comment it out",
         )
         return
@@ -151,7 +164,10 @@ def _entry(line: str, number: int, section: Section, findings: Findings) -> None
     first = section.items.setdefault(key.lower(), item)
     if first is not item:
         findings.error(
-            number, f"[{section.name}] {key}", f"stands in line {first.line} already", "remove one of them"
+            number,
+            f"[{section.name}] {key}",
+            f"is already defined in line {first.line}",
+            "remove one of them",
         )
 
 

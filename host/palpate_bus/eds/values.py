@@ -1,4 +1,4 @@
-"""Data types of CiA 301 (objects 0001h to 001Bh) and how CiA 306 writes their values."""
+"""Data types of CiA 301 (objects 0001h to 001Bh) and the notation of their values in CiA 306."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ Value = int | float | str
 
 @dataclass(frozen=True, slots=True)
 class DataTypeInfo:
-    """bits: 0 where the length varies. low, high: range of an integer, None for other types."""
+    """One data type.
+
+    bits: length, 0 when it varies. low, high: range of an integer type, None for other types.
+    """
 
     name: str
     bits: int
@@ -69,25 +72,25 @@ _OCTAL = re.compile(r"0[0-7]+")
 
 
 def parse_integer(text: str, node_id: int | None = None) -> int:
-    """A number as CiA 306 writes it: decimal, 0x hexadecimal, 0 octal; ``$NODEID+0x180`` with a node id.
+    """Parse a number in the notation of CiA 306: decimal, 0x hexadecimal, 0 octal.
 
-    Raises ValueError with the reason.
+    With a node id, ``$NODEID+0x180`` is accepted as well. Raises ValueError with the reason.
     """
     written = text
     offset = 0
     if node_id is not None and "$NODEID" in text.upper():
         text, count = _NODE_ID.subn(" ", text)
         if count != 1:
-            raise ValueError(f"{written!r} names $NODEID {count} times")
+            raise ValueError(f"{written!r} contains $NODEID {count} times")
         text, offset = text.strip() or "0", node_id
     try:
         return (int(text, 8) if _OCTAL.fullmatch(text) else int(text, 0)) + offset
     except ValueError:
-        raise ValueError(f"{written[:40]!r} is no number") from None
+        raise ValueError(f"{written[:40]!r} is not a number") from None
 
 
 def parse_value(info: DataTypeInfo, text: str, node_id: int) -> Value:
-    """A value of the data type. A signed type may be written in hexadecimal as its bits.
+    """Parse a value of the data type. A negative value may be given as its bits in hexadecimal.
 
     Raises ValueError with the reason.
     """
@@ -103,5 +106,5 @@ def parse_value(info: DataTypeInfo, text: str, node_id: int) -> Value:
     if info.low < 0 and text.lower().startswith("0x") and info.high < number < 1 << info.bits:
         number -= 1 << info.bits
     if not info.low <= number <= info.high:
-        raise ValueError(f"{text[:40]} is outside {info.name}, {info.low} to {info.high}")
+        raise ValueError(f"{text[:40]} is outside the range of {info.name}, {info.low} to {info.high}")
     return number

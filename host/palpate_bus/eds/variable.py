@@ -1,4 +1,4 @@
-"""One sub-index of an EDS file (CiA 306-1, 4.6): name, data type, access, default and limits, checked."""
+"""Reader of one sub-index of an EDS file: name, type, access, default and limits (CiA 306-1, 4.6)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate_bus.eds.values import (
 )
 
 NODE_ID = 1
-"""Formulas with $NODEID are worked out for this node; no rule depends on which one."""
+"""Formulas with $NODEID are evaluated for this node id; no rule depends on its value."""
 
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 MAX_NAME = 241
@@ -26,7 +26,7 @@ MAX_SUBINDEX = 0xFE
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One sub-index as the file describes it; what is missing or wrong is None or empty."""
+    """One sub-index as described in the file; missing or wrong entries are None or empty."""
 
     index: int
     subindex: int
@@ -55,7 +55,7 @@ class Variable:
         return self.section.line_of("DefaultValue")
 
     def number(self) -> int | None:
-        """The default of an integer type."""
+        """Return the default of an integer type, None for other types or without a default."""
         return self.default if isinstance(self.default, int) else None
 
 
@@ -67,7 +67,7 @@ def read_variable(index: int, sub: int, section: Section, object_type: int, find
     if sub or section.name.lower().endswith("sub0"):
         check_name(section, findings)
         if sub > MAX_SUBINDEX and sub != 0xFF:
-            findings.error(section.line, where, "sub-index above FEh", "use 0 to FE")
+            findings.error(section.line, where, "sub-index above FEh", "use 00h to FEh")
     data_type = _data_type(section, object_type, findings)
     info = DATA_TYPES.get(data_type)
     access = section.value("AccessType").lower()
@@ -83,7 +83,10 @@ def read_variable(index: int, sub: int, section: Section, object_type: int, find
     mappable = _flag(section, "PDOMapping", findings)
     if mapping and mappable and info is not None and info.is_text:
         findings.error(
-            section.line_of("PDOMapping"), where, f"a {info.name} cannot be in a PDO", "write PDOMapping=0"
+            section.line_of("PDOMapping"),
+            where,
+            f"{info.name} cannot be mapped into a PDO",
+            "write PDOMapping=0",
         )
     default = _limited(section, info, findings)
     return Variable(
@@ -103,14 +106,14 @@ def _data_type(section: Section, object_type: int, findings: Findings) -> int:
         findings.error(
             section.line_of("DataType"),
             where,
-            f"DataType {section.value('DataType')[:20]!r} is none of CiA 301",
+            f"DataType {section.value('DataType')[:20]!r} is not a data type of CiA 301",
             "use 0x0001 to 0x001B",
         )
     return data_type
 
 
 def _limited(section: Section, info: DataTypeInfo | None, findings: Findings) -> Value | None:
-    """The default, checked against the data type and the limits."""
+    """Return the default after checking it against the data type and the limits."""
     values: dict[str, Value] = {}
     for key in ("LowLimit", "HighLimit", "DefaultValue"):
         text = section.value(key)
@@ -118,7 +121,7 @@ def _limited(section: Section, info: DataTypeInfo | None, findings: Findings) ->
             continue
         if info.is_text and key != "DefaultValue":
             findings.warning(
-                section.line_of(key), f"[{section.name}] {key}", f"a {info.name} has no limits", "remove it"
+                section.line_of(key), f"[{section.name}] {key}", f"{info.name} has no limits", "remove it"
             )
             continue
         try:
@@ -131,7 +134,7 @@ def _limited(section: Section, info: DataTypeInfo | None, findings: Findings) ->
     where = f"[{section.name}]"
     if isinstance(low, int | float) and isinstance(high, int | float) and low > high:
         findings.error(
-            section.line_of("LowLimit"), where, f"LowLimit {low} is above HighLimit {high}", "exchange them"
+            section.line_of("LowLimit"), where, f"LowLimit {low} is above HighLimit {high}", "swap them"
         )
     elif isinstance(default, int | float):
         if isinstance(low, int | float) and default < low:
@@ -155,7 +158,7 @@ def check_name(section: Section, findings: Findings) -> None:
     name = section.value("ParameterName")
     if not name:
         line = section.line_of("ParameterName")
-        findings.error(line, f"[{section.name}]", "has no ParameterName", "name it")
+        findings.error(line, f"[{section.name}]", "has no ParameterName", "add one")
     elif len(name) > MAX_NAME:
         findings.error(
             section.line_of("ParameterName"),

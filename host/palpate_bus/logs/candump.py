@@ -8,9 +8,9 @@
     (1700000000.123456) can0 190#0011223344556677
     (1700000000.123587) can0 701#R
 
-A remote frame is ``R`` and, unless zero, its DLC. Time is Unix time in integer microseconds, written and
-read without floating point and without a time zone. Source of the line format: can-utils, lib.h and
-candump(1).
+A remote frame is written as ``R``, followed by its DLC unless that is 0. Time is Unix time in integer
+microseconds, converted without floating point and without a time zone. Source of the line format: can-utils,
+lib.h and candump(1).
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ _LINE = re.compile(
     r"(?P<id>[0-9A-Fa-f]{3})#(?:(?P<remote>R)(?P<dlc>[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?: [RT])?"
 )
 _FOREIGN_LINE = re.compile(r"\([0-9]{1,12}\.[0-9]{6}\) [^\s#]+ (?:[0-9A-Fa-f]{8}#|[0-9A-Fa-f]{3,8}##).*")
-"""29-bit, error and FD frames: the log is sound, CANopen has none of them."""
+"""Valid lines of 29-bit, error and FD frames, which CANopen does not use."""
 _HEADER_LINE = re.compile(r"# (?P<key>[!-9;-~]+): (?P<value>.*)")
 
 
 class LogError(BusError):
-    """A bus log cannot be read: garbled, cut off, or of another format."""
+    """A bus log cannot be read or written: damaged, truncated, or of another format."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogRecord:
-    """One frame of a log. stamp_us: when it won the wire, Unix time in us."""
+    """One frame of a log. stamp_us: start of frame, Unix time in us."""
 
     stamp_us: int
     frame: CanFrame
@@ -53,29 +53,35 @@ class LogRecord:
 
 @dataclass(frozen=True, slots=True)
 class LogHeader:
-    """The ``# key: value`` lines at the top, in order."""
+    """The ``# key: value`` lines at the beginning of a log, in order."""
 
     entries: Mapping[str, str] = field(default_factory=dict)
 
     def lines(self) -> list[str]:
-        """The header's lines without line ends; raises LogError for what does not fit on one ASCII line."""
+        """Return the header's lines without line ends.
+
+        Raises LogError for a key or value that cannot be written on one ASCII line.
+        """
         lines = [f"# {key}: {value}" for key, value in {FORMAT_KEY: FORMAT_VERSION, **self.entries}.items()]
         for line in lines:
             if _HEADER_LINE.fullmatch(line) is None or not (line.isascii() and line.isprintable()):
-                raise LogError(f"log header line {line!r}: key without space or colon, value on one line")
+                raise LogError(
+                    f"log header line {line!r}: write a key without space or colon, and a printable ASCII"
+                    " value on one line"
+                )
         return lines
 
 
 @dataclass(frozen=True, slots=True)
 class BusLog:
-    """A whole log."""
+    """Header and records of a log."""
 
     header: LogHeader
     records: tuple[LogRecord, ...]
 
 
 def format_record(record: LogRecord) -> str:
-    """The record's line without line end."""
+    """Return the record's line without line end."""
     seconds, micros = divmod(record.stamp_us, 1_000_000)
     frame = record.frame
     content = f"R{len(frame.data) or ''}" if frame.remote else frame.data.hex().upper()
@@ -83,13 +89,13 @@ def format_record(record: LogRecord) -> str:
 
 
 def parse_record(line: str) -> LogRecord:
-    """The record of one line (without line end).
+    """Parse one line (without line end).
 
-    Raises ValueError with the reason; 29-bit, FD and error frames are refused, CANopen has none.
+    Raises ValueError with the reason, also for 29-bit, FD and error frames, which CANopen does not use.
     """
     match = _LINE.fullmatch(line)
     if match is None:
-        raise ValueError(f"{line[:60]!r} is no line of candump -L with a classic 11-bit frame")
+        raise ValueError(f"{line[:60]!r} is not a line of candump -L with a classic 11-bit frame")
     can_id = int(match["id"], 16)
     if can_id > MAX_STANDARD_ID:
         raise ValueError(f"identifier {can_id:#x} has more than 11 bits")
@@ -101,11 +107,11 @@ def parse_record(line: str) -> LogRecord:
 
 
 def read_log(path: Path, skip_foreign: bool = False) -> BusLog:
-    """Reads a whole log. A log of plain candump, without a header, is read as well.
+    """Read a whole log, with or without a header.
 
-    skip_foreign: leave 29-bit, error and FD frames out instead of refusing them.
-    Raises LogError naming file and line for a garbled line, a last line without its line end, time that
-    runs backwards, or a header of another version.
+    skip_foreign: omit 29-bit, error and FD frames instead of raising LogError for them.
+    Raises LogError with file and line for an invalid line, a last line without line end, a decreasing time
+    stamp, or a header of another version.
     """
     try:
         data = path.read_bytes()
@@ -115,16 +121,19 @@ def read_log(path: Path, skip_foreign: bool = False) -> BusLog:
 
 
 def parse_log(path: Path, data: bytes, skip_foreign: bool = False) -> BusLog:
-    """The log in the bytes of a file; `path` is for messages. As `read_log`."""
+    """Parse the bytes of a log file like `read_log`; `path` is used in messages only."""
     try:
         text = data.decode("ascii")
     except UnicodeDecodeError as error:
         raise LogError(
-            f"bus log {path}: byte {error.start} is not ASCII: no candump log, or damaged"
+            f"bus log {path}: byte {error.start} is not ASCII, so the file is damaged or not a candump log:"
+            " give another file"
         ) from error
     lines = text.split("\n")
     if lines.pop() != "":
-        raise LogError(f"bus log {path}, line {len(lines) + 1}: cut off: remove the line or record again")
+        raise LogError(
+            f"bus log {path}, line {len(lines) + 1}: truncated: remove the line or record the log again"
+        )
     header, first = _read_header(path, lines)
     records: list[LogRecord] = []
     for number, line in enumerate(lines[first:], start=first + 1):
@@ -134,30 +143,31 @@ def parse_log(path: Path, data: bytes, skip_foreign: bool = False) -> BusLog:
             records.append(parse_record(line))
         except ValueError as error:
             raise LogError(
-                f"bus log {path}, line {number}: {error}: remove the line or record again"
+                f"bus log {path}, line {number}: {error}: remove the line or record the log again"
             ) from error
         if len(records) > 1 and records[-1].stamp_us < records[-2].stamp_us:
             raise LogError(
-                f"bus log {path}, line {number}: time runs backwards: sort the log or record again"
+                f"bus log {path}, line {number}: time stamp decreases: sort the log or record it again"
             )
     return BusLog(header, tuple(records))
 
 
 def _read_header(path: Path, lines: list[str]) -> tuple[LogHeader, int]:
-    """The header and the number of lines it has."""
+    """Return the header and its number of lines."""
     entries: dict[str, str] = {}
     for number, line in enumerate(itertools.takewhile(_is_comment, lines), start=1):
         match = _HEADER_LINE.fullmatch(line)
         if match is None or match["key"] in entries:
             raise LogError(
-                f"bus log {path}, line {number}: header line {line[:60]!r} is not a new '# key: value'"
+                f"bus log {path}, line {number}: header line {line[:60]!r} is not '# key: value' with a new"
+                " key: correct or remove it"
             )
         entries[match["key"]] = match["value"]
     entry_count = len(entries)
     version = entries.pop(FORMAT_KEY, FORMAT_VERSION)
     if version != FORMAT_VERSION:
         raise LogError(
-            f"bus log {path}: format {version}, this palpate reads {FORMAT_VERSION}: update palpate"
+            f"bus log {path}: format version {version}, this palpate reads {FORMAT_VERSION}: update palpate"
         )
     return LogHeader(entries), entry_count
 
@@ -167,7 +177,7 @@ def _is_comment(line: str) -> bool:
 
 
 class LogWriter:
-    """Writes a log line by line. Raises LogError when the file cannot be made or written."""
+    """Writer of a log, line by line. Raises LogError when the file cannot be created or written."""
 
     def __init__(self, path: Path, header: LogHeader | None = None) -> None:
         lines = (header or LogHeader()).lines()
@@ -179,18 +189,18 @@ class LogWriter:
         self._write("".join(f"{line}\n" for line in lines))
 
     def write(self, record: LogRecord) -> None:
-        """Appends one record (buffered)."""
+        """Append one record (buffered)."""
         self._write(format_record(record) + "\n")
 
     def flush(self) -> None:
-        """Hands all that was written to the operating system, whole lines only."""
+        """Flush the buffer to the operating system, in whole lines."""
         try:
             self._file.flush()
         except OSError as error:
             raise LogError(f"bus log {self._path}: {error.strerror}: free some space") from error
 
     def close(self) -> None:
-        """Flushes and closes; a second call does nothing."""
+        """Flush and close; a second call has no effect."""
         if not self._file.closed:
             self.flush()
             self._file.close()
@@ -211,7 +221,7 @@ class LogWriter:
 
 
 def write_log(path: Path, header: LogHeader, records: Iterable[LogRecord]) -> None:
-    """Writes a whole log."""
+    """Write a whole log."""
     with LogWriter(path, header) as writer:
         for record in records:
             writer.write(record)

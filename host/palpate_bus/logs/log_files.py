@@ -1,7 +1,8 @@
-"""Bus logs of any usual format: candump -L (also gzipped), Vector ASC, Vector BLF. They are only read.
+"""Reader of bus logs in the common formats: candump -L (also gzipped), Vector ASC, Vector BLF.
 
-ASC and BLF are read by python-can, which stops silently at some damages; what can be told from outside
-(a length, an order of time) is checked here. 29-bit, FD and error frames are left out: CANopen has none.
+ASC and BLF are read by python-can, which stops without an error at some kinds of damage. The file's length
+and the order of time stamps are therefore checked here. 29-bit, FD and error frames, which CANopen does not
+use, are omitted.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ from palpate_bus.logs.candump import BusLog, LogError, LogHeader, LogRecord, par
 from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, CanFrame
 
 MAX_LOG_BYTES = 1 << 30
-_RELATIVE_LIMIT_S = 1e6  # ASC without a date counts from zero
+_RELATIVE_LIMIT_S = 1e6  # time stamps of ASC without a date begin at 0
 EPOCH_OF_RELATIVE_US = 1_700_000_000_000_000
-"""Where logs are put whose time counts from zero, so that they have an age like others."""
+"""Begin of logs whose time stamps begin at 0, so that they have absolute times like other logs."""
 
 _READ_ERRORS = (ValueError, IndexError, KeyError, TypeError, OverflowError, struct.error, zlib.error, OSError)
 
 
 def read_any_log(path: Path) -> BusLog:
-    """The log, by its name's ending: .asc, .blf, .gz, else candump.
+    """Read a log in the format given by its name: .asc, .blf, .gz, otherwise candump.
 
-    LogError, naming file and line or byte, when it cannot be read, is damaged or holds no frame.
+    Raises LogError with file and line or byte when it cannot be read, is damaged or contains no frame.
     """
     try:
         if path.stat().st_size > MAX_LOG_BYTES:
-            raise LogError(f"bus log {path}: larger than {MAX_LOG_BYTES >> 30} GiB: cut it")
+            raise LogError(f"bus log {path}: larger than {MAX_LOG_BYTES >> 30} GiB: split it")
         data = path.read_bytes()
     except OSError as error:
         raise LogError(f"bus log {path}: {error.strerror}: check the path") from error
@@ -46,7 +47,7 @@ def read_any_log(path: Path) -> BusLog:
     else:
         log = parse_log(path, _unzipped(path, data) if suffix == ".gz" else data, skip_foreign=True)
     if not log.records:
-        raise LogError(f"bus log {path}: holds no frame of CANopen: give another or record it anew")
+        raise LogError(f"bus log {path}: contains no CANopen frame: give another log or record it again")
     return log
 
 
@@ -55,17 +56,17 @@ def _unzipped(path: Path, data: bytes) -> bytes:
         opened = zlib.decompressobj(wbits=31)
         plain = opened.decompress(data, MAX_LOG_BYTES)
     except (gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(f"bus log {path}: no gzip file, or damaged ({error}): pack it anew") from error
+        raise LogError(f"bus log {path}: not a gzip file, or damaged ({error}): compress it again") from error
     if not opened.eof:
-        raise LogError(f"bus log {path}: cut off at byte {len(data)}: copy it anew")
+        raise LogError(f"bus log {path}: truncated at byte {len(data)}: copy it again")
     return plain
 
 
 class _AscLines:
-    """An ASC file for python-can's reader, which knows its line.
+    """Lines of an ASC file for python-can's reader, with the current line's number.
 
-    That reader takes the first line after the header for another line of it, and so loses a frame in files
-    without "internal events logged": they get that line here.
+    That reader treats the first line after the header as a header line, and so loses a frame in files without
+    "internal events logged". This class inserts that line.
     """
 
     def __init__(self, file: TextIO) -> None:
@@ -115,10 +116,12 @@ def _byte(file: BinaryIO) -> str:
     return "the end" if file.closed else f"byte {file.tell()}"
 
 
-def _check_length(path: Path, told: int) -> None:
+def _check_length(path: Path, expected: int) -> None:
     length = path.stat().st_size
-    if length < told:
-        raise LogError(f"bus log {path}, byte {length}: cut off, its header tells {told} bytes: copy it anew")
+    if length < expected:
+        raise LogError(
+            f"bus log {path}, byte {length}: truncated, its header gives {expected} bytes: copy it again"
+        )
 
 
 def _damaged(path: Path, place: str, error: Exception) -> LogError:
@@ -131,18 +134,23 @@ def _damaged(path: Path, place: str, error: Exception) -> LogError:
 
 
 def _records(path: Path, messages: Iterable[can.Message], place: Any) -> Iterator[LogRecord]:
-    """The classic 11-bit data and remote frames, in the order of time."""
+    """Yield the classic 11-bit data and remote frames; raise LogError when a time stamp decreases."""
     last_us: int | None = None
     for message in messages:
         if message.is_error_frame or message.is_extended_id or message.is_fd:
             continue
         data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
         if not 0 <= message.arbitration_id <= 0x7FF or len(data) > MAX_DATA_BYTES:
-            raise LogError(f"bus log {path}, {place()}: no CAN frame: identifier {message.arbitration_id:X}")
+            raise LogError(
+                f"bus log {path}, {place()}: not a CAN frame: identifier 0x{message.arbitration_id:X},"
+                f" {len(data)} data bytes: record the log again"
+            )
         stamp_us = round(message.timestamp * 1e6)
         if message.timestamp < _RELATIVE_LIMIT_S:
             stamp_us += EPOCH_OF_RELATIVE_US
         if stamp_us < 0 or (last_us is not None and stamp_us < last_us):
-            raise LogError(f"bus log {path}, {place()}: time runs backwards: sort the log or record again")
+            raise LogError(
+                f"bus log {path}, {place()}: time stamp decreases: sort the log or record it again"
+            )
         last_us = stamp_us
         yield LogRecord(stamp_us, CanFrame(message.arbitration_id, data, message.is_remote_frame))

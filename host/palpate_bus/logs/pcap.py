@@ -21,20 +21,20 @@ _CAN_HEADER = Struct(">IBxxx")
 
 
 def pcap_bytes(records: Iterable[LogRecord]) -> bytes:
-    """The pcap file of the records, in their order, with exact microseconds."""
+    """Return the contents of a pcap file with the records, in their order, with exact microseconds."""
     parts = [_FILE_HEADER.pack(0xA1B2C3D4, 2, 4, 0, 0, 65535, LINKTYPE_CAN_SOCKETCAN)]
     for record in records:
         seconds, micros = divmod(record.stamp_us, 1_000_000)
         frame = record.frame
         identifier = frame.can_id | (_REMOTE_FLAG if frame.remote else 0)
-        # A remote frame says a length and has no data behind it.
+        # A remote frame has a length but no data.
         packet = _CAN_HEADER.pack(identifier, len(frame.data)) + (b"" if frame.remote else frame.data)
         parts += [_RECORD_HEADER.pack(seconds, micros, len(packet), len(packet)), packet]
     return b"".join(parts)
 
 
 def write_pcap(path: Path, records: Iterable[LogRecord]) -> None:
-    """Writes the pcap file; raises LogError when it cannot be written."""
+    """Write the pcap file. Raises LogError when it cannot be written."""
     try:
         path.write_bytes(pcap_bytes(records))
     except OSError as error:

@@ -51,30 +51,30 @@ def test_our_files_are_without_a_finding(path):
         ("FileInfo", "CreationDate=11-21-2026", "CreationDate=21.11.2026", "is '21.11.2026'"),
         ("FileInfo", "EDSVersion=4.0", "EDSVersion=four", "is 'four'"),
         ("FileInfo", "FileRevision=1", "FileRevision=256", "is 256"),
-        ("DeviceInfo", "BaudRate_125=1", "BaudRate_125=yes", "'yes' is no number"),
-        ("DeviceInfo", "NrOfTXPDO=2", "NrOfTXPDO=3", "says 3, 2 are described"),
+        ("DeviceInfo", "BaudRate_125=1", "BaudRate_125=yes", "'yes' is not a number"),
+        ("DeviceInfo", "NrOfTXPDO=2", "NrOfTXPDO=3", "is 3, but 2 are described"),
         ("DeviceInfo", "LSS_Supported=0", "LSS_Supported=2", "is 2"),
         (
             "MandatoryObjects",
             "SupportedObjects=3",
             "SupportedObjects=4",
-            "SupportedObjects is 4, 3 are listed",
+            "SupportedObjects is 4, but 3 are listed",
         ),
-        ("MandatoryObjects", "3=0x1018", "3=0x1019", "1019h does not belong here"),
-        ("MandatoryObjects", "2=0x1001", "7=0x1001", "entry '7' where 2 is due"),
+        ("MandatoryObjects", "3=0x1018", "3=0x1019", "1019h is outside this list's range"),
+        ("MandatoryObjects", "2=0x1001", "7=0x1001", "entry '7' instead of '2'"),
         ("OptionalObjects", "1=0x1005", "1=0x1006", "1006h has no section"),
         ("1000", "ParameterName=Device type", "ParameterName=", "has no ParameterName"),
         ("1000", "DataType=0x0007", "DataType=0x0006", "DataType 0x0006 is not that of CiA 301"),
-        ("1000", "DataType=0x0007", "DataType=0x0017", "is none of CiA 301"),
-        ("1000", "AccessType=const", "AccessType=rw", "is writable, CiA 301 says read only"),
+        ("1000", "DataType=0x0007", "DataType=0x0017", "is not a data type of CiA 301"),
+        ("1000", "AccessType=const", "AccessType=rw", "is writable, CiA 301 requires read-only"),
         ("1000", "AccessType=const", "AccessType=readonly", "AccessType is 'readonly'"),
-        ("1000", "ObjectType=0x7", "ObjectType=0x4", "is no object code"),
-        ("1001", "DefaultValue=0", "DefaultValue=256", "is outside UNSIGNED8, 0 to 255"),
-        ("1001", "DefaultValue=0", "DefaultValue=none", "'none' is no number"),
+        ("1000", "ObjectType=0x7", "ObjectType=0x4", "is not an object code"),
+        ("1001", "DefaultValue=0", "DefaultValue=256", "is outside the range of UNSIGNED8, 0 to 255"),
+        ("1001", "DefaultValue=0", "DefaultValue=none", "'none' is not a number"),
         ("1001", "PDOMapping=1", "PDOMapping=2", "is 2"),
-        ("1018", "SubNumber=5", "SubNumber=4", "SubNumber is 4, 5 sub-indices are described"),
+        ("1018", "SubNumber=5", "SubNumber=4", "SubNumber is 4, but 5 sub-indices are described"),
         ("1018", "ObjectType=0x9", "ObjectType=0x8", "is not that of CiA 301, RECORD"),
-        ("1018sub0", "DefaultValue=4", "DefaultValue=3", "says 3, the highest sub-index described is 4"),
+        ("1018sub0", "DefaultValue=4", "DefaultValue=3", "is 3, but the highest described sub-index is 4"),
         ("1018sub0", "DataType=0x0005", "DataType=0x0006", "is not UNSIGNED8"),
         ("1600sub0", "DefaultValue=3", "DefaultValue=9", "above HighLimit 8"),
         ("1600sub0", "LowLimit=0", "LowLimit=9", "LowLimit 9 is above HighLimit 8"),
@@ -84,7 +84,7 @@ def test_our_files_are_without_a_finding(path):
             "1A00sub1",
             "DefaultValue=0x60640020",
             "DefaultValue=0x60640010",
-            "maps 16 bits of 6064h:00, a INTEGER32",
+            "maps 16 bits of 6064h:00, whose type is INTEGER32",
         ),
         (
             "1A00sub1",
@@ -94,13 +94,18 @@ def test_our_files_are_without_a_finding(path):
         ),
         ("1A00sub1", "DefaultValue=0x60640020", "DefaultValue=0x10170010", "1017h:00, whose PDOMapping is 0"),
         ("1A00sub1", "DefaultValue=0x60640020", "DefaultValue=0x00070020", "maps dummy 0007h:00"),
-        ("1A00sub2", "DefaultValue=0x606C0020", "DefaultValue=0", "counts as mapped and names no object"),
+        (
+            "1A00sub2",
+            "DefaultValue=0x606C0020",
+            "DefaultValue=0",
+            "is counted as mapped but contains no object",
+        ),
         ("1600sub1", "DefaultValue=0x60400010", "DefaultValue=0x60410010", "6041h:00, whose access is ro"),
         ("1800sub1", "$NODEID+0x40000180", "$NODEID+0x40000280", None),  # found at TPDO 2, below
         ("1801sub1", "$NODEID+0x40000280", "$NODEID+0x40000180", "the identifier of TPDO 1"),
         ("1801sub1", "$NODEID+0x40000280", "$NODEID+0x580", "TPDO 2 has the identifier of SDO server 1"),
         ("1801sub1", "$NODEID+0x40000280", "0x00000001", "restricted identifier 001h"),
-        ("1400sub1", "$NODEID+0x200", "$NODEID+$NODEID", "names $NODEID 2 times"),
+        ("1400sub1", "$NODEID+0x200", "$NODEID+$NODEID", "contains $NODEID 2 times"),
     ],
 )
 def test_each_mistake_is_found_in_its_line(section, old, new, problem):
@@ -123,18 +128,18 @@ def test_a_pdo_of_more_than_64_bits():
     start = text.index("[1A00sub3]")
     text = text[:start] + text[start:].replace("DefaultValue=0x00000000", "DefaultValue=0x60770010", 1)
     (found,) = errors(text)
-    assert (found.line, found.problem) == (line, "maps 80 bits, a frame carries 64")
+    assert (found.line, found.problem) == (line, "maps 80 bits, a frame has 64")
 
 
 @pytest.mark.parametrize(
     ("text", "line", "problem"),
     [
-        ("x=1\n", 1, "stands before any section"),
-        ("[FileInfo]\nFileName\n", 2, "is no key=value"),
-        ("[FileInfo]\n[FileInfo]\n", 2, "stands in line 1 already"),
-        ("[FileInfo\n", 1, "is no [section]"),
-        ("[1018sub1]\nParameterName=a\n", 1, "there is no section [1018] it belongs to"),
-        ("[1000]\n[1000]\n", 2, "stands in line 1 already"),
+        ("x=1\n", 1, "precedes the first section"),
+        ("[FileInfo]\nFileName\n", 2, "is not key=value"),
+        ("[FileInfo]\n[FileInfo]\n", 2, "is already defined in line 1"),
+        ("[FileInfo\n", 1, "is not a [section] line"),
+        ("[1018sub1]\nParameterName=a\n", 1, "the section [1018] of its object is missing"),
+        ("[1000]\n[1000]\n", 2, "is already defined in line 1"),
         ("", 0, "is missing"),
     ],
 )
@@ -184,7 +189,7 @@ def test_a_foreign_exporter_is_read_and_its_faults_are_named():
     """durand 0.5.0 writes ARRAY for records, a float into UNSIGNED16 and no bit rate."""
     text = durand.node.MinimalNode(Silent(), 2).eds.content
     problems = {(found.where, found.problem) for found in errors(text)}
-    assert ("[1015] DefaultValue", "'0.0' is no number") in problems
+    assert ("[1015] DefaultValue", "'0.0' is not a number") in problems
     assert ("[DeviceInfo]", "supports no bit rate") in problems
     assert ("[1018]", "ObjectType 0x8 is not that of CiA 301, RECORD") in problems
 
@@ -244,7 +249,9 @@ def test_the_command_prints_line_and_count_and_fails(tmp_path):
     result = CliRunner().invoke(bus, ["check-eds", str(path), str(CIA402_EDS)])
     assert result.exit_code == 1
     said = result.output.splitlines()
-    assert said[0].startswith(f"{path}:{line}: error: [1001] DefaultValue: 256 is outside UNSIGNED8")
+    assert said[0].startswith(
+        f"{path}:{line}: error: [1001] DefaultValue: 256 is outside the range of UNSIGNED8"
+    )
     assert said[1:] == [f"{path}: 1 errors, 0 warnings", f"{CIA402_EDS}: 0 errors, 0 warnings"]
     assert CliRunner().invoke(bus, ["check-eds", str(CIA402_EDS)]).exit_code == 0
 

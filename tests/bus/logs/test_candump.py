@@ -135,8 +135,8 @@ def test_time_zone_has_no_say(tmp_path, monkeypatch):
     ("text", "said"),
     [
         ("(1.000000) can0 190#00\n(1.000001) can0 190#0\n", "line 2"),
-        ("(1.000000) can0 190#00\n(1.000001) can0 19", "line 2: cut off"),
-        ("(2.000000) can0 190#00\n(1.000001) can0 190#\n", "line 2: time runs backwards"),
+        ("(1.000000) can0 190#00\n(1.000001) can0 19", "line 2: truncated"),
+        ("(2.000000) can0 190#00\n(1.000001) can0 190#\n", "line 2: time stamp decreases"),
         ("(1.0) can0 190#00\n", "line 1"),
         ("(1.000000) can0 12345678#00\n", "line 1"),
         ("(1.000000) can0 800#00\n", "line 1: identifier 0x800 has more than 11 bits"),
@@ -145,7 +145,7 @@ def test_time_zone_has_no_say(tmp_path, monkeypatch):
         ("(1.000000) can0 190#00\n# late: header\n", "line 2"),
         ("# key: 1\n# key: 2\n", "line 2"),
         ("# no value\n", "line 1"),
-        ("# palpate-log: 2\n", "format 2, this palpate reads 1"),
+        ("# palpate-log: 2\n", "format version 2, this palpate reads 1"),
         ("\u00fc\n", "byte 0 is not ASCII"),
     ],
 )

@@ -162,7 +162,7 @@ def test_objects_are_written_in_their_unit_and_read_back(hub, fingertips):
         (
             ("write", "0x10", "1017", "soon"),
             ConfigError,
-            "'soon' is no number: give a number, or one with the unit ms",
+            "'soon' is not a number: give a number, or one with the unit ms",
         ),
         (("write", "0x10", "1A00:0", "9"), ConfigError, "out of range: give 0 to 8"),
         (("read", "0x10", "no such name"), ConfigError, "has no object named 'no such name'"),
