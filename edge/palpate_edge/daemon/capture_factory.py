@@ -14,33 +14,55 @@ from palpate_edge.capture.v4l2.formats import PixelCode
 from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
+from palpate_edge.daemon.capture_sources import find_opener
 from palpate_edge.daemon.config import CaptureConfig, FingertipConfig
 from palpate_edge.datasets.recording import RealTimeSource, open_recording
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.estimation.calibration import Calibration
 
+SourceOpener = Callable[[FingertipConfig, Calibration, LocalClock, Callable[[str], None]], Source]
+"""Opens a source from configuration, calibration, the clock of exposure times, and a function that takes one
+line for each setting that differs from the request. Raises CaptureError, DatasetError or CalibrationError."""
+
 
 def open_source(
     config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
 ) -> Source:
-    """Open the configured source. report: called with one line for each setting that differs from the
-    request.
+    """Open the configured source (a `SourceOpener` for all kinds).
 
     Raises DatasetError, CaptureError, or CalibrationError for frames of another sensor.
     """
-    calibration_path = Path(config.estimator.calibration)
     if config.estimator.sensor:
         description = Path(config.estimator.sensor)
-        check_sensor(calibration, calibration_path, read_sensor(description), description)
-    if config.capture.source == "v4l2":
-        return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
+        check_sensor(calibration, Path(config.estimator.calibration), read_sensor(description), description)
+    opener: SourceOpener = find_opener(config.capture.source)
+    return opener(config, calibration, clock, report)
+
+
+def open_camera(
+    config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+) -> Source:
+    """Open the V4L2 camera, and again after a loss."""
+    return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
+
+
+def open_ring(
+    config: FingertipConfig, calibration: Calibration, clock: LocalClock, _report: Callable[[str], None]
+) -> Source:
+    """Open the ring of frames in shared memory, and again after a loss."""
     path = Path(config.capture.path)
-    if config.capture.source == "shared_memory":
-        return ReopeningSource(
-            lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us, clock.now_us)
-        )
+    return ReopeningSource(
+        lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us, clock.now_us)
+    )
+
+
+def open_recorded(
+    config: FingertipConfig, calibration: Calibration, clock: LocalClock, _report: Callable[[str], None]
+) -> Source:
+    """Open a recording, played in real time."""
+    path = Path(config.capture.path)
     recording = open_recording(path, grey=is_grey(calibration))
-    check_recording(calibration, calibration_path, recording.sensor, path)
+    check_recording(calibration, Path(config.estimator.calibration), recording.sensor, path)
     return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock.now_us)
 
 

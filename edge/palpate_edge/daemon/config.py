@@ -10,6 +10,8 @@ import msgspec
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.type_text import value_text
+from palpate_edge.daemon.capture_sources import source_names
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 
@@ -33,12 +35,13 @@ class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The source of frames.
 
     source: ``recorded`` (a press dataset, a folder of images or a video at `path`, played in real time),
-    ``v4l2`` (the camera at `path` with the settings in `camera`) or ``shared_memory`` (the ring of frames at
-    `path` that another process writes); loop: restart a recording at its end.
+    ``v4l2`` (the camera at `path` with the settings in `camera`), ``shared_memory`` (the ring of frames at
+    `path` that another process writes), or the source of another package (capture_sources.py); loop: restart
+    a recording at its end.
     timeout_ms: after this time without a frame the contact is withdrawn and the camera counts as stalled.
     """
 
-    source: Literal["v4l2", "recorded", "shared_memory"]
+    source: str
     path: str = ""
     loop: bool = False
     timeout_ms: Annotated[int, msgspec.Meta(ge=20, le=10_000)] = 200
@@ -118,11 +121,15 @@ def read_config(path: Path) -> FingertipConfig:
 
 
 def _check_capture(path: Path, capture: CaptureConfig) -> None:
-    """Check that the source has exactly one name, which the types cannot express."""
+    """Check that the source is known and has exactly one name, which the types cannot express."""
+    if capture.source not in source_names():
+        raise ConfigError(
+            f"{path}: capture.source = {value_text(capture.source)} is not one of {', '.join(source_names())}"
+        )
     if capture.source == "v4l2" and bool(capture.path) == bool(capture.camera.usb_serial):
         raise ConfigError(
             f"{path}: a v4l2 camera has one name: give capture.path (/dev/v4l/by-path/...) or "
             "capture.camera.usb_serial"
         )
-    if capture.source != "v4l2" and not capture.path:
+    if capture.source in ("recorded", "shared_memory") and not capture.path:
         raise ConfigError(f"{path}: capture.path is missing: name the recording or the ring of frames")
