@@ -173,6 +173,7 @@ def contact_at(point: tuple[float, float, float] | None, sequence: int, exposed_
         normal_force_N=1.0 if touching else 0.0,
         force_N=None,
         torsion_Nmm=None,
+        radius95_mm=0.35 if touching else None,
         quality=1.0,
         reason="",
         beads_found=85,

@@ -28,7 +28,7 @@ FRAME_US = 33_333
 LATENCY_US = 4_000  # exposure to contact
 CAMERA_TIMEOUT_US = 200_000  # capture.timeout_ms of a fingertip's configuration
 HEALTH = Health(temperature_degC=31.5, frames_dropped=0, led_level=128)
-SENT_BY_NODE = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
+SENT_BY_NODE = (0x080, 0x180, 0x280, 0x300, 0x380, 0x480, 0x580, 0x700)
 
 # What happens beside the bus, after the log's first frame: a camera that stops, a controller that comes back.
 CAMERA_STOPS_US = {"fingertip-lost": 1_500_000}

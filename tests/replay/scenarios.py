@@ -19,8 +19,8 @@ SECONDS = 4.8  # a lost fingertip stops the hand 3 s after its last frame
 
 FINGER_2, FINGER_3 = 0x11, 0x12
 TIPS = (0x10, FINGER_2, FINGER_3)
-CONTACT_TPDOS = (0x180, 0x280, 0x380)
-SENT_BY_NODE = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
+CONTACT_TPDOS = (0x180, 0x280, 0x300, 0x380)  # TPDO 1, 2, 5 and 3: the order of the bus
+SENT_BY_NODE = (0x080, *CONTACT_TPDOS, 0x480, 0x580, 0x700)
 STORM_FRAMES = 2000
 BUS_OFF_US = 600_000
 HOST_BUS_OFF_US = 400_000
@@ -36,7 +36,7 @@ def is_of(record: LogRecord, node: int) -> bool:
 
 
 def is_contact(record: LogRecord) -> bool:
-    """Whether it is a TPDO 1 to 3 of a fingertip."""
+    """Return whether the frame is a TPDO of a fingertip's contact."""
     return any(record.frame.can_id - base in TIPS for base in CONTACT_TPDOS)
 
 
@@ -79,7 +79,7 @@ def host_cut_off(records: Records) -> Records:
 
 
 def late(records: Records) -> Records:
-    """Contact TPDOs come 5 to 40 ms late, the three of a frame together."""
+    """Contact TPDOs come 5 to 40 ms late, those of a frame together."""
     dice, delay_us, out = Random(1), dict.fromkeys(TIPS, 0), []
     for record in records:
         if is_contact(record):
@@ -123,6 +123,10 @@ def node_id_clash(records: Records) -> Records:
             LogRecord(stamp_us + 1, CanFrame(0x280 + FINGER_2, bytes.fromhex("0000 0000 0000 05ff"))),
             LogRecord(
                 stamp_us + 2,
+                CanFrame(0x300 + FINGER_2, number.to_bytes(2, "little") + bytes.fromhex("0080")),
+            ),
+            LogRecord(
+                stamp_us + 3,
                 CanFrame(
                     0x380 + FINGER_2,
                     (stamp_us - 4000 & 0xFFFFFFFF).to_bytes(4, "little")

@@ -230,12 +230,16 @@ def test_doubled_frames_change_nothing_and_are_counted():
 
 
 def whole_frames(name, node):
-    """Frames of the node of which all three parts are in the log: parts stand 1 us apart."""
-    stamps = {r.frame.can_id - node: set() for r in log(name).records if is_part(r, node)}
+    """Return how many frames of the node have all four parts in the log, before the host's last status.
+
+    Parts stand 1 us apart.
+    """
+    stamps = {base: set() for base in scenarios.CONTACT_TPDOS}
     for record in log(name).records:
-        if is_part(record, node):
+        if is_part(record, node) and record.stamp_us <= replayed(name).status.time_us:
             stamps[record.frame.can_id - node].add(record.stamp_us)
-    return sum(at + 1 in stamps[0x280] and at + 2 in stamps[0x380] for at in stamps[0x180])
+    first, *others = (stamps[base] for base in scenarios.CONTACT_TPDOS)
+    return sum(all(at + place in found for place, found in enumerate(others, start=1)) for at in first)
 
 
 def is_part(record, node):
@@ -245,8 +249,19 @@ def is_part(record, node):
 def test_lost_frames_cost_their_contact_and_no_other():
     assert replayed("lossy").modes == NORMAL_MODES
     for node, finger in zip(scenarios.TIPS, replayed("lossy").status.fingers, strict=True):
-        assert finger.complete == whole_frames("lossy", node)
+        assert finger.complete == finger.extra_tpdos == whole_frames("lossy", node)
         assert finger.incomplete > 0
+        assert finger.extra_missing > 0
+
+
+def test_a_fingertip_without_tpdo_5_gives_whole_contacts():
+    """finger-3 is of an older version: the host does as with the others, and knows no radius."""
+    records = [r for r in log("normal").records if r.frame.can_id != 0x300 + scenarios.FINGER_3]
+    older = replay(records, *hand())
+    assert older.records == replayed("normal").records
+    assert [finger.radius95_mm for finger in older.status.fingers] == [0.35, 0.35, None]
+    assert [finger.extra_tpdos > 0 for finger in older.status.fingers] == [True, True, False]
+    assert older.status.fingers[2].complete == replayed("normal").status.fingers[2].complete
 
 
 def test_overtaken_parts_are_never_mixed():

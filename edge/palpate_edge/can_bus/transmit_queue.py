@@ -10,11 +10,12 @@ from collections import deque
 from collections.abc import Iterable
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.contact_quantities import CONTACT_TPDOS
 from palpate_edge.common.errors import BusError
 
 PDO_IDS = range(0x180, 0x580)  # predefined connection set (CiA 301, 7.3.3)
 EMCY_IDS = range(0x081, 0x100)
-MAX_PDOS = 48  # 16 contacts
+MAX_PDOS = 16 * len(CONTACT_TPDOS)  # 16 contacts
 MAX_OTHERS = 256  # an SDO block is 127 frames
 MAX_PDO_AGE_US = 100_000
 

@@ -26,7 +26,6 @@ class Contact(OptionalQuantities):
     quality: 0 (refused) to 1 (every bead seen, all of them plausible).
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
-    radius95_mm: with 95 % probability the contact is no farther from position_mm; None when unknown.
     slip: what touches slides over the skin (see slip.py).
     """
 
@@ -41,7 +40,6 @@ class Contact(OptionalQuantities):
     reason: str
     beads_found: int
     beads_expected: int
-    radius95_mm: float | None = None
     slip: bool = False
 
     @property

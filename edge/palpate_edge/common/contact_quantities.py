@@ -22,16 +22,18 @@ NOT_GIVEN = -0x8000
 """Value of 7130h of an optional quantity that the estimation method does not give."""
 
 BASE_TPDOS = (1, 2, 3)
-"""TPDOs that make up a contact on every fingertip; the last one closes the set."""
+"""TPDOs of a contact that every fingertip sends, in the order of the bus; the last one closes the set."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OptionalQuantities:
     """Fields shared by Contact, TipContact and FingerStatus; None when the estimation method gives none.
 
+    radius95_mm: with 95 % probability the true contact is no farther from position_mm than this.
     torsion_Nmm: about the inward normal.
     """
 
+    radius95_mm: float | None = None
     torsion_Nmm: float | None = None
 
 
@@ -173,6 +175,21 @@ QUANTITIES = (
         plot="shear/{finger}/y",
     ),
     Quantity(
+        name="error radius",
+        attribute="radius95_mm",
+        column="radius95_mm",
+        channel=8,
+        unit="mm",
+        decimals=2,
+        tpdo=(5, 2),
+        usual_raw=(0, 500),
+        optional=True,
+        not_given=NOT_GIVEN,
+        csv_digits=3,
+        plot="radius95/{finger}",
+        panel="95 % radius of each contact, mm",
+    ),
+    Quantity(
         name="torsion",
         attribute="torsion_Nmm",
         column="torsion_Nmm",
@@ -183,9 +200,17 @@ QUANTITIES = (
         usual_raw=(-500, 500),
         optional=True,
         not_given=NOT_GIVEN,
+        csv_digits=4,
+        plot="torsion/{finger}",
+        panel="Torsion on each tip, N mm",
     ),
 )
 """Rows in the order of their columns in CSV files, which is a contract: a new row goes last."""
+
+EXTRA_TPDOS = tuple(sorted({quantity.tpdo[0] for quantity in QUANTITIES} - {*BASE_TPDOS}))
+"""TPDOs of further quantities, sent before the last of BASE_TPDOS; each repeats the sequence (2013h)."""
+
+CONTACT_TPDOS = tuple(sorted([*BASE_TPDOS, *EXTRA_TPDOS]))
 
 ATTRIBUTES = tuple(dict.fromkeys(quantity.attribute for quantity in QUANTITIES))
 """The fields of TipContact and FingerStatus that hold quantities."""

@@ -16,7 +16,7 @@ MEASURED = tuple(
 )
 FORCE = ("fx_N", "fy_N", "fz_N")
 FIRST_COLUMNS = (
-    "frame", "contact", "x_mm", "y_mm", "z_mm", "fn_N", *FORCE, "quality", "ms", "reason", "radius95_mm"
+    "frame", "contact", "x_mm", "y_mm", "z_mm", "fn_N", *FORCE, "quality", "ms", "reason"
 )  # fmt: skip
 COLUMNS = tuple(dict.fromkeys([*FIRST_COLUMNS, *(quantity.column for quantity, _ in MEASURED)]))
 
@@ -39,7 +39,6 @@ def _row(name: str, contact: Contact, milliseconds: float) -> dict[str, str]:
         "quality": _number(contact.quality, 3),
         "ms": _number(milliseconds, 3),
         "reason": contact.reason,
-        "radius95_mm": _number(contact.radius95_mm, 3),
     }
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.common.contact_quantities import AI_AUTOZERO, BASE_TPDOS
+from palpate_edge.common.contact_quantities import AI_AUTOZERO, CONTACT_TPDOS
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip_objects import (
     CALIBRATION_HASH,
@@ -88,10 +88,10 @@ class FingertipNode:
     def publish(
         self, contact: Contact, latency_us: int, *, sequence: int | None = None, exposed_us: int | None = None
     ) -> None:
-        """Trigger TPDO 1 to 3: see :meth:`Slave.due_tpdos`; 2040h and 2041h count it in the next `process`.
+        """Set a contact's objects and trigger its TPDOs: see :meth:`Slave.due_tpdos`.
 
-        sequence, exposed_us: as they are told on the bus; None: as in the contact. latency_us: from the
-        exposure until now.
+        The next `process` counts it in 2040h and 2041h. sequence, exposed_us: values for the bus; None: those
+        of the contact. latency_us: from the exposure until now.
         """
         objects = encode_contact(contact, latency_us)
         if sequence is not None:
@@ -99,7 +99,7 @@ class FingertipNode:
         if exposed_us is not None:
             objects[EXPOSURE_TIME, 0] = exposed_us & UINT32_MAX
         self.slave.write_all(objects)
-        self.slave.trigger(BASE_TPDOS)
+        self.slave.trigger(CONTACT_TPDOS)
         self._uncounted.append((contact.valid, latency_us))
 
     def _count(self) -> None:

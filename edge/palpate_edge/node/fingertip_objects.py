@@ -98,7 +98,7 @@ class Health:
 
 
 def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
-    """The objects of TPDO 1 to 3, 6150h and 2021h.
+    """Return the raw values of the TPDOs of a contact, of 6150h and 2021h.
 
     contact.exposed_at_us: on the bus's clock. latency_us: from exposure until now.
     """

@@ -90,6 +90,8 @@ class TpdoService:
             awaits_start=counted and parameters.sync_start != 0,
         )
         tpdo.start_event_timer(now_us)
+        by_identifier = sorted(self._tpdos.items(), key=lambda item: item[1].parameters.can_id)
+        self._tpdos = dict(by_identifier)
 
     def stop(self) -> None:
         self._tpdos.clear()
@@ -111,11 +113,17 @@ class TpdoService:
         return min((at_us for at_us in due if at_us is not None), default=None)
 
     def sync(self, now_us: int, counter: int | None) -> list[CanFrame]:
-        """What one SYNC asks for. counter: that it carries, None for a SYNC without one."""
+        """Return the TPDOs that one SYNC requests, lowest identifier first.
+
+        counter: of the SYNC; None for a SYNC without one.
+        """
         return [self._send(tpdo, now_us) for tpdo in self._tpdos.values() if tpdo.count_sync(counter)]
 
     def poll(self, now_us: int) -> list[CanFrame]:
-        """The event-driven TPDOs that are due, in order of their numbers."""
+        """Return the event-driven TPDOs that are due, lowest identifier first.
+
+        A controller with several transmit buffers sends in this order too, so it holds on every board.
+        """
         frames = []
         for tpdo in self._tpdos.values():
             due_us = tpdo.due_us()

@@ -108,14 +108,16 @@ class Decoder:
             return fixed[can_id], None
         if can_id in self._broadcasts:
             return Service.RPDO, None
-        for device in self._devices.values():
+        node_id, function = can_id & 0x7F, can_id & 0x780
+        is_pdo = node_id != 0 and 0x180 <= function <= 0x500
+        owner = self.device(node_id) if is_pdo else None
+        for device in (owner, *self._devices.values()):
             if device is not None and can_id in device.pdos:
                 label = device.pdos[can_id].label
                 return (Service.TPDO if label.startswith("T") else Service.RPDO), device.node_id
-        node_id, function = can_id & 0x7F, can_id & 0x780
         if node_id == 0:
             return Service.OTHER, None
-        if 0x180 <= function <= 0x500:
+        if is_pdo:
             return (Service.TPDO if function & 0x080 else Service.RPDO), node_id
         services = {0x080: Service.EMCY, 0x580: Service.SDO, 0x600: Service.SDO, 0x700: Service.HEARTBEAT}
         found = services.get(function, Service.OTHER)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of
+from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of, unknown_text
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.pdo import PDO_KINDS, pdo_numbers
@@ -144,9 +144,10 @@ class Device:
         return tuple(readings)
 
     def _integer(self, key: Key, name: str, raw: int) -> Reading:
-        meaning = meaning_of(self.product, key[0], raw)
+        unknown = unknown_text(self.product, *key, raw)
+        meaning = unknown or meaning_of(self.product, key[0], raw)
         unit = self.unit(key)
-        if unit is not None and not (meaning and unit.name == "degC"):
+        if unit is not None and not unknown:
             return Reading(name, raw * unit.factor, unit.name, raw, unit.text(raw))
         wide = key[0] in (0x6040, 0x6041) or (key[0] < 0x2000 and raw > 0xFFFF)
         text = f"0x{raw:X}" if wide else str(raw)

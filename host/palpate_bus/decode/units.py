@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_bus.eds.cia402 import state_of
-from palpate_edge.node.fingertip_objects import ContactFlag, MethodCode
+from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
+from palpate_edge.node.fingertip_objects import TEMPERATURE, TEMPERATURE_UNKNOWN, ContactFlag, MethodCode
 
 FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
-TEMPERATURE_UNKNOWN = 0x7FFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +91,6 @@ def _flags(raw: int) -> str:
     return " ".join((flag.name or "").lower() for flag in ContactFlag if raw & flag) or "none"
 
 
-def _temperature(raw: int) -> str:
-    return "unknown" if raw == TEMPERATURE_UNKNOWN else ""
-
-
 def _method(raw: int) -> str:
     return next((method.name.lower() for method in MethodCode if method == raw), "")
 
@@ -125,12 +121,30 @@ def _controlword(raw: int) -> str:
 
 
 _MEANINGS: dict[str, dict[int, Callable[[int], str]]] = {
-    FINGERTIP: {0x2000: _method, 0x2010: _flags, 0x2020: _temperature},
+    FINGERTIP: {0x2000: _method, 0x2010: _flags},
     JOINT_DRIVE: {0x6040: _controlword, 0x6041: _drive_state, 0x6060: _mode, 0x6061: _mode},
 }
 
 
+_UNKNOWN: dict[str, dict[tuple[int, int], tuple[int, str]]] = {
+    FINGERTIP: {
+        (TEMPERATURE, 0): (TEMPERATURE_UNKNOWN, "unknown"),
+        **{
+            (AI_INPUT, quantity.channel): (quantity.not_given, "not given")
+            for quantity in QUANTITIES
+            if quantity.not_given is not None
+        },
+    }
+}
+
+
+def unknown_text(product: str, index: int, subindex: int, raw: int) -> str:
+    """Return the words for a raw value that stands for no value; empty for any other."""
+    known = _UNKNOWN.get(product, {}).get((index, subindex))
+    return known[1] if known is not None and known[0] == raw else ""
+
+
 def meaning_of(product: str, index: int, raw: int) -> str:
-    """What a raw value stands for, in words; empty when it is a number and no more."""
+    """Return the meaning of a raw value in words; empty for a plain number."""
     known = _MEANINGS.get(product, {}).get(index)
     return known(raw) if known else ""

@@ -18,8 +18,10 @@ Matrix = tuple[tuple[float, float, float], ...]
 class FingerStatus(OptionalQuantities):
     """One fingertip. Position and forces are in frame F and None without contact.
 
-    age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDO parts that made
-    no frame; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
+    age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDOs that made no
+    contact; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
+    extra_tpdos: TPDO 5 taken with their contact; extra_missing, extra_mixed: contacts refused because their
+    TPDO 5 was lost or belongs to another frame.
     """
 
     name: str
@@ -41,6 +43,9 @@ class FingerStatus(OptionalQuantities):
     late: int
     lost_frames: int
     unpaired: int
+    extra_tpdos: int = 0
+    extra_missing: int = 0
+    extra_mixed: int = 0
 
 
 @dataclass(frozen=True, slots=True)

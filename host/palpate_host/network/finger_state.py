@@ -75,6 +75,9 @@ class FingerRecord:
             late=counters.late,
             lost_frames=counters.lost_frames,
             unpaired=self.unpaired,
+            extra_tpdos=counters.extra_tpdos,
+            extra_missing=counters.extra_missing,
+            extra_mixed=counters.extra_mixed,
         )
 
 

@@ -7,6 +7,7 @@
 | /tf | FrameTransforms: `hand` to each dome's frame F, named as the finger |
 | /tactile/FINGER/contact | Point3InFrame, m, in F; while a valid contact is there |
 | /tactile/FINGER/force | SceneUpdate: an arrow of 10 mm a newton at the contact |
+| /tactile/FINGER/quantities | JSON: every quantity of the contact; null where it is not known |
 | /object | PoseInFrame: orientation of the contact frame, Eq. (16), at the centroid of the tips |
 | /diagnostics | Log: every change of mode, with its reason, and of warning |
 | /host/status | JSON: all that the host told of the tick, from which every other topic is made |
@@ -29,6 +30,7 @@ from foxglove import messages as fg
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.control.kinematics import HandKinematics
@@ -38,6 +40,13 @@ HAND_FRAME = "hand"
 ARROW_M_PER_N = 0.010
 ARROW_DIAMETER_M = 0.002
 ARROW_COLOUR = fg.Color(r=0.9, g=0.3, b=0.1, a=1.0)
+QUANTITIES_SCHEMA = {
+    "type": "object",
+    "properties": {
+        quantity.column: {"type": ["number", "null"], "description": f"{quantity.name}, {quantity.unit}"}
+        for quantity in QUANTITIES
+    },
+}
 
 
 class McapRecording:
@@ -63,6 +72,10 @@ class McapRecording:
         }
         self._forces = {
             name: channels.SceneUpdateChannel(f"/tactile/{name}/force", context=context) for name in fingers
+        }
+        self._quantities = {
+            name: foxglove.Channel(f"/tactile/{name}/quantities", schema=QUANTITIES_SCHEMA, context=context)
+            for name in fingers
         }
         self._status = foxglove.Channel(STATUS_TOPIC, schema={"type": "object"}, context=context)
         self._encoder = msgspec.json.Encoder()
@@ -149,6 +162,8 @@ class McapRecording:
             )
 
     def _write_contact(self, finger: FingerStatus, stamp: fg.Timestamp, time_ns: int) -> None:
+        measured = {quantity.column: quantity.of(finger) for quantity in QUANTITIES}
+        self._quantities[finger.name].log(self._encoder.encode(measured), log_time=time_ns)
         force = self._forces[finger.name]
         if not finger.valid or finger.position_mm is None or finger.normal_force_N is None:
             gone = fg.SceneEntityDeletion(timestamp=stamp, type=fg.SceneEntityDeletionType.All)

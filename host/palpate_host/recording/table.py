@@ -19,6 +19,8 @@ from palpate_host.common.status import FingerStatus, HostStatus
 Cell = float | int | str | bool | None
 
 TACTILE = tuple(quantity for quantity in QUANTITIES if quantity.in_tactile_vector)
+ADDED = tuple(quantity for quantity in QUANTITIES if not quantity.in_tactile_vector)
+"""Columns at the end of the row, one a finger: those before them are a contract."""
 
 
 def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
@@ -41,6 +43,9 @@ def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
         for finger in status.fingers:
             row |= _tactile(finger)
         row["mode"] = status.mode.value
+        for quantity in ADDED:
+            for finger in status.fingers:
+                row |= _measured(finger, [quantity])
         yield row
 
 

@@ -7,7 +7,7 @@
 | hand/FINGER/contact, .../force | the contact in F (m); an arrow inwards, 10 mm a newton |
 | hand/contact_frame, hand/target_frame | R_c of Eq. (16) and R_d at the tips' centroid |
 | position/JOINT, torque/JOINT, command/JOINT | rad, N m |
-| force/FINGER, shear/FINGER/x, .../y | N |
+| force/FINGER, shear/FINGER/x, ... | plots of contact_quantities.py; no point while it is not known |
 | orientation/error_deg, orientation/misfit_deg | R_vir to R_d_vir; contact normals to their fit |
 | age_ms/FINGER | age of the last frame since its exposure |
 | log | changes of mode and warnings |

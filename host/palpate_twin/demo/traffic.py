@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import LogRecord
+from palpate_edge.common.contact_quantities import EXTRA_TPDOS
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
+from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.config.hand_config import HandConfig
 
 BIN_US = 100_000
@@ -99,6 +103,14 @@ def id_name(can_id: int, hand: HandConfig) -> str:
     if can_id in _BROADCASTS:
         return _BROADCASTS[can_id]
     node = can_id & 0x7F
-    function = _FUNCTIONS.get(can_id - node, "unknown")
+    fingertips = {finger.fingertip_node for finger in hand.fingers}
+    own = _extra_tpdos(node) if node in fingertips else {}
+    function = own.get(can_id) or _FUNCTIONS.get(can_id - node, "unknown")
     names = hand.node_names | {hand.network.host_node: "host"}
     return f"{function}, {names.get(node, f'node 0x{node:02X}')}"
+
+
+def _extra_tpdos(node: int) -> dict[int, str]:
+    """Return the TPDOs that a fingertip sends beyond the predefined connection set, by identifier."""
+    od = load_eds(FINGERTIP_EDS, node)
+    return {pdo_codec(od, PdoDirection.TRANSMIT, number).cob_id: f"TPDO {number}" for number in EXTRA_TPDOS}

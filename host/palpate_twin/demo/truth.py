@@ -136,7 +136,8 @@ def read_pairs(records: Iterable[LogRecord], node_id: int, truth: TruthOf) -> tu
         for sequence, contact in zip(sequences, contacts, strict=True)
         if (true_contact := truth(sequence)) is not None
     ]
-    return pairs, counters.incomplete + counters.out_of_order + counters.duplicates + counters.late
+    torn = counters.incomplete + counters.out_of_order + counters.extra_missing + counters.extra_mixed
+    return pairs, torn + counters.duplicates + counters.late
 
 
 def unwrapped(sequences: Sequence[int]) -> list[int]:

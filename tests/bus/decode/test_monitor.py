@@ -72,7 +72,8 @@ def test_services_are_those_that_tshark_sees(tmp_path, name):
     theirs = [service_of(line) for line in done.stdout.splitlines()]
     # The host's time stamp is every fingertip's RPDO 1 by the EDS; tshark goes by the identifier alone.
     differ = {d.frame.can_id for d, service in zip(ours, theirs, strict=True) if d.service is not service}
-    assert differ <= {0x1FF}
+    # TPDO 5 has the identifier of an RPDO 2, which a fingertip does not have.
+    assert differ <= {0x1FF, 0x310, 0x311, 0x312}
     assert not [decoded for decoded in ours if "malformed" in decoded.text or "unknown" in decoded.text]
     starts = [d.text for d in ours if d.service is Service.NMT and d.text.startswith("start")]
     assert len(starts) >= 12 and "start finger-1" in starts
@@ -96,6 +97,12 @@ def test_a_fingertips_values_have_names_and_units():
         "5 (contact valid)",
         "255",
     ]
+    not_given = said(0x290, struct.pack("<hhhBB", 100, -100, -0x8000, 5, 255).hex())
+    assert not_given.readings[2].text == "-32768 (not given)"
+    tpdo_5 = said(0x310, struct.pack("<Hh", 42, 35).hex())
+    assert (tpdo_5.service, tpdo_5.node_id, tpdo_5.text) == (Service.TPDO, 0x10, "TPDO 5")
+    assert [r.text for r in tpdo_5.readings] == ["42", "0.35 mm"]
+    assert said(0x310, struct.pack("<Hh", 42, -0x8000).hex()).readings[1].text == "-32768 (not given)"
     tpdo_4 = said(0x490, struct.pack("<hHHB", 0x7FFF, 3, 0, 128).hex())
     assert tpdo_4.readings[0].text == "32767 (unknown)"
     assert said(0x490, struct.pack("<hHHB", 412, 3, 0, 128).hex()).readings[0].text == "41.2 degC"
@@ -234,11 +241,12 @@ def run(*arguments):
 
 def test_a_log_filtered_and_as_json(tmp_path):
     path = REPLAY / "virtual.log.gz"
-    shown = run("--log", path, "--node", "0x11", "--service", "tpdo", "--count", 3, "--json").output
+    shown = run("--log", path, "--node", "0x11", "--service", "tpdo", "--count", 4, "--json").output
     lines = [json.loads(line) for line in shown.splitlines()]
     assert [(line["can_id"], line["device"], line["service"]) for line in lines] == [
         ("191", "finger-2", "tpdo"),
         ("291", "finger-2", "tpdo"),
+        ("311", "finger-2", "tpdo"),
         ("391", "finger-2", "tpdo"),
     ]
     assert lines[0]["values"][2] == {"name": "Value of contact z", "value": 29.7, "unit": "mm", "raw": 2970}

@@ -85,7 +85,7 @@ class ForeignTip:
         od = self.node.object_dictionary
         for (index, subindex), value in encode_contact(contact, latency_us).items():
             od.write(index, subindex, int(value))
-        for number in range(3):
+        for number in (0, 1, 4, 2):  # durand counts from 0; TPDO 3 is the last of a contact
             if self.node.nmt.state == 5:
                 self.node.tpdo[number].transmit()
 
@@ -110,7 +110,8 @@ def test_the_host_starts_it_and_takes_its_contacts(rig):
     assert finger.position_mm == pytest.approx((1.5, -4.0, 29.7), abs=0.01)
     assert finger.normal_force_N == pytest.approx(1.0, abs=0.001)
     assert finger.frames_per_s == pytest.approx(30, abs=2)
-    assert finger.incomplete == finger.out_of_order == finger.late == 0
+    assert finger.incomplete == finger.out_of_order == finger.late == finger.extra_missing == 0
+    assert finger.radius95_mm == 0.35
     starts = [frame for _, frame in rig.log if frame == CanFrame(0x000, bytes((1, NODE)))]
     assert len(starts) == 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,11 @@ from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.diagnostics.contact_csv import write_contacts
 
-HEADER = "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm"
+HEADER = "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm,torsion_Nmm"
 TOUCH = Contact(
     3, 99, True, True, (1.5, -2.25, 29.9), 1.25, (0.1, 0.2, -1.2), 1.0, "", 85, 85, radius95_mm=0.4
 )
+TURNED = replace(TOUCH, torsion_Nmm=-3.25)
 NOTHING = Contact(4, 99, True, False, None, 0.0, (0.0, 0.0, 0.0), 0.97, "", 83, 85)
 UNKNOWN = Contact(4, 99, True, True, (0.0, 0.0, 30.0), None, None, 1.0, "", 85, 85)
 
@@ -23,16 +25,18 @@ def test_the_file_is_this(tmp_path):
     rows = [
         ("a.jpg", TOUCH, 1.5),
         ("b.jpg", NOTHING, 1.0),
+        ("turned.jpg", TURNED, 1.5),
         ("c.jpg", UNKNOWN, 2.0),
         ("d.jpg", refused_contact(5, 99, "only 3 of 85 beads found, of which 1 moved", 3, 85), 0.25),
     ]
     write_contacts(tmp_path / "out.csv", rows)
     assert (tmp_path / "out.csv").read_text() == (
         f"{HEADER}\n"
-        "a.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400\n"
-        "b.jpg,0,,,,0.00000,0.00000,0.00000,0.00000,0.970,1.000,,\n"
-        "c.jpg,1,0.0000,0.0000,30.0000,,,,,1.000,2.000,,\n"
-        'd.jpg,0,,,,,,,,0.000,0.250,"only 3 of 85 beads found, of which 1 moved",\n'
+        "a.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400,\n"
+        "b.jpg,0,,,,0.00000,0.00000,0.00000,0.00000,0.970,1.000,,,\n"
+        "turned.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400,-3.2500\n"
+        "c.jpg,1,0.0000,0.0000,30.0000,,,,,1.000,2.000,,,\n"
+        'd.jpg,0,,,,,,,,0.000,0.250,"only 3 of 85 beads found, of which 1 moved",,\n'
     )
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 

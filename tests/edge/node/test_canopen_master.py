@@ -33,6 +33,7 @@ def contact(sequence: int) -> Contact:
         normal_force_N=1.25,
         force_N=None,
         torsion_Nmm=-0.5,
+        radius95_mm=0.42,
         quality=1.0,
         reason="",
         beads_found=30,
@@ -173,7 +174,7 @@ def test_nmt_heartbeat_and_pdo(fingertip: FingertipNode, master: canopen.RemoteN
     master.sdo[0x1017].raw = 20
     assert master.nmt.wait_for_heartbeat(WAIT_S) == "PRE-OPERATIONAL"
     master.tpdo.read()
-    arrived = {number: threading.Event() for number in (1, 2, 3)}
+    arrived = {number: threading.Event() for number in (1, 2, 3, 5)}
     for number, event in arrived.items():
         master.tpdo[number].add_callback(lambda _, event=event: event.set())
     master.nmt.state = "OPERATIONAL"
@@ -182,10 +183,11 @@ def test_nmt_heartbeat_and_pdo(fingertip: FingertipNode, master: canopen.RemoteN
     fingertip.publish(contact(sequence=77), latency_us=9_000)
     for event in arrived.values():
         assert event.wait(WAIT_S)
-    first, second, third = (master.tpdo[number] for number in (1, 2, 3))
+    first, second, third, fifth = (master.tpdo[number] for number in (1, 2, 3, 5))
     assert [variable.raw for variable in first] == [300, -400, 1250, 1250]
     assert [variable.raw for variable in second] == [0, 0, -50, 5, 255]
     assert [variable.raw for variable in third] == [123_456, 77, 9_000]
+    assert [variable.raw for variable in fifth] == [77, 42]
 
 
 def test_remapping_a_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:

@@ -28,12 +28,13 @@ UNSIGNED8, INTEGER16, UNSIGNED32 = "0x0005", "0x0003", "0x0007"
 
 def sections_of(quantity: Quantity) -> dict[str, dict[str, str]]:
     """Return the sections that the EDS needs for a quantity, ready to be pasted."""
+    not_given = 0 if quantity.not_given is None else quantity.not_given
     contents = (
         (table.AI_AUTOZERO, "Autozero", UNSIGNED32, "wo", "", "0"),
         (table.AI_UNIT, "Unit of", UNSIGNED32, "ro", f"0x{table.UNIT_CODES[quantity.unit]:08X}", "0"),
         (table.AI_DECIMALS, "Decimal digits of", UNSIGNED8, "ro", str(quantity.decimals), "0"),
         (table.AI_STATUS, "Status of", UNSIGNED8, "ro", "1", "1"),
-        (table.AI_INPUT, "Value of", INTEGER16, "ro", "0", "1"),
+        (table.AI_INPUT, "Value of", INTEGER16, "ro", str(not_given), "1"),
     )
     return {
         f"{index:04x}sub{quantity.channel:x}": {

@@ -93,10 +93,10 @@ def test_the_fingertips_units_are_those_of_its_process_values() -> None:
     """CiA 303-2: metre 01h, newton 21h, joule 23h in the numerator; prefix milli is FDh (-3)."""
     eds = parse(EDS_FILES["fingertip"])
     mm, newton, millijoule = 0xFD010000, 0x00210000, 0xFD230000
-    units = [number(eds, f"6131sub{channel}") for channel in range(1, 8)]
-    digits = [number(eds, f"6132sub{channel}") for channel in range(1, 8)]
-    assert units == [mm] * 3 + [newton] * 3 + [millijoule]
-    assert digits == [2, 2, 2, 3, 3, 3, 2]
+    units = [number(eds, f"6131sub{channel}") for channel in range(1, 9)]
+    digits = [number(eds, f"6132sub{channel}") for channel in range(1, 9)]
+    assert units == [mm] * 3 + [newton] * 3 + [millijoule, mm]
+    assert digits == [2, 2, 2, 3, 3, 3, 2, 2]
 
 
 def test_the_device_types_name_the_profiles() -> None:

@@ -36,6 +36,7 @@ TOUCH = Contact(
     normal_force_N=2.0,
     force_N=(0.5, -1.2, -1.6),
     torsion_Nmm=-3.25,
+    radius95_mm=0.42,
     quality=0.5,
     reason="",
     beads_found=28,
@@ -45,12 +46,12 @@ TOUCH = Contact(
 
 def inputs(contact: Contact) -> list[int]:
     objects = encode_contact(contact, 0)
-    return [objects[0x7130, channel] for channel in range(1, 8)]
+    return [objects[0x7130, channel] for channel in range(1, 9)]
 
 
 def status(contact: Contact) -> list[int]:
     objects = encode_contact(contact, 0)
-    return [objects[0x6150, channel] for channel in range(1, 8)]
+    return [objects[0x6150, channel] for channel in range(1, 9)]
 
 
 def flags(contact: Contact) -> int:
@@ -58,8 +59,8 @@ def flags(contact: Contact) -> int:
 
 
 def test_a_touch_in_its_units() -> None:
-    assert inputs(TOUCH) == [0, 900, 1200, 2000, 500, 0, -325]
-    assert status(TOUCH) == [0] * 7
+    assert inputs(TOUCH) == [0, 900, 1200, 2000, 500, 0, -325, 42]
+    assert status(TOUCH) == [0] * 8
     assert flags(TOUCH) == ContactFlag.VALID | ContactFlag.CONTACT
     objects = encode_contact(TOUCH, 12_345)
     assert objects[0x2011, 0] == 128
@@ -75,9 +76,11 @@ def test_shear_is_the_part_across_the_normal() -> None:
 
 
 def test_nothing_touches() -> None:
-    free = replace(TOUCH, in_contact=False, position_mm=None, force_N=None, torsion_Nmm=None)
-    assert inputs(free) == [0] * 6 + [-0x8000]  # torsion: not given, which is no zero
-    assert status(free) == [0] * 6 + [ChannelStatus.NOT_VALID]
+    free = replace(
+        TOUCH, in_contact=False, position_mm=None, force_N=None, torsion_Nmm=None, radius95_mm=None
+    )
+    assert inputs(free) == [0] * 6 + [-0x8000] * 2  # torsion and radius: not given, which is no zero
+    assert status(free) == [0] * 6 + [ChannelStatus.NOT_VALID] * 2
     assert flags(free) == ContactFlag.VALID
 
 
@@ -89,15 +92,15 @@ def test_slip_goes_only_with_a_contact() -> None:
 
 def test_a_refused_frame_is_not_valid_and_touches_nothing() -> None:
     refused = replace(TOUCH, valid=False, reason="too few beads")
-    assert inputs(refused) == [0] * 6 + [-0x8000]  # torsion: not given, which is no zero
-    assert status(refused) == [ChannelStatus.NOT_VALID] * 7
+    assert inputs(refused) == [0] * 6 + [-0x8000] * 2  # torsion and radius: not given, which is no zero
+    assert status(refused) == [ChannelStatus.NOT_VALID] * 8
     assert flags(refused) == 0
     assert encode_contact(refused, 0)[0x2011, 0] == 0
 
 
 def test_what_a_method_does_not_give_is_not_in_doubt() -> None:
-    plain = replace(TOUCH, force_N=None, torsion_Nmm=None)
-    assert status(plain) == [0, 0, 0, 0] + [ChannelStatus.NOT_VALID] * 3
+    plain = replace(TOUCH, force_N=None, torsion_Nmm=None, radius95_mm=None)
+    assert status(plain) == [0, 0, 0, 0] + [ChannelStatus.NOT_VALID] * 4
     assert flags(plain) == ContactFlag.VALID | ContactFlag.CONTACT
 
 
@@ -145,6 +148,7 @@ def test_saturation_clears_the_valid_flag(force_N: float, increments: int, state
         normal_force_N=ANY_FLOAT,
         force_N=VECTORS,
         torsion_Nmm=ANY_FLOAT,
+        radius95_mm=ANY_FLOAT,
         quality=st.floats(),
         reason=st.just(""),
         beads_found=st.integers(),
@@ -183,13 +187,14 @@ def test_health_in_its_units() -> None:
     assert encode_health(Health(1e9, 0, 0))[0x2020, 0] == 0x7FFE
 
 
-def test_a_contact_goes_out_as_tpdo_1_to_3_and_health_every_second(fingertip: FingertipNode) -> None:
+def test_a_contact_goes_out_in_order_of_identifiers_and_health_every_second(fingertip: FingertipNode) -> None:
     fingertip.process(0, (CanFrame(0x000, b"\x01\x00"),))
     fingertip.publish(TOUCH, 0x0102)
     fingertip.report_health(Health(25.0, 1, 2))
     assert fingertip.process(1, ()).frames_out == (
         CanFrame(0x190, bytes.fromhex("00 00 84 03 b0 04 d0 07")),
         CanFrame(0x290, bytes.fromhex("f4 01 00 00 bb fe 05 80")),
+        CanFrame(0x310, bytes.fromhex("70 11 2a 00")),
         CanFrame(0x390, bytes.fromhex("05 00 00 00 70 11 02 01")),
     )
     after_a_second = fingertip.process(1_000_000, ()).frames_out

@@ -75,7 +75,9 @@ def topics(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[int
 
 
 def test_topics_are_those_of_the_conventions(topics: dict[str, list[tuple[int, Any]]]) -> None:
-    fingers = {f"/tactile/finger-{i}/{what}" for i in (1, 2, 3) for what in ("contact", "force")}
+    fingers = {
+        f"/tactile/finger-{i}/{what}" for i in (1, 2, 3) for what in ("contact", "force", "quantities")
+    }
     assert (
         set(topics)
         == {"/joint_states", "/joint_commands", "/tf", "/object", "/diagnostics", "/host/status"} | fingers

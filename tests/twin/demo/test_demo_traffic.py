@@ -45,6 +45,8 @@ def test_identifiers_add_up_to_the_bus(hand_config):
         (0x291, "TPDO 2"),
         (0x392, "TPDO 3"),
         (0x490, "TPDO 4"),
+        (0x310, "TPDO 5"),  # a fingertip has no RPDO 2
+        (0x301, "RPDO 2"),
         (0x581, "SDO response"),
         (0x601, "SDO request"),
         (0x77F, "heartbeat"),

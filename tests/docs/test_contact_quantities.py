@@ -1,0 +1,105 @@
+"""The table of contact quantities against docs/bus.md, and against every file that may name a quantity.
+
+After a meant change: python tests/docs/test_contact_quantities.py writes the table of docs/bus.md.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES, Quantity
+from palpate_edge.diagnostics.contact_csv import COLUMNS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "bus.md"
+BLOCK = re.compile(
+    r"(<!-- made by: python tests/docs/test_contact_quantities.py -->\n).*?(<!-- end -->\n)", re.S
+)
+HEAD = ("quantity", "object", "increment", "TPDO", "estimate", "recording", "MCAP", "plot")
+
+TABLE = "edge/palpate_edge/common/contact_quantities.py"
+PARSED = "edge/palpate_edge/node/fingertip.parsed.json"
+EDS = ("firmware/fingertip.eds", "edge/palpate_edge/node/fingertip.eds", PARSED)
+PRODUCERS = tuple(f"edge/palpate_edge/{room}/" for room in ("estimation", "calibration", "diagnostics"))
+"""Rooms that make the quantity or draw its making; they do not carry it."""
+
+ALSO_NAMED = {"radius95_mm": {"edge/palpate_edge/cli/main.py"}}  # the help of `palpate-edge estimate`
+
+
+def row_of(quantity: Quantity) -> tuple[str, ...]:
+    not_given = "" if quantity.not_given is None else ", 8000h not given"
+    return (
+        quantity.name,
+        f"{AI_INPUT:04X}h:{quantity.channel:02X}",
+        f"{1 / quantity.increments_per_unit:g} {quantity.unit}{not_given}",
+        "{}, place {}".format(*quantity.tpdo),
+        quantity.column if quantity.column in COLUMNS and quantity.csv_digits is not None else "",
+        quantity.recording_column("FINGER"),
+        quantity.column,
+        quantity.plot.format(finger="FINGER"),
+    )
+
+
+def rendered() -> str:
+    """Return the table as docs/bus.md has it."""
+    rows = [HEAD, ("---",) * len(HEAD), *(row_of(quantity) for quantity in QUANTITIES)]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+
+
+def sources() -> list[Path]:
+    """Return every file of the programs that is read by a person or by Python."""
+    kinds = {".py", ".eds", ".json", ".toml"}
+    found = [path for part in ("edge", "host", "firmware") for path in (ROOT / part).rglob("*")]
+    return sorted(path for path in found if path.suffix in kinds and path.is_file())
+
+
+def files_with(pattern: str) -> set[str]:
+    """Return the source files in which `pattern` occurs, without those that make a contact's estimate."""
+    names = {str(path.relative_to(ROOT)) for path in sources() if re.search(pattern, path.read_text())}
+    return {name for name in names if not name.startswith(PRODUCERS)}
+
+
+def test_the_page_has_the_table() -> None:
+    found = BLOCK.search(PAGE.read_text())
+    assert found is not None
+    assert found.group() == f"{found[1]}{rendered()}{found[2]}", (
+        f"run: python {Path(__file__).relative_to(ROOT)}"
+    )
+
+
+@pytest.mark.parametrize(
+    "quantity", [row for row in QUANTITIES if row.not_given is not None], ids=lambda row: row.column
+)
+def test_a_quantity_that_only_travels_is_named_in_the_table_and_the_eds_alone(quantity: Quantity) -> None:
+    """One more such quantity changes the table, the EDS with its parsed copy, and golden files: no code."""
+    named = files_with(rf"\b{quantity.attribute}\b|\b{quantity.column}\b")
+    assert named == {TABLE} | ALSO_NAMED.get(quantity.attribute, set()) | twins_that_give_none(quantity)
+    assert files_with(rf"(Value|Unit|Status|Decimal digits) of {quantity.name}|Autozero {quantity.name}") == {
+        *EDS
+    }
+
+
+def twins_that_give_none(quantity: Quantity) -> set[str]:
+    """Return the files of the twin that make contacts in place of an estimator."""
+    return {name for name in files_with(rf"\b{quantity.attribute}=") if name.startswith("host/palpate_twin/")}
+
+
+@pytest.mark.parametrize("index", ["7130", "6150", "6132", "6131", "6125"])
+def test_the_objects_of_a_channel_are_named_in_the_table_alone(index: str) -> None:
+    """Except where any vendor's CiA 404 file is read, and in the example of an object's address."""
+    any_vendor = {"host/palpate_bus/decode/device.py"} if index in ("7130", "6131", "6132") else set()
+    example = {"host/palpate_bus/master/sdo_access.py"} if index == "7130" else set()
+    assert files_with(rf"0[xX]{index}\b") - {*EDS} == {TABLE} | any_vendor | example
+
+
+def test_columns_of_the_estimate_are_a_contract() -> None:
+    """New ones go last."""
+    first = "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm,torsion_Nmm"
+    assert ",".join(COLUMNS).startswith(first)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(BLOCK.sub(lambda found: f"{found[1]}{rendered()}{found[2]}", PAGE.read_text()))
