@@ -1,7 +1,8 @@
 """One trial on a real hand: a host for it, the operator's commands, the external camera, a recording.
 
 The host runs from a copy of hand.toml in the same folder, with the trial's law. One thread records the host's
-statuses, another tracks the object; ``palpate-host bus log`` or the hub record the bus.
+statuses, another tracks the object; ``palpate-host bus log`` or the hub record the bus. Needs the extra
+record.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ most of it in the kernels' constant and linear parts. These are summed here; the
 exp(2 h) - 1 - 2 h = 2 (tanh h / (1 - tanh h) - h), a form that keeps small numbers whole. Where the weights
 are so large that this does not do, numbers are float64. Each step costs more than its arithmetic, so that
 offsets and levels stand in the matrices; constant ones are on the right of a product, where onnxruntime lays
-them out once.
+them out once. Needs the extra train.
 """
 
 from __future__ import annotations
