@@ -1,4 +1,4 @@
-"""Frames kept on disk while somebody asks for them: a folder that `capture/recorded.py` plays again.
+"""Frames kept on disk while somebody asks for them: a folder that `recording.py` plays again.
 
 Each frame is one PNG, whole or not there, and a line in frames.csv. The folder is a ring: beyond its bytes or
 its seconds the oldest frames go. Encoding and writing happen in a thread of their own; what it cannot keep up

@@ -1,7 +1,7 @@
 """Beads in a first frame: on which channel they stand out, and where they are, to a pixel.
 
 Finding uses the determinant of the Hessian at the beads' scale: large on blobs, zero along edges, so the
-dome's rim, light patches and printed lines do not answer. refine.py then finds their sub-pixel places.
+dome's rim, light patches and printed lines do not answer. subpixel.py then finds their sub-pixel places.
 """
 
 from __future__ import annotations

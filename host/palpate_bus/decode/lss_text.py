@@ -33,7 +33,7 @@ FAST_SCAN = 0x51
 
 
 def lss_text(data: bytes) -> str:
-    """What an LSS frame says; `malformed` when it has not 8 bytes."""
+    """What an LSS frame says; ``malformed`` when it has not 8 bytes."""
     if len(data) != 8:
         return f"malformed: {len(data)} bytes, LSS has 8"
     command = data[0]

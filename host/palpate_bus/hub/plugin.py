@@ -4,7 +4,8 @@
 
 Differences from SocketCAN: the client itself refuses a frame when its transmit queue is full (error_code
 ENOBUFS, after `timeout` if given). While a port is bus-off, `send` raises ENETDOWN and `state` is ERROR;
-`recv` returns an error frame at the beginning (class CAN_ERR_BUSOFF) and at the end (CAN_ERR_RESTARTED).
+`can.BusABC.recv` returns an error frame at the beginning (class CAN_ERR_BUSOFF) and at the end
+(CAN_ERR_RESTARTED).
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 
 CRTL_RX_OVERFLOW = 0x01  # linux/can/error.h: data[1] of a CAN_ERR_CRTL frame
-MAX_PENDING = 8192  # frames that `recv` has not taken yet
+MAX_PENDING = 8192  # frames that `can.BusABC.recv` has not taken yet
 MAX_BURST = 512  # frames in one message
 WAIT_SLICE_S = 0.005
 # Plain integers, because IntFlag arithmetic would be the most expensive step for each frame.
@@ -146,7 +147,7 @@ class HubBus(can.BusABC):
             return len(burst)
 
     def fileno(self) -> int:
-        """Return a descriptor that polls readable when `recv` has a message or an error."""
+        """Return a descriptor that polls readable when `can.BusABC.recv` has a message or an error."""
         return self._epoll.fileno()
 
     def shutdown(self) -> None:
@@ -203,7 +204,7 @@ class HubBus(can.BusABC):
             try:
                 if self._gone is None and self._epoll.poll(
                     0
-                ):  # a poll costs a fifth of a `recv` without data
+                ):  # a poll costs a fifth of a `can.BusABC.recv` without data
                     for kind, payload in self._splitter.feed(link.receive(self._socket, self._path)):
                         self._handle(kind, payload)
                     self._show_pending()

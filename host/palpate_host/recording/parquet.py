@@ -1,6 +1,6 @@
 """The rows of table.py as a Parquet file, in the types of LeRobot's datasets.
 
-There `observation.state` and `action` are vectors of float32, one a row, and `timestamp` is float32. The
+There ``observation.state`` and `action` are vectors of float32, one a row, and ``timestamp`` is float32. The
 schema's metadata `names` tells, as JSON, what each vector's elements are. A value that is not known is NaN.
 """
 

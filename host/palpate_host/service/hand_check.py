@@ -1,7 +1,7 @@
 """Is what hand.toml says what is on the bus? Asked by SDO of every node, before anything moves. Pure.
 
 Each node is asked who it is (1000h, 1018h), drives also for their modes, scale, torque cap, watchdog and
-joint angle; PDOs are compared with the EDS that both sides load (bus/node_check.py).
+joint angle; PDOs are compared with the EDS that both sides load (master/node_check.py).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Engine `eqs`: the paper's hand and object, Eqs. (4)-(8), with tips that roll and never slip.
+"""Engine ``eqs``: the paper's hand and object, Eqs. (4)-(8), with tips that roll and never slip.
 
 M, C and g of hand and object come from MuJoCo, the contact model from the paper. For the velocities v of
 joints and object, Eqs. (4)-(6) are one equation,

@@ -79,7 +79,7 @@ class Outcome:
 
 
 def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
-    """Create an engine: `eqs` (Eqs. (4)-(8)) or `mujoco` (frictional contacts). The object has no weight.
+    """Create an engine: ``eqs`` (Eqs. (4)-(8)) or ``mujoco`` (frictional contacts). The object has no weight.
 
     has_B: the simulated joints have the damping B of Eq. (10).
     """
