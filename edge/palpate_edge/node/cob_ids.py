@@ -1,4 +1,4 @@
-"""What CiA 301 allows as a COB-ID: the identifiers that are not configurable, and the flags beside them."""
+"""Restricted identifiers and flags of COB-IDs (CiA 301)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ RESTRICTED_IDS = (
     range(0x601, 0x680),
     range(0x6E0, 0x800),
 )
-"""CiA 301, 7.3.5: identifiers of NMT, SDO, LSS, error control and what is reserved."""
+"""CiA 301, 7.3.5: identifiers of NMT, SDO, LSS and error control, and reserved ones."""
 
 
 def check_cob_id(value: int, flags: int) -> None:
-    """Raises SdoAbortError for a restricted identifier, or for a bit beside it that is not in `flags`."""
+    """Raise SdoAbortError for a restricted identifier, or for a flag bit that is not in `flags`."""
     can_id = value & CAN_ID_MASK
     if value & ~(CAN_ID_MASK | flags) or any(can_id in ids for ids in RESTRICTED_IDS):
         raise SdoAbortError(AbortCode.VALUE_INVALID)

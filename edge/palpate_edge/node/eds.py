@@ -1,7 +1,8 @@
-"""From an electronic data sheet (EDS, CiA 306) to the object dictionary of one node.
+"""Loading of an electronic data sheet (EDS, CiA 306) as the object dictionary of one node.
 
-To import a parser and parse the file is a tenth of a fingertip's start. So what ``eds_parser.py`` makes of a
-file may lie beside it (``fingertip.parsed.json``); it counts only for the very file that it was made from.
+Importing the parser and parsing the file takes a tenth of a fingertip's start. The output of
+``eds_parser.py`` may therefore be stored next to the file (``fingertip.parsed.json``). It is used only if its
+checksum is that of the file.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ from palpate_edge.node.parsed_eds import ParsedEds, checksum_of, parsed_path
 
 
 def load_eds(path: Path, node_id: int) -> ObjectDictionary:
-    """Read an EDS for the node `node_id`: 1-127, or 255 for a node that LSS has yet to name.
+    """Read an EDS for the node `node_id`: 1 to 127, or 255 for a node that gets its id by LSS.
 
-    Raises ConfigError, naming the file and the object, when it cannot be read or describes what these
-    nodes cannot serve.
+    Raises ConfigError with file and object when the file cannot be read or describes an object that these
+    nodes do not support.
     """
     if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
-        raise ConfigError(f"node id {node_id} is not in 1..127; set `node_id` to a free number of the bus")
+        raise ConfigError(f"node id {node_id} is not in 1..127: set `node_id` to a free id on the bus")
     try:
         od = _dictionary(path, checksum_of(path)).for_node(node_id)
         for entry in od.entries.values():
             if entry.follows_node_id:
                 entry.check(entry.default)
     except OSError as error:
-        raise ConfigError(f"EDS {path} cannot be read: {error.strerror}; check the path") from error
+        raise ConfigError(f"EDS {path} cannot be read ({error.strerror}): check the path") from error
     except BusError as error:
         raise ConfigError(f"EDS {path}: {error}") from error
     return od
@@ -38,10 +39,13 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
 
 @cache
 def _dictionary(path: Path, checksum: str) -> ObjectDictionary:
-    """The file with this content, for node 1. A hand has a dozen nodes of two files: each is read once."""
+    """Return the dictionary of the file with this checksum, for node 1.
+
+    Cached, since a hand has a dozen nodes with two EDS files.
+    """
     parsed = _parsed_before(path, checksum)
     if parsed is None:
-        from palpate_edge.node.eds_parser import parse  # noqa: PLC0415 - a fingertip never needs it
+        from palpate_edge.node.eds_parser import parse  # noqa: PLC0415 - not needed by a fingertip
 
         parsed = parse(path, checksum)
     return ObjectDictionary(

@@ -1,6 +1,6 @@
-"""Parses electronic data sheets with the ``canopen`` package.
+"""Parser of electronic data sheets, by the ``canopen`` package.
 
-python -m palpate_edge.node.eds_parser   # after a change of fingertip.eds: write what eds.py reads
+python -m palpate_edge.node.eds_parser   # after a change of fingertip.eds: write fingertip.parsed.json
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from palpate_edge.node.parsed_eds import FINGERTIP_EDS, ParsedEds, checksum_of, 
 
 
 def parse(path: Path, checksum: str) -> ParsedEds:
-    """What the file of this checksum says. Raises ConfigError, naming the file and the object; OSError."""
+    """Parse the file with this checksum. Raises ConfigError with file and object, or OSError."""
     try:
         parsed = canopen.import_od(str(path), node_id=1)
     except (configparser.Error, ValueError, KeyError) as error:
         reason = " ".join(str(error).split())
-        raise ConfigError(f"EDS {path} is not a CiA 306 file: {reason}; restore it") from error
+        raise ConfigError(f"EDS {path} is not a CiA 306 file ({reason}): restore it") from error
     entries = tuple(_entry(path, variable) for variable in _variables(parsed))
     if not entries:
-        raise ConfigError(f"EDS {path} describes no object; give a CiA 306 file")
+        raise ConfigError(f"EDS {path} describes no object: give a CiA 306 file")
     return ParsedEds(
         checksum=checksum,
         entries=entries,
@@ -49,13 +49,15 @@ def _entry(path: Path, variable: ODVariable) -> Entry:
         data_type = DataType(variable.data_type or 0)
         access = Access(variable.access_type)
     except ValueError as error:
-        raise ConfigError(f"{where}: {error}; use a type and access that this node serves") from error
+        raise ConfigError(
+            f"{where}: {error}: use a data type and an access type that this node supports"
+        ) from error
     default: Value | None = variable.default
     if default is None:
         # The parser drops a default that it cannot read; an empty one is allowed by CiA 306.
         written = getattr(variable, "default_raw", "")
         if written.strip():
-            raise ConfigError(f"{where}: DefaultValue {written!r} is not a number; correct it")
+            raise ConfigError(f"{where}: DefaultValue {written!r} is not a number: correct it")
         default = "" if data_type is DataType.VISIBLE_STRING else 0
     entry = Entry(
         index=variable.index,

@@ -1,8 +1,8 @@
-"""The emergency producer (CiA 301, 7.2.7): error code, error register 1001h, five bytes of the manufacturer.
+"""Emergency producer (CiA 301, 7.2.7): error code, error register 1001h, five manufacturer-specific bytes.
 
-An error is reported once when it appears and once when it goes (code 0x0000); 1003h keeps the last ones. What
-appears while the node may not send (INITIALISING, STOPPED, 1014h not valid, within the inhibit time 1015h)
-is sent when it may again; of a storm the newest :data:`LONGEST_QUEUE` are.
+An error is reported once when it occurs and once when it is cleared (code 0x0000); 1003h keeps the last ones.
+Messages are queued while the node may not send (INITIALISING, STOPPED, 1014h not valid, inhibit time 1015h).
+The queue keeps the newest :data:`LONGEST_QUEUE`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INFO_BYTES = 5
 
 
 class EmcyCode(IntEnum):
-    """The codes of CiA 301 that the core itself reports, and those of a bus that came back."""
+    """Codes of CiA 301 that the node core reports, and that of a recovered bus."""
 
     DATA_SET = 0x6300
     HEARTBEAT = 0x8130
@@ -49,12 +49,15 @@ class ErrorRegister(IntFlag):
 
 
 def is_temperature(code: int) -> bool:
-    """Whether an error code tells of a temperature beyond its limit: 4xxxh (CiA 301, 7.2.7.1)."""
+    """Return whether an error code is a temperature error: 4xxxh (CiA 301, 7.2.7.1)."""
     return code & 0xF000 == 0x4000
 
 
 class EmergencyProducer:
-    """Keeps the active errors, 1001h and 1003h. An error is its code with its `info`, at most five bytes."""
+    """Producer of EMCY messages; it keeps the active errors, 1001h and 1003h.
+
+    An error is identified by its code and its `info`, the manufacturer-specific bytes (five at most).
+    """
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
@@ -65,7 +68,7 @@ class EmergencyProducer:
         self._history_length = sum(index == ERROR_HISTORY for index, _ in store.od.entries) - 1
 
     def reset(self) -> None:
-        """After an NMT reset nothing is active."""
+        """Clear all errors and the queue, for an NMT reset."""
         self._active.clear()
         self._unsent.clear()
         self._inhibited_until_us = 0
@@ -73,19 +76,19 @@ class EmergencyProducer:
         self._update_register()
 
     def report(self, code: int, register: ErrorRegister, info: bytes = b"") -> None:
-        """An error has appeared; does nothing while it is already active."""
+        """Report an error that has occurred; no effect while it is already active."""
         if (code, info) not in self._active:
             self._active[code, info] = register
             self._queue(code, info)
             self._remember(code, info)
 
     def clear(self, code: int, info: bytes = b"") -> None:
-        """An error has gone; does nothing when it was not active."""
+        """Report that an error no longer exists; no effect when it was not active."""
         if self._active and self._active.pop((code, info), None) is not None:
             self._queue(ERROR_RESET, b"")
 
     def check_write(self, entry: Entry, value: int) -> None:
-        """Raises SdoAbortError: 1003h:00 takes 0 only, 1014h no other id while it is valid."""
+        """Raise SdoAbortError for a value other than 0 in 1003h:00, or a changed id in a valid 1014h."""
         if entry.index == ERROR_HISTORY and value != 0:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
         if entry.index == COB_ID:
@@ -95,12 +98,12 @@ class EmergencyProducer:
                 raise SdoAbortError(AbortCode.VALUE_INVALID)
 
     def can_id(self) -> int | None:
-        """The identifier that this node alone sends emergencies with."""
+        """Return the identifier of this node's emergencies, None while 1014h is not valid."""
         cob_id = self._store.number(COB_ID)
         return None if cob_id & NOT_VALID else cob_id & CAN_ID_MASK
 
     def due_us(self) -> int | None:
-        """When the inhibit time lets the next message go."""
+        """Return the time at which the inhibit time of a queued message ends, None without one."""
         return self._due_us
 
     def poll(self, now_us: int, state: NmtState) -> list[CanFrame]:
@@ -123,7 +126,7 @@ class EmergencyProducer:
         self._unsent.append(struct.pack("<HB5s", code, register, info[:INFO_BYTES]))
 
     def _remember(self, code: int, info: bytes) -> None:
-        """The newest error becomes 1003h:01; its upper half is the first two bytes of the manufacturer."""
+        """Insert the newest error as 1003h:01; its upper half holds the first two manufacturer bytes."""
         if self._history_length < 1:
             return
         fields = [self._store.number(ERROR_HISTORY, sub) for sub in range(1, self._history_length)]

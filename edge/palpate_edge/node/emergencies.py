@@ -1,4 +1,4 @@
-"""Emergencies of a fingertip beyond those of the node core: codes, names, and the set of active ones."""
+"""Emergencies of a fingertip in addition to those of the node core: codes, names, active ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ REGISTER = {
     Emergency.ERROR_PASSIVE: ErrorRegister.COMMUNICATION,
     Emergency.CLOCK_LOST: ErrorRegister.COMMUNICATION,
 }
-"""The others set the manufacturer's bit; 8140h is reported with what 1029h asks for."""
+"""Register bits of the emergencies; the others set the manufacturer bit.
+
+8140h is reported by `Slave.communication_error`, which also applies 1029h.
+"""
 
 
 def name_of(emergency: Emergency) -> str:
@@ -37,7 +40,7 @@ def name_of(emergency: Emergency) -> str:
 
 
 class ActiveEmergencies:
-    """Each is reported when it appears and cleared when it goes; what lasts survives an NMT reset."""
+    """Active emergencies; each is reported when set and when cleared, and survives an NMT reset."""
 
     def __init__(self, producer: EmergencyProducer) -> None:
         self._producer = producer
@@ -56,7 +59,7 @@ class ActiveEmergencies:
         return [name_of(emergency) for emergency in self._active]
 
     def after_reset(self) -> None:
-        """An NMT reset made the node forget; what is still the matter is reported again."""
+        """Report the active emergencies again after an NMT reset, which cleared them in the node."""
         for emergency in self._active:
             self._report(emergency)
 

@@ -1,6 +1,6 @@
-"""What a slave tells its application about what came over the bus, in the order it came.
+"""Events that a slave reports to its application, in the order of the received frames.
 
-Times of arrival (`arrived_us`) are those given to :meth:`Slave.process` with the frames.
+Reception times (`arrived_us`) are those given to :meth:`Slave.process` with the frames.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from palpate_edge.node.stored_parameters import StoredParameters
 
 @dataclass(frozen=True, slots=True)
 class NmtStateChanged:
-    """The node is in `state` now; `command` is what brought it there, None for the boot-up or an error."""
+    """The node has entered `state`, by `command`; None after the first boot-up, LSS or an error."""
 
     state: NmtState
     command: NmtCommand | None
@@ -23,14 +23,14 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NodeIdConflict:
-    """A frame came with an identifier that only this node may send: another node has the same id."""
+    """Another node has the same id: it sent a frame with an identifier of this node."""
 
     can_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class AcceptIdsChanged:
-    """A receive filter must let these identifiers through from now on (see :meth:`Slave.accept_ids`)."""
+    """The identifiers that a receive filter has to accept have changed (see :meth:`Slave.accept_ids`)."""
 
     can_ids: tuple[int, ...]
 
@@ -46,7 +46,7 @@ class ObjectWritten:
 
 @dataclass(frozen=True, slots=True)
 class RpdoReceived:
-    """RPDO `number` was taken over into its objects: raw integers by (index, sub-index)."""
+    """RPDO `number` has updated its mapped objects; `values` are raw integers by (index, sub-index)."""
 
     number: int
     values: Mapping[ObjectKey, int]
@@ -54,14 +54,14 @@ class RpdoReceived:
 
 @dataclass(frozen=True, slots=True)
 class RpdoTimedOut:
-    """The event timer of RPDO `number` passed without a new one (EMCY 0x8250)."""
+    """The event timer of RPDO `number` elapsed without a new RPDO (EMCY 0x8250)."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class SyncReceived:
-    """counter: what SYNC carries while 1019h is not 0, else None."""
+    """A SYNC was received. counter: its counter when 1019h is not 0, otherwise None."""
 
     arrived_us: int
     counter: int | None
@@ -69,7 +69,7 @@ class SyncReceived:
 
 @dataclass(frozen=True, slots=True)
 class TimeStampReceived:
-    """An RPDO brought 1013h: the bus's time in us, modulo 2^32."""
+    """An RPDO with 1013h was received; `stamp_us` is the bus time in us, modulo 2^32."""
 
     arrived_us: int
     stamp_us: int
@@ -77,7 +77,7 @@ class TimeStampReceived:
 
 @dataclass(frozen=True, slots=True)
 class TimeOfDayReceived:
-    """TIME (1012h): days since 1984-01-01 and milliseconds since midnight."""
+    """TIME (1012h) was received: days since 1984-01-01 and milliseconds since midnight."""
 
     arrived_us: int
     days: int
@@ -86,21 +86,27 @@ class TimeOfDayReceived:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatLost:
-    """A node that 1016h watches was silent for too long (EMCY 0x8130)."""
+    """The heartbeat of a node in 1016h has timed out (EMCY 0x8130)."""
 
     node_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class StoreRequested:
-    """A master wants these parameters kept (1010h, 1011h, LSS): write them, then call `store_finished`."""
+    """A master requests storage of these parameters (1010h, 1011h, LSS).
+
+    The application writes them, then calls `Slave.store_finished`.
+    """
 
     parameters: StoredParameters
 
 
 @dataclass(frozen=True, slots=True)
 class BitRateActivated:
-    """LSS: wait `delay_us`, switch the bus, wait as long again; the node sends nothing meanwhile."""
+    """LSS activates a bit rate: wait `delay_us`, switch the bus, wait `delay_us` again.
+
+    The node sends nothing in the meantime.
+    """
 
     bit_rate_kbit_s: int
     delay_us: int

@@ -44,10 +44,10 @@ SERIAL_NUMBER = (0x1018, 4)
 
 
 class FingertipNode:
-    """The slave of one fingertip.
+    """CANopen node of one fingertip.
 
-    An ObjectWritten event for 6125h in its output asks the application to tare (CiA 404, AI autozero), one
-    for 2030h to set the LED level.
+    The application has to act on two ObjectWritten events: tare at 6125h (CiA 404, AI autozero), set the LED
+    level at 2030h.
     """
 
     def __init__(
@@ -61,10 +61,10 @@ class FingertipNode:
         kept: StoredParameters = NOTHING_STORED,
         has_led: bool = False,
     ) -> None:
-        """kept: what the node stored; a node id in it goes before `node_id`, which may be 255 (given by LSS).
-        has_led: a controller takes the LED level; without one 2030h is refused.
+        """Make the node. Raises ConfigError when `node_id` is not in 1..127 or 255 (id by LSS).
 
-        Raises ConfigError when `node_id` is not in 1..127 or 255.
+        kept: stored parameters; a node id in it takes precedence over `node_id`. has_led: whether an LED
+        controller exists; without one, writes to 2030h are rejected.
         """
         self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), partial(check_write, has_led), kept)
         self.slave.write(METHOD, 0, int(method))
@@ -75,13 +75,13 @@ class FingertipNode:
 
     @property
     def led_set_point(self) -> int:
-        """2030h."""
+        """The LED level in 2030h."""
         return int(self.slave.read(LED_SET_POINT))
 
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
     ) -> SlaveOutput:
-        """See :meth:`Slave.process`."""
+        """Count the published contacts, then process frames and timers as :meth:`Slave.process`."""
         self._count()
         return self.slave.process(now_us, frames_in, arrived_us)
 
@@ -113,16 +113,20 @@ class FingertipNode:
         self._uncounted.clear()
 
     def report_health(self, health: Health) -> None:
-        """Set what TPDO 4 sends when its event timer asks."""
+        """Set the objects of TPDO 4, which its event timer sends."""
         self.slave.write_all(encode_health(health))
 
     def report_bus_clock(self, state: BusClockState, drift_ppb: float, standard_error_us: float) -> None:
-        """Set 2042h."""
+        """Set the objects of the bus clock, 2042h."""
         self.slave.write_all(encode_bus_clock(state, drift_ppb, standard_error_us))
 
 
 def check_write(has_led: bool, entry: Entry, value: Value) -> None:
-    """Autozero takes its signature only, the location is short, a LED that is not there takes no level."""
+    """Raise SdoAbortError for an invalid write to one of the fingertip's own objects.
+
+    Autozero accepts only its signature, the location at most 64 characters; the LED level needs an LED
+    controller.
+    """
     if entry.index == AI_AUTOZERO and value != AUTOZERO_SIGNATURE:
         raise SdoAbortError(AbortCode.NOT_STORED)
     if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:

@@ -1,4 +1,4 @@
-"""The heartbeat producer (CiA 301, 7.2.8.3.2; object 1017h, in ms)."""
+"""Heartbeat producer (CiA 301, 7.2.8.3.2; object 1017h, in ms)."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ PRODUCER_TIME = 0x1017
 
 
 class HeartbeatProducer:
-    """Sends the NMT state every 1017h milliseconds; silent while 1017h is 0."""
+    """Producer that sends the NMT state every 1017h milliseconds; disabled while 1017h is 0."""
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
         self._due_us: int | None = None
 
     def start(self, now_us: int) -> None:
-        """After the boot-up, which counts as the first message."""
+        """Start after the boot-up, which is the first message; the next one follows after one period."""
         period_us = self._period_us()
         self._due_us = now_us + period_us if period_us else None
 
     def reconfigure(self, now_us: int) -> None:
-        """After a write to 1017h: the first message of the new period is sent at once."""
+        """Apply a write to 1017h; the first message of the new period is sent at once."""
         self._due_us = now_us if self._period_us() else None
 
     def due_us(self) -> int | None:
@@ -33,7 +33,7 @@ class HeartbeatProducer:
             return None
         self._due_us += self._period_us()
         if self._due_us <= now_us:
-            # A late call does not make a burst of the messages that were missed.
+            # After a late call the missed messages are skipped, not sent as a burst.
             self._due_us = now_us + self._period_us()
         return CanFrame(ERROR_CONTROL_ID + self._store.od.node_id, bytes([state]))
 

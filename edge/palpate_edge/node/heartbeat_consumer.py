@@ -1,7 +1,7 @@
-"""The heartbeat consumer (CiA 301, 7.2.8.3.2; object 1016h): who must be heard, and within how long.
+"""Heartbeat consumer (CiA 301, 7.2.8.3.2; object 1016h): supervised nodes and their consumer times.
 
-Watching a node begins with its first message. Its silence is EMCY 0x8130 with its node id in the first
-manufacturer byte, and what 1029h says; its next message takes the error back.
+Supervision of a node begins with its first message. A timeout is reported by EMCY 0x8130 with the node id in
+the first manufacturer byte, and 1029h is applied. The node's next message clears the error.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ HIGHEST_NODE_ID = 127
 
 
 class HeartbeatConsumer:
-    """The nodes of 1016h with the times until which each must be heard again."""
+    """Consumer of the heartbeats of the nodes in 1016h, with the deadline of each."""
 
     def __init__(self, store: ObjectStore, emcy: EmergencyProducer) -> None:
         self._store = store
@@ -27,13 +27,13 @@ class HeartbeatConsumer:
         self.start()
 
     def start(self) -> None:
-        """After a reset: every node waits for its first message."""
+        """Start after a reset; supervision of each node begins with its first message."""
         entries = [self._entry(sub) for sub in range(1, 1 + self._store.optional_number(CONSUMER_TIMES))]
         self._times_us = {node_id: time_us for node_id, time_us in entries if time_us}
         self._deadlines_us.clear()
 
     def reconfigure(self) -> None:
-        """After a write to 1016h: who is new waits for its first message, who left has no error."""
+        """Apply a write to 1016h: clear the errors of removed nodes, keep the deadlines of unchanged ones."""
         times_us, deadlines_us = self._times_us, dict(self._deadlines_us)
         self.start()
         for node_id, time_us in times_us.items():
@@ -43,7 +43,7 @@ class HeartbeatConsumer:
                 self._deadlines_us[node_id] = deadlines_us[node_id]
 
     def check_write(self, entry: Entry, value: int) -> None:
-        """Raises SdoAbortError for reserved bits, and for a node that another sub-index watches."""
+        """Raise SdoAbortError for reserved bits, and for a node that another sub-index supervises."""
         if value >> 24:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
         node_id, time_us = consumer_entry(value)
@@ -62,13 +62,13 @@ class HeartbeatConsumer:
         return min(self._deadlines_us.values()) if self._deadlines_us else None
 
     def receive(self, now_us: int, can_id: int) -> None:
-        """A message of a watched node: whatever its state, it lives."""
+        """Restart the deadline of a supervised node; a message with any state counts."""
         node_id = can_id - ERROR_CONTROL_ID
         self._deadlines_us[node_id] = now_us + self._times_us[node_id]
         self._emcy.clear(EmcyCode.HEARTBEAT, bytes([node_id]))
 
     def poll(self, now_us: int) -> list[int]:
-        """The nodes that have fallen silent; each is told once."""
+        """Return the nodes whose heartbeat has timed out; each is reported once."""
         if not self._deadlines_us:
             return []
         lost = [node_id for node_id, deadline_us in self._deadlines_us.items() if deadline_us <= now_us]
@@ -82,6 +82,6 @@ class HeartbeatConsumer:
 
 
 def consumer_entry(value: int) -> tuple[int, int]:
-    """Node id and time in us of one sub-index of 1016h; time 0 when it is not used."""
+    """Return node id and time in us of one sub-index of 1016h; the time is 0 for an unused one."""
     node_id, time_ms = value >> 16 & 0xFF, value & 0xFFFF
     return node_id, time_ms * 1000 if 1 <= node_id <= HIGHEST_NODE_ID else 0

@@ -1,7 +1,7 @@
-"""The LSS slave (CiA 305): node id and bit rate given over the bus, by the four numbers of 1018h.
+"""LSS slave (CiA 305): node id and bit rate configured over the bus; 1018h identifies the node.
 
-A node id takes effect with the next NMT reset communication; a node that had none boots up as soon as LSS is
-left (switch state global, waiting).
+A node id takes effect with the next NMT reset communication. A node without an id boots up as soon as it has
+one and LSS returns to the waiting state (switch state global).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HIGHEST_BIT = 31
 
 
 class LssCommand(IntEnum):
-    """Command specifiers, the first byte."""
+    """Command specifiers: the first byte of a message."""
 
     SWITCH_GLOBAL = 0x04
     CONFIGURE_NODE_ID = 0x11
@@ -46,9 +46,10 @@ class LssCommand(IntEnum):
 
 
 class LssSlave:
-    """States waiting and configuration; the pending node id and bit rate.
+    """The LSS states waiting and configuration, and the pending node id and bit rate.
 
-    store: asked to keep both, False when it cannot now. activate: told to switch the bit rate (kbit/s, us).
+    store: called to store both; returns False when it is not possible now. activate: called with the new bit
+    rate in kbit/s and the switch delay in us.
     """
 
     def __init__(
@@ -69,16 +70,16 @@ class LssSlave:
 
     @property
     def leaves_unconfigured(self) -> bool:
-        """A node without an id was given one, and LSS is left: it may boot up."""
+        """True when a node without an id has received one and LSS is waiting again: it may boot up."""
         unconfigured = self._objects.od.node_id == UNCONFIGURED_NODE_ID
         return unconfigured and not self.configuring and self.pending_node_id != UNCONFIGURED_NODE_ID
 
     def confirm_store(self, stored: bool) -> list[CanFrame]:
-        """The answer to the store request."""
+        """Return the response to the store request."""
         return [answer(LssCommand.STORE, OK if stored else STORAGE_FAILED)]
 
     def receive(self, data: bytes) -> CanFrame | None:
-        """Serve one request; None where no answer is due."""
+        """Process one request and return its response, None for a request without one."""
         if len(data) != FRAME_BYTES:
             return None
         command = data[0]
@@ -104,7 +105,7 @@ class LssSlave:
         return self.pending_node_id == self._objects.od.node_id == UNCONFIGURED_NODE_ID
 
     def _identity(self, part: int) -> int:
-        """Vendor, product, revision, serial number."""
+        """Return one part of 1018h: 0 vendor, 1 product, 2 revision, 3 serial number."""
         return self._objects.number(IDENTITY, 1 + part)
 
     def _switch_global(self, mode: int) -> None:
@@ -113,7 +114,7 @@ class LssSlave:
             self._selected = 0
 
     def _select(self, part: int, number: int) -> CanFrame | None:
-        """Four requests, one a number of the identity, in their order."""
+        """Process one of the four select requests, one per part of the identity, in their order."""
         matches = part in (0, self._selected) and number == self._identity(part)
         self._selected = part + 1 if matches else 0
         if self._selected < 4:
@@ -123,7 +124,10 @@ class LssSlave:
         return answer(LssCommand.SELECTED)
 
     def _identify(self, step: int, number: int) -> CanFrame | None:
-        """Six requests: vendor, product, lowest and highest revision, lowest and highest serial number."""
+        """Process one of the six identify requests.
+
+        Vendor, product, lowest and highest revision, lowest and highest serial number, in this order.
+        """
         revision, serial = self._identity(2), self._identity(3)
         matches = (
             number == self._identity(0),
@@ -140,7 +144,7 @@ class LssSlave:
         return answer(LssCommand.IDENTIFY_SLAVE)
 
     def _fastscan(self, number: int, bit: int, part: int, next_part: int) -> CanFrame | None:
-        """One question: are the bits from `bit` upwards of identity `part` those of `number`?"""
+        """Respond if the bits from `bit` upwards of identity `part` are equal to those of `number`."""
         if bit == FASTSCAN_RESET:
             self._fastscan_part = 0
             return answer(LssCommand.IDENTIFY_SLAVE)

@@ -1,4 +1,4 @@
-"""The NMT slave (CiA 301, 7.3.2): states, commands, boot-up."""
+"""NMT slave (CiA 301, 7.3.2): states, commands, boot-up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ERROR_CONTROL_ID = 0x700
 
 
 class NmtState(IntEnum):
-    """The states with the codes that a heartbeat carries; INITIALISING is what a boot-up says."""
+    """NMT states with their codes in the heartbeat; a boot-up message contains INITIALISING."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -40,19 +40,19 @@ STATE_AFTER = {
 }
 
 STATE_AFTER_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
-"""1029h:01: where a communication error leads to from OPERATIONAL; 1 is no change."""
+"""Value of 1029h:01 -> state after a communication error in OPERATIONAL; 1 is no change."""
 
 SDO_STATES = frozenset({NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL})
 """SDO, EMCY, SYNC and TIME are served in these states only."""
 
 
 def command_for(node_id: int, data: bytes) -> NmtCommand | None:
-    """The command that an NMT message gives this node; None when it is for another or none is known."""
+    """Return the command of an NMT message, None when it is for another node or unknown."""
     if len(data) != 2 or data[1] not in (0, node_id):
         return None
     return COMMANDS.get(data[0])
 
 
 def boot_up(node_id: int) -> CanFrame:
-    """The message that a node sends once when it leaves INITIALISING."""
+    """Return the boot-up message, which a node sends once when it leaves INITIALISING."""
     return CanFrame(ERROR_CONTROL_ID + node_id, bytes([NmtState.INITIALISING]))

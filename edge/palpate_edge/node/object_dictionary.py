@@ -1,6 +1,6 @@
-"""The object dictionary: what an electronic data sheet (``eds.py``) says of each object, typed and immutable.
+"""Object dictionary: the description of each object in an electronic data sheet, typed and immutable.
 
-An :class:`Entry` knows how to turn values into bytes. Values that change while a node runs live in
+``eds.py`` makes it; an :class:`Entry` converts values to bytes and back. The values of a running node are in
 ``object_store.py``.
 """
 
@@ -18,11 +18,11 @@ ObjectKey = tuple[int, int]
 """Index and sub-index."""
 
 UNCONFIGURED_NODE_ID = 255
-"""What LSS (CiA 305) calls the node id of a node that has none yet."""
+"""The node id of a node without one (LSS, CiA 305)."""
 
 
 class DataType(IntEnum):
-    """The data types of CiA 301 (table of object 0001h ff.) that these nodes use."""
+    """Data types of CiA 301 (table of object 0001h ff.) that these nodes use."""
 
     INTEGER8 = 0x02
     INTEGER16 = 0x03
@@ -48,7 +48,7 @@ RANGES = {
     else range(1 << 8 * packer.size)
     for data_type, packer in STRUCTS.items()
 }
-"""The integers of each data type."""
+"""The range of each integer data type."""
 
 
 class Access(Enum):
@@ -74,8 +74,8 @@ class Access(Enum):
 class Entry:
     """One sub-index of one object.
 
-    low, high: bounds of what SDO may write; None: the type's own range. follows_node_id: the default is a
-    ``$NODEID`` formula.
+    low, high: limits of values written by SDO; None for the range of the data type. follows_node_id: the
+    default is a ``$NODEID`` formula.
     """
 
     index: int
@@ -95,17 +95,17 @@ class Entry:
 
     @property
     def size_bytes(self) -> int | None:
-        """Bytes on the bus; None where the length varies (strings)."""
+        """The length on the bus in bytes; None when it varies (strings)."""
         packer = STRUCTS.get(self.data_type)
         return None if packer is None else packer.size
 
     def check(self, value: Value) -> None:
-        """Raises BusError when the value is not of the entry's data type."""
+        """Raise BusError when the value is not of the entry's data type."""
         if not isinstance(value, int) or value not in RANGES.get(self.data_type, ()):
             self.encode(value)
 
     def encode(self, value: Value) -> bytes:
-        """The value's bytes, little endian.
+        """Return the value's bytes, little endian.
 
         Raises BusError when the value is not of the entry's data type or outside its range.
         """
@@ -115,17 +115,17 @@ class Entry:
             return STRUCTS[self.data_type].pack(value)
         except (struct.error, UnicodeEncodeError):
             raise BusError(
-                f"object {self}: {value!r} does not fit {self.data_type.name}; give a value in its range"
+                f"object {self}: {value!r} does not fit {self.data_type.name}: give a value in its range"
             ) from None
 
     def decode(self, data: bytes) -> Value:
-        """The value in `data`. Raises BusError when the length is not that of the data type."""
+        """Return the value in `data`. Raises BusError when the length is not that of the data type."""
         if self.data_type is DataType.VISIBLE_STRING:
             return data.decode("latin-1")
         if len(data) != self.size_bytes:
             raise BusError(
-                f"object {self}: {len(data)} bytes, but {self.data_type.name} has {self.size_bytes}; "
-                "check that both sides use the same EDS"
+                f"object {self}: {len(data)} bytes, but {self.data_type.name} has {self.size_bytes}: "
+                "use the same EDS on both sides"
             )
         value: int = STRUCTS[self.data_type].unpack(data)[0]
         return value
@@ -136,9 +136,9 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class ObjectDictionary:
-    """Every entry of one device, with ``$NODEID`` formulas worked out for `node_id`.
+    """Every entry of one device, with ``$NODEID`` formulas evaluated for `node_id`.
 
-    checksum: 16 hexadecimal digits that name the file's content. bit_rates_kbit_s: of [DeviceInfo].
+    checksum: 16 hexadecimal digits of the file's hash. bit_rates_kbit_s: those of [DeviceInfo].
     """
 
     node_id: int
@@ -149,7 +149,7 @@ class ObjectDictionary:
     bit_rates_kbit_s: frozenset[int]
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """The same device with another node id."""
+        """Return the dictionary of the same device with another node id."""
         if node_id == self.node_id:
             return self
         shift = node_id - self.node_id
@@ -162,17 +162,19 @@ class ObjectDictionary:
         return replace(self, node_id=node_id, entries=entries)
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
-        """The entry. Raises BusError naming the file when there is none."""
+        """Return an entry. Raises BusError with the file's name when there is none."""
         found = self.entries.get((index, subindex))
         if found is None:
             raise BusError(
-                f"object {index:04X}h:{subindex:02X} is not in {self.source}; use one that it lists"
+                f"object {index:04X}h:{subindex:02X} is not in {self.source}: use one that it describes"
             )
         return found
 
     def default_number(self, index: int, subindex: int = 0) -> int:
-        """The default of a numeric entry (COB-IDs, mapping words)."""
+        """Return the default of a numeric entry (COB-ID, mapping word). Raises BusError for a text."""
         value = self.entry(index, subindex).default
         if not isinstance(value, int):
-            raise BusError(f"object {index:04X}h:{subindex:02X} of {self.source} is text; name a number")
+            raise BusError(
+                f"object {index:04X}h:{subindex:02X} of {self.source} is a text: give it an integer DataType"
+            )
         return value

@@ -1,4 +1,4 @@
-"""The values behind the object dictionary of a running node, and the rules for access by SDO (CiA 301)."""
+"""Values of the object dictionary of a running node, and the rules of SDO access (CiA 301)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ ERROR_HISTORY = 0x1003
 
 
 class ObjectStore:
-    """One value for each entry of `od`, the defaults at first.
+    """One value for each entry of `od`, initially its default.
 
-    saved: what a reset gives in place of a default (1010h).
+    saved: stored values (1010h), which a reset restores instead of the defaults.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -27,7 +27,7 @@ class ObjectStore:
         self._writable = [key for key, entry in od.entries.items() if entry.access.writable]
 
     def set_node_id(self, node_id: int) -> None:
-        """Take over another node id: defaults that follow it move, and values that still are defaults."""
+        """Set another node id; defaults that depend on it change, and values equal to their old default."""
         if node_id == self.od.node_id:
             return
         old, self.od = self.od, self.od.for_node(node_id)
@@ -36,14 +36,16 @@ class ObjectStore:
                 self.values[key] = self.od.entries[key].default
 
     def number(self, index: int, subindex: int = 0) -> int:
-        """The value of a numeric entry. Raises BusError when there is none."""
+        """Return the value of a numeric entry. Raises BusError when there is none."""
         value = self.values.get((index, subindex))
         if not isinstance(value, int):
-            raise BusError(f"{self.od.source} has no number {index:04X}h:{subindex:02X}; correct the EDS")
+            raise BusError(
+                f"{self.od.source} has no numeric object {index:04X}h:{subindex:02X}: correct the EDS"
+            )
         return value
 
     def optional_number(self, index: int, subindex: int = 0) -> int:
-        """The value of a numeric entry that an EDS may leave out: 0 then."""
+        """Return the value of a numeric entry, 0 when the EDS does not contain it."""
         value = self.values.get((index, subindex), 0)
         return value if isinstance(value, int) else 0
 
@@ -51,12 +53,15 @@ class ObjectStore:
         return index in self.od.indices
 
     def write(self, index: int, subindex: int, value: Value) -> None:
-        """The application's write: any access type, but only what fits the data type (else BusError)."""
+        """Write for the application, with any access type.
+
+        Raises BusError when the data type does not fit.
+        """
         self.od.entry(index, subindex).check(value)
         self.values[index, subindex] = value
 
     def write_all(self, objects: Mapping[ObjectKey, Value]) -> None:
-        """As :meth:`write`, all of them or none."""
+        """Write like :meth:`write`, either all objects or none."""
         ranges = self._ranges
         for key, value in objects.items():
             if value not in ranges.get(key, ()):
@@ -64,14 +69,17 @@ class ObjectStore:
         self.values.update(objects)
 
     def restore(self, indices: Container[int]) -> None:
-        """Objects in `indices` as at power-on: saved or default; what only the application writes stays."""
+        """Reset objects in `indices` to their saved or default values, as at power-on.
+
+        Objects that only the application writes keep their values.
+        """
         entries, saved = self.od.entries, self.saved
         for key in self._writable:
             if key[0] in indices:
                 self.values[key] = saved[key] if key in saved else entries[key].default
 
     def sdo_entry(self, index: int, subindex: int) -> Entry:
-        """The entry that an SDO names. Raises SdoAbortError when there is none."""
+        """Return the entry of an SDO request. Raises SdoAbortError when there is none."""
         entry = self.od.entries.get((index, subindex))
         if entry is None:
             known = index in self.od.indices
@@ -79,7 +87,7 @@ class ObjectStore:
         return entry
 
     def sdo_upload(self, index: int, subindex: int) -> bytes:
-        """The bytes a master reads. Raises SdoAbortError."""
+        """Return the bytes that a master reads. Raises SdoAbortError when the object is not readable."""
         entry = self.sdo_entry(index, subindex)
         if not entry.access.readable:
             raise SdoAbortError(AbortCode.WRITE_ONLY)
@@ -88,7 +96,7 @@ class ObjectStore:
         return entry.encode(self.values[entry.key])
 
     def sdo_writable_entry(self, index: int, subindex: int) -> Entry:
-        """The entry that a master is about to write. Raises SdoAbortError."""
+        """Return the entry that a master is about to write. Raises SdoAbortError when it is not writable."""
         entry = self.sdo_entry(index, subindex)
         if not entry.access.writable:
             raise SdoAbortError(AbortCode.READ_ONLY)
@@ -96,7 +104,7 @@ class ObjectStore:
 
 
 def sdo_value(entry: Entry, data: bytes) -> Value:
-    """What a master's bytes mean. Raises SdoAbortError when their length or value is not allowed."""
+    """Decode bytes written by a master. Raises SdoAbortError when their length or value is not allowed."""
     if entry.data_type is DataType.VISIBLE_STRING:
         if not data.isascii():
             raise SdoAbortError(AbortCode.VALUE_INVALID)
@@ -112,7 +120,7 @@ def sdo_value(entry: Entry, data: bytes) -> Value:
 
 
 def check_length(entry: Entry, length_bytes: int) -> None:
-    """Raises SdoAbortError when `length_bytes` is not the entry's size."""
+    """Raise SdoAbortError when `length_bytes` is not the entry's size."""
     size_bytes = entry.size_bytes
     if size_bytes is None or length_bytes == size_bytes:
         return

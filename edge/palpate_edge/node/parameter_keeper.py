@@ -1,7 +1,7 @@
-"""Keeps a node's parameters over a loss of power: asks the application to write them, and tells who waits.
+"""Storage of a node's parameters: requests to the application and responses to the master.
 
-One storing at a time: 1010h, 1011h and LSS are answered only when the application has said how it went, or
-when :data:`STORE_TIMEOUT_US` has passed.
+Requests are processed one at a time. The response to 1010h, 1011h or LSS is sent when the application has
+reported the result, or after :data:`STORE_TIMEOUT_US`.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from palpate_edge.node.stored_parameters import StoredParameters, after_write
 STORE_TIMEOUT_US = 5_000_000
 
 Confirm = Callable[[bool], list[CanFrame]]
-"""Makes the answer to whoever asked: True when it is stored."""
+"""Function that makes the response to the requesting master; its argument is whether storing succeeded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Storing:
-    """Parameters that the application is writing."""
+    """Store request in progress: the application is writing the parameters."""
 
     parameters: StoredParameters
     confirm: Confirm
@@ -32,7 +32,7 @@ class Storing:
 
 
 class ParameterKeeper:
-    """kept: what was stored last."""
+    """Keeper of a node's stored parameters; `kept` are those stored last."""
 
     def __init__(self, store: ObjectStore, kept: StoredParameters) -> None:
         self.kept = kept
@@ -40,7 +40,7 @@ class ParameterKeeper:
         self._storing: Storing | None = None
 
     def write(self, now_us: int, entry: Entry, value: Value, confirm: Confirm) -> StoreRequested:
-        """A master's write to 1010h or 1011h. Raises SdoAbortError to refuse it."""
+        """Process a master's write to 1010h or 1011h. Raises SdoAbortError when it is not allowed."""
         parameters = after_write(self._store, self.kept, entry, value)
         request = self._request(now_us, parameters, confirm)
         if request is None:
@@ -50,12 +50,12 @@ class ParameterKeeper:
     def keep_lss(
         self, now_us: int, node_id: int, bit_rate_kbit_s: int | None, confirm: Confirm
     ) -> StoreRequested | None:
-        """The store request of LSS; None while an earlier storing is under way."""
+        """Process the store request of LSS; return None while another request is in progress."""
         rate = bit_rate_kbit_s or self.kept.bit_rate_kbit_s
         return self._request(now_us, replace(self.kept, node_id=node_id, bit_rate_kbit_s=rate), confirm)
 
     def finished(self, stored: bool) -> list[CanFrame]:
-        """The application has written what was asked for, or could not."""
+        """Process the application's result and return the response to the master."""
         if self._storing is None:
             return []
         storing, self._storing = self._storing, None
@@ -65,7 +65,7 @@ class ParameterKeeper:
         return storing.confirm(stored)
 
     def poll(self, now_us: int) -> list[CanFrame]:
-        """The refusal of a storing that takes too long."""
+        """Return the negative response when the request in progress has timed out."""
         late = self._storing is not None and now_us >= self._storing.deadline_us
         return self.finished(False) if late else []
 

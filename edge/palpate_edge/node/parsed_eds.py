@@ -1,4 +1,4 @@
-"""What is kept of a parsed EDS beside the file, so that a fingertip starts without a parser."""
+"""Contents of a parsed EDS, stored next to the file so that a fingertip starts without a parser."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
 
 @dataclass(frozen=True, slots=True)
 class ParsedEds:
-    """What an EDS says, its ``$NODEID`` formulas worked out for node 1.
+    """Contents of an EDS, with ``$NODEID`` formulas evaluated for node 1.
 
-    checksum: 16 hexadecimal digits that name the file's content. bit_rates_kbit_s: of [DeviceInfo].
+    checksum: 16 hexadecimal digits of the file's hash. bit_rates_kbit_s: those of [DeviceInfo].
     """
 
     checksum: str
@@ -24,10 +24,10 @@ class ParsedEds:
 
 
 def checksum_of(path: Path) -> str:
-    """What `ParsedEds.checksum` is of this file. Raises OSError."""
+    """Return the value of `ParsedEds.checksum` for this file. Raises OSError."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def parsed_path(eds: Path) -> Path:
-    """Where what was parsed of `eds` lies, if anywhere."""
+    """Return the path of the parsed contents of `eds`, which may not exist."""
     return eds.with_suffix(".parsed.json")

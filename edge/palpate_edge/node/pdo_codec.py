@@ -1,7 +1,7 @@
-"""The layout of a PDO by the mapping of the object dictionary (CiA 301, objects 1600h ff. and 1A00h ff.).
+"""Layout and codec of a PDO from the mapping in the object dictionary (CiA 301, 1600h ff. and 1A00h ff.).
 
-The slave packs and unpacks with it what the mapping says at the moment; the host decodes with it what the EDS
-says. Only whole bytes are mapped (granularity 8).
+The slave uses its present mapping, the host the default mapping of the EDS. Only whole bytes are mapped
+(granularity 8).
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from palpate_edge.node.object_dictionary import STRUCT_CODES, Entry, ObjectDicti
 
 
 class PdoDirection(Enum):
-    """As seen by the device: TPDOs it sends, RPDOs it receives. Values: communication and mapping index."""
+    """Direction as seen from the device: it sends TPDOs and receives RPDOs.
+
+    The values are the first indices of communication and mapping parameters.
+    """
 
     TRANSMIT = (0x1800, 0x1A00)
     RECEIVE = (0x1400, 0x1600)
@@ -37,15 +40,15 @@ class PdoDirection(Enum):
 
 
 class MappingFault(Enum):
-    """Why a mapping cannot be: the SDO server answers each with its own abort code."""
+    """Reasons why a mapping is invalid; the SDO server has an abort code for each."""
 
-    NOT_MAPPABLE = "not an object that this PDO may carry"
-    TOO_LONG = "longer than 8 bytes"
+    NOT_MAPPABLE = "an object that this PDO must not contain"
+    TOO_LONG = "more than 8 bytes"
 
 
 @dataclass(frozen=True, slots=True)
 class PdoLayout:
-    """The entries of one PDO in order, their keys, and the packer for them."""
+    """The entries of one PDO in order, their keys, and their packer."""
 
     entries: tuple[Entry, ...]
     keys: tuple[ObjectKey, ...]
@@ -61,7 +64,7 @@ class PdoLayout:
 def layout_of(
     od: ObjectDictionary, words: Sequence[int], direction: PdoDirection
 ) -> PdoLayout | MappingFault:
-    """The layout of mapping words (index << 16 | sub-index << 8 | bits), or why there is none."""
+    """Return the layout of mapping words (index << 16 | sub-index << 8 | bits), or why they are invalid."""
     entries = []
     for word in words:
         entry = od.entries.get((word >> 16, word >> 8 & 0xFF))
@@ -81,7 +84,7 @@ def _carries(entry: Entry, direction: PdoDirection) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PdoCodec:
-    """One PDO of one node as its EDS maps it: for the side that does not run the slave."""
+    """Codec of one PDO of one node, with the mapping of its EDS, for the side that does not run the slave."""
 
     node_id: int
     direction: PdoDirection
@@ -94,35 +97,35 @@ class PdoCodec:
         return self.layout.packer.size
 
     def decode(self, data: bytes) -> dict[ObjectKey, int]:
-        """Raw integers by (index, sub-index). Raises BusError when the length is not the mapping's."""
+        """Return raw integers by (index, sub-index). Raises BusError when the length is not the mapping's."""
         if len(data) != self.length_bytes:
             raise BusError(
-                f"{self}: {len(data)} bytes, expected {self.length_bytes}; give both sides the same "
-                "EDS or restore the node's default mapping"
+                f"{self}: {len(data)} bytes, expected {self.length_bytes}: use the same EDS on both sides"
+                " or restore the node's default mapping"
             )
         return self.layout.unpack(data)
 
     def encode(self, values: Mapping[ObjectKey, int]) -> bytes:
-        """The payload of raw integers by (index, sub-index).
+        """Return the payload for raw integers by (index, sub-index).
 
         Raises BusError when a mapped object has no value or one that does not fit its data type.
         """
         for entry in self.layout.entries:
             if entry.key not in values:
-                raise BusError(f"{self}: no value for {entry}; give every mapped object")
+                raise BusError(f"{self}: no value for {entry}: give a value for every mapped object")
         try:
             return self.layout.pack(values)
         except struct.error as error:
-            raise BusError(f"{self}: {error}; give values in their data type's range") from None
+            raise BusError(f"{self}: {error}: give values in their data type's range") from None
 
     def __str__(self) -> str:
         return f"node {self.node_id} {self.direction.label} {self.number}"
 
 
 def pdo_codec(od: ObjectDictionary, direction: PdoDirection, number: int) -> PdoCodec:
-    """The codec of PDO `number` (1-based) from the defaults of the EDS, for the node `od` was loaded for.
+    """Return the codec of PDO `number` (from 1 on) with the defaults of the EDS, for the node id of `od`.
 
-    Raises BusError when the EDS has no such PDO or maps what the PDO cannot carry.
+    Raises BusError when the EDS has no such PDO or its mapping is invalid.
     """
     offset = number - 1
     mapping_index = direction.mapping_index + offset
@@ -132,6 +135,6 @@ def pdo_codec(od: ObjectDictionary, direction: PdoDirection, number: int) -> Pdo
     layout = layout_of(od, words, direction)
     if isinstance(layout, MappingFault):
         raise BusError(
-            f"{od.source}: {direction.label} {number} maps {layout.value}; correct {mapping_index:04X}h"
+            f"{od.source}: {direction.label} {number} maps {layout.value}: correct {mapping_index:04X}h"
         )
     return PdoCodec(od.node_id, direction, number, cob_id & CAN_ID_MASK, layout)

@@ -1,7 +1,7 @@
 """PDO communication and mapping parameters (CiA 301, objects 1400h ff., 1600h ff., 1800h ff., 1A00h ff.).
 
-Reads them from the object store and refuses the writes that CiA 301 forbids, so that what is in the store is
-always a PDO that can be served.
+Reads them from the object store and rejects writes that CiA 301 forbids, so that the store always contains
+valid PDOs.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ ABORT_OF_FAULT = {
 
 @dataclass(frozen=True, slots=True)
 class PdoParameters:
-    """One PDO as it is configured now.
+    """Present configuration of one PDO.
 
-    event_us: event timer (TPDO) or deadline (RPDO); 0 is off. sync_start: the SYNC counter that a synchronous
-    TPDO counts from; 0 is any.
+    event_us: event timer (TPDO) or deadline (RPDO), 0 for none. sync_start: SYNC counter at which a
+    synchronous TPDO begins to count, 0 for any.
     """
 
     number: int
@@ -52,18 +52,18 @@ class PdoParameters:
 
 
 def pdo_numbers(od: ObjectDictionary, direction: PdoDirection) -> tuple[int, ...]:
-    """The PDOs that `od` describes, 1-based."""
+    """Return the numbers, from 1 on, of the PDOs in `od`."""
     base = direction.communication_index
     return tuple(number for number in range(1, MAX_PDOS + 1) if base + number - 1 in od.indices)
 
 
 def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) -> PdoParameters:
-    """What the store says of one PDO. Raises ConfigError when the EDS maps what cannot be."""
+    """Read the parameters of one PDO from the store. Raises ConfigError when the EDS's mapping is invalid."""
     index = direction.communication_index + number - 1
     mapping_index = direction.mapping_index + number - 1
     layout = layout_of(store.od, _mapping_words(store, mapping_index), direction)
     if isinstance(layout, MappingFault):
-        raise ConfigError(f"{store.od.source}: {mapping_index:04X}h maps {layout.value}; correct the EDS")
+        raise ConfigError(f"{store.od.source}: {mapping_index:04X}h maps {layout.value}: correct the EDS")
     cob_id = store.number(index, COB_ID_SUB)
     return PdoParameters(
         number=number,
@@ -78,14 +78,14 @@ def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) ->
 
 
 def valid_can_ids(store: ObjectStore, direction: PdoDirection, numbers: Sequence[int]) -> set[int]:
-    """The identifiers of those PDOs that are valid now."""
+    """Return the identifiers of those of the PDOs that are valid now."""
     base = direction.communication_index - 1
     cob_ids = (store.number(base + number, COB_ID_SUB) for number in numbers)
     return {cob_id & CAN_ID_MASK for cob_id in cob_ids if not cob_id & NOT_VALID}
 
 
 def check_pdo_write(store: ObjectStore, entry: Entry, value: int) -> None:
-    """Refuse a master's write to a PDO parameter with SdoAbortError; other objects pass."""
+    """Raise SdoAbortError for an invalid write to a PDO parameter; other objects are not checked."""
     for direction in PdoDirection:
         if 0 <= entry.index - direction.communication_index < MAX_PDOS:
             _check_communication(store, direction, entry, value)
@@ -99,7 +99,7 @@ def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Ent
     if entry.subindex == COB_ID_SUB:
         _check_pdo_cob_id(direction, cob_id, value)
     elif entry.subindex == TYPE_SUB:
-        # 252 and 253 are sent on a remote request only, which nobody may make of this node (no RTR).
+        # 252 and 253 are sent on a remote request only, which this node does not support (no RTR).
         if value > HIGHEST_SYNC_TYPE and value not in EVENT_DRIVEN:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
     elif entry.subindex in (INHIBIT_SUB, SYNC_START_SUB) and not cob_id & NOT_VALID:

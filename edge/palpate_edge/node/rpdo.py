@@ -1,10 +1,11 @@
-"""Receive PDOs (CiA 301, 7.2.2): types 0-240 take effect at the next SYNC, 254/255 at once.
+"""Receive PDOs (CiA 301, 7.2.2): types 0 to 240 take effect at the next SYNC, 254 and 255 at once.
 
-A synchronous one that comes after the window of its SYNC (1007h) is not taken. One that carries 1013h tells
-the bus's time.
+A synchronous RPDO received after the SYNC window (1007h) is ignored. An RPDO with 1013h contains the bus
+time.
 
-Too short: not taken, EMCY 0x8210. Too long: the mapped bytes are taken, EMCY 0x8220. The event timer of an
-RPDO is a deadline, watched from the first reception on: EMCY 0x8250. Each error goes with the next good PDO.
+A PDO that is too short is ignored (EMCY 0x8210); of one that is too long the mapped bytes are used (EMCY
+0x8220). The event timer of an RPDO is a deadline from the first reception on (EMCY 0x8250). The next valid
+PDO clears each error.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ TIME_STAMP = (0x1013, 0)
 
 @dataclass(slots=True)
 class Rpdo:
-    """One RPDO in OPERATIONAL. waiting: data of a synchronous RPDO and its arrival, until the next SYNC."""
+    """One RPDO in OPERATIONAL. waiting: reception time and data of a synchronous RPDO until the next SYNC."""
 
     parameters: PdoParameters
     waiting: tuple[int, bytes] | None = None
@@ -32,7 +33,7 @@ class Rpdo:
 
 
 class RpdoService:
-    """All RPDOs of a node; they exist from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
+    """All RPDOs of a node; they are active from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
 
     def __init__(self, store: ObjectStore, emcy: EmergencyProducer, sync: SyncConsumer) -> None:
         self._store = store
@@ -51,7 +52,7 @@ class RpdoService:
         self._rpdos = ()
 
     def can_ids(self) -> set[int]:
-        """The identifiers that this node wants to receive."""
+        """Return the identifiers of the valid RPDOs."""
         return valid_can_ids(self._store, PdoDirection.RECEIVE, self._numbers)
 
     def due_us(self) -> int | None:
@@ -60,7 +61,7 @@ class RpdoService:
     def receive(
         self, now_us: int, arrived_us: int, frame: CanFrame
     ) -> list[RpdoReceived | TimeStampReceived]:
-        """Take one frame, if it is an RPDO of this node."""
+        """Process one frame, if it is an RPDO of this node."""
         return [
             event
             for rpdo in self._rpdos
@@ -69,7 +70,7 @@ class RpdoService:
         ]
 
     def sync(self) -> list[RpdoReceived | TimeStampReceived]:
-        """The synchronous RPDOs take effect."""
+        """Apply the synchronous RPDOs received since the last SYNC."""
         events = []
         for rpdo in self._rpdos:
             if rpdo.waiting is not None:
@@ -78,7 +79,7 @@ class RpdoService:
         return events
 
     def poll(self, now_us: int) -> list[RpdoTimedOut]:
-        """The RPDOs whose deadline has passed; each is told once."""
+        """Return the RPDOs whose deadline has passed; each is reported once."""
         events = []
         for rpdo in self._rpdos:
             if rpdo.deadline_us is not None and rpdo.deadline_us <= now_us:

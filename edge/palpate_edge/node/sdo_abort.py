@@ -1,4 +1,4 @@
-"""The SDO abort codes of CiA 301 (7.2.4.3.17) that these nodes answer."""
+"""SDO abort codes of CiA 301 (7.2.4.3.17) that these nodes send."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate_edge.common.errors import BusError
 
 
 class AbortCode(IntEnum):
-    """Why an SDO transfer ends without its value."""
+    """Reasons for aborting an SDO transfer."""
 
     TOGGLE_BIT = 0x0503_0000
     TIMED_OUT = 0x0504_0000
@@ -37,8 +37,8 @@ class AbortCode(IntEnum):
 
 
 class SdoAbortError(BusError):
-    """Refuses an SDO access; the server answers its code to the client."""
+    """An SDO access is not allowed; the server sends `code` to the client."""
 
     def __init__(self, code: AbortCode) -> None:
-        super().__init__(f"SDO access refused with {code:08X}h ({code.name}); correct the request")
+        super().__init__(f"SDO access aborted with {code:08X}h ({code.name}): correct the request")
         self.code = code

@@ -1,7 +1,8 @@
-"""SDO block transfers as a server sees them (CiA 301, 7.2.4.3.8 to 7.2.4.3.15).
+"""SDO block transfers, server side (CiA 301, 7.2.4.3.8 to 7.2.4.3.15).
 
-Up to 127 segments of seven bytes go without an answer, then the receiver says up to which one it has all in
-order; what is missing is sent again. A CRC over all data closes the transfer, when both sides know it.
+Up to 127 segments of seven bytes are sent without a response. The receiver then acknowledges the last segment
+received in order, and the missing ones are sent again. A CRC over all data ends the transfer if both sides
+support it.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ UPLOAD_START, UPLOAD_BLOCK_ACK, UPLOAD_END, UPLOAD_END_ACK = 0xA3, 0xA2, 0xC1, 0
 
 
 def crc16(data: bytes) -> int:
-    """The CRC of block transfers: polynomial x^16 + x^12 + x^5 + 1, start 0 (CiA 301, 7.2.4.3.16)."""
+    """Return the CRC of block transfers: polynomial x^16 + x^12 + x^5 + 1, start 0 (CiA 301, 7.2.4.3.16)."""
     return binascii.crc_hqx(data, 0)
 
 
 class BlockDownload:
-    """A write under way. size_bytes: what the client announced; with_crc: the client sends one."""
+    """A write in progress. size_bytes: announced by the client; with_crc: the client sends a CRC."""
 
     def __init__(self, entry: Entry, size_bytes: int | None, with_crc: bool, complete: Complete) -> None:
         self.key: ObjectKey = entry.key
@@ -52,7 +53,10 @@ class BlockDownload:
         self._all_here = False
 
     def expects(self, command: int) -> bool:
-        """Within a block every byte but an abort's is a segment's sequence number."""
+        """Return whether a frame with this command byte belongs to the transfer.
+
+        Within a block every command byte except an abort's is the sequence number of a segment.
+        """
         return command & 0xE1 == DOWNLOAD_END if self._all_here else command != ABORT
 
     def receive(self, data: bytes) -> list[bytes]:
@@ -69,7 +73,7 @@ class BlockDownload:
                 self._data += data[1:]
         if not last and sequence != MAX_BLOCK_SEGMENTS:
             return []
-        # An abort within the block would leave segments under way that look like requests.
+        # After an abort within the block, segments still in transit would be taken for requests.
         check_room(len(self._data) - SEGMENT_BYTES)
         answer = struct.pack("<BBB5x", DOWNLOAD_BLOCK_ACK, self._in_order, MAX_BLOCK_SEGMENTS)
         self._in_order = 0
@@ -88,7 +92,7 @@ class BlockDownload:
 
 
 class Phase(Enum):
-    """What a block upload waits for."""
+    """The message that a block upload waits for."""
 
     START = auto()
     BLOCK_ACK = auto()
@@ -103,7 +107,7 @@ COMMAND_OF_PHASE = {
 
 
 class BlockUpload:
-    """A read under way. block_segments: how many frames the client takes without an answer."""
+    """A read in progress. block_segments: number of frames that the client accepts without a response."""
 
     def __init__(self, key: ObjectKey, data: bytes, block_segments: int) -> None:
         self.key = key
@@ -112,7 +116,7 @@ class BlockUpload:
         self._data = data
         self._block_segments = admitted_block(block_segments)
         self._sent = 0
-        self._start = 0  # of the block under way, in bytes
+        self._start = 0  # offset of the present block, in bytes
         self._phase = Phase.START
 
     def expects(self, command: int) -> bool:
@@ -141,7 +145,7 @@ class BlockUpload:
         return [struct.pack("<BH5x", UPLOAD_END | unused_bytes << 2, crc16(self._data))]
 
     def _block(self) -> list[bytes]:
-        """The next segments; an empty object has one, of which no byte counts."""
+        """Return the next segments; an empty object has one segment without valid bytes."""
         size_bytes = max(1, len(self._data))
         starts = range(self._start, size_bytes, SEGMENT_BYTES)[: self._block_segments]
         self._sent = len(starts)
@@ -154,7 +158,7 @@ class BlockUpload:
 
 
 def admitted_block(segments: int) -> int:
-    """Raises SdoAbortError when a client asks for blocks that cannot be."""
+    """Return the block size that a client requests. Raises SdoAbortError when it is not 1 to 127."""
     if not 1 <= segments <= MAX_BLOCK_SEGMENTS:
         raise SdoAbortError(AbortCode.BLOCK_SIZE)
     return segments

@@ -1,4 +1,4 @@
-"""Segmented SDO transfers as a server sees them (CiA 301, 7.2.4.3.3 to 7.2.4.3.6): seven bytes a frame."""
+"""Segmented SDO transfers, server side (CiA 301, 7.2.4.3.3 to 7.2.4.3.6): seven bytes a frame."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ TOGGLE = 0x10
 LAST_SEGMENT = 0x01
 
 Complete = Callable[[Entry, bytes], bool]
-"""Takes over what was written; False: the answer waits until the application has stored it."""
+"""Function that applies written data; returns False when the response has to wait for the application."""
 
 
 def check_size(size_bytes: int | None, received_bytes: int) -> None:
-    """Raises SdoAbortError when a finished transfer has not the length that its client announced."""
+    """Raise SdoAbortError when a finished transfer does not have the length announced by the client."""
     if size_bytes not in (None, received_bytes):
         raise SdoAbortError(AbortCode.LENGTH_MISMATCH)
 
 
 def check_room(received_bytes: int) -> None:
-    """Raises SdoAbortError when a transfer becomes longer than any object."""
+    """Raise SdoAbortError when a transfer exceeds MAX_DOWNLOAD_BYTES."""
     if received_bytes > MAX_DOWNLOAD_BYTES:
         raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
 
 
 class SegmentedDownload:
-    """A write under way. size_bytes: what the client announced, if it did."""
+    """A write in progress. size_bytes: announced by the client, None if it was not."""
 
     def __init__(self, entry: Entry, size_bytes: int | None, complete: Complete) -> None:
         self.key: ObjectKey = entry.key
@@ -60,14 +60,14 @@ class SegmentedDownload:
 
 
 class SegmentedUpload:
-    """A read under way."""
+    """A read in progress."""
 
     def __init__(self, key: ObjectKey, data: bytes) -> None:
         self.key = key
         self.finished = False
         self.held = False
         self._toggle = 0
-        self._rest = data
+        self._remaining = data
 
     def expects(self, command: int) -> bool:
         return command >> 5 == 3
@@ -77,7 +77,7 @@ class SegmentedUpload:
         if toggle != self._toggle:
             raise SdoAbortError(AbortCode.TOGGLE_BIT)
         self._toggle ^= TOGGLE
-        segment, self._rest = self._rest[:SEGMENT_BYTES], self._rest[SEGMENT_BYTES:]
-        self.finished = not self._rest
+        segment, self._remaining = self._remaining[:SEGMENT_BYTES], self._remaining[SEGMENT_BYTES:]
+        self.finished = not self._remaining
         command = toggle | (SEGMENT_BYTES - len(segment)) << 1 | (LAST_SEGMENT if self.finished else 0)
         return [struct.pack("<B7s", command, segment)]

@@ -1,6 +1,7 @@
-"""The SDO server (CiA 301, 7.2.4): expedited, segmented and block transfers both ways, one at a time.
+"""SDO server (CiA 301, 7.2.4): expedited, segmented and block transfers in both directions, one at a time.
 
-A new request ends an unfinished transfer silently; a client that leaves one for a second is told so.
+A new request ends an unfinished transfer without a response. A transfer that the client does not continue for
+1 s is aborted.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ Transfer = SegmentedDownload | SegmentedUpload | BlockDownload | BlockUpload
 
 
 class Initiate(IntEnum):
-    """Client command specifiers (bits 7-5) that begin a transfer; those of blocks have sub-command 0."""
+    """Client command specifiers (bits 7-5) that begin a transfer; block transfers have sub-command 0."""
 
     DOWNLOAD = 1
     UPLOAD = 2
@@ -38,10 +39,10 @@ class Initiate(IntEnum):
 
 
 class SdoServer:
-    """Answers one client.
+    """SDO server for one client.
 
-    `commit` takes an admitted value, or raises SdoAbortError to refuse it; False says that the answer waits
-    for :meth:`confirm`.
+    commit: called with a valid value; it applies the value, or raises SdoAbortError. If it returns False, the
+    response waits for :meth:`confirm`.
     """
 
     def __init__(self, store: ObjectStore, commit: Callable[[Entry, Value], bool]) -> None:
@@ -54,19 +55,19 @@ class SdoServer:
         self.start()
 
     def start(self) -> None:
-        """After a reset: the identifiers of 1200h, and no transfer."""
+        """Start after a reset: read the identifiers from 1200h and cancel a transfer."""
         self.request_id = self._store.number(0x1200, 1) & 0x7FF
         self.response_id = self._store.number(0x1200, 2) & 0x7FF
         self.cancel()
 
     def cancel(self) -> None:
-        """Forget a transfer under way (reset, STOPPED)."""
+        """Discard the transfer in progress (reset, STOPPED)."""
         self._transfer = None
         self._deadline_us = None
         self._held = None
 
     def confirm(self, stored: bool) -> list[CanFrame]:
-        """The answer that waited for the application's storage."""
+        """Return the response that waited for the application's storage."""
         if self._held is None:
             return []
         index, subindex, answer = self._held
@@ -77,13 +78,13 @@ class SdoServer:
         return self._deadline_us
 
     def poll(self, now_us: int) -> list[CanFrame]:
-        """The abort of a transfer that the client left unfinished."""
+        """Return the abort of a transfer that has timed out."""
         if self._transfer is None or self._deadline_us is None or now_us < self._deadline_us:
             return []
         return [self._abort(*self._transfer.key, AbortCode.TIMED_OUT)]
 
     def receive(self, now_us: int, data: bytes) -> list[CanFrame]:
-        """The answers to one request; none for an abort or a frame that is not 8 bytes long."""
+        """Return the responses to one request; none for an abort or a frame that is not 8 bytes long."""
         if len(data) != SDO_FRAME_BYTES:
             return []
         command = data[0]
@@ -103,8 +104,8 @@ class SdoServer:
                 answers = self._go_on(transfer, data)
             else:
                 answers = [self._initiate(command, index, subindex, data)]
-        except SdoAbortError as refusal:
-            return [self._abort(index, subindex, refusal.code)]
+        except SdoAbortError as error:
+            return [self._abort(index, subindex, error.code)]
         self._deadline_us = None if self._transfer is None else now_us + TIMEOUT_US
         if self._held is not None:
             return []
@@ -163,7 +164,7 @@ class SdoServer:
         block_segments, switch_threshold_bytes = data[4], data[5]
         transfer = BlockUpload((index, subindex), content, block_segments)
         if switch_threshold_bytes and len(content) <= switch_threshold_bytes:
-            # The client prefers segments for what is this short (protocol switch threshold).
+            # The client prefers a segmented transfer for short data (protocol switch threshold).
             return self._initiate_upload(index, subindex, content)
         self._transfer = transfer
         return struct.pack("<BHBI", 0xC0 | KNOWS_CRC | BLOCK_SIZE_INDICATED, index, subindex, len(content))
@@ -181,7 +182,7 @@ class SdoServer:
 
 
 def begins_transfer(command: int) -> bool:
-    """Whether a request's first byte is that of a new transfer."""
+    """Return whether a request's first byte begins a new transfer."""
     match command >> 5:
         case Initiate.DOWNLOAD | Initiate.UPLOAD:
             return True
@@ -194,7 +195,7 @@ def begins_transfer(command: int) -> bool:
 
 
 def announced_size(entry: Entry, data: bytes) -> int:
-    """The length that a client announces. Raises SdoAbortError when the entry cannot have it."""
+    """Return the length that a client announces. Raises SdoAbortError when it does not fit the entry."""
     size_bytes: int = struct.unpack_from("<I", data, 4)[0]
     check_length(entry, size_bytes)
     check_room(size_bytes)

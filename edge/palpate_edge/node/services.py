@@ -1,4 +1,4 @@
-"""The services of one node around one object store, and what a master's write to an object means to them."""
+"""The services of one node on one object store: checking and applying a master's writes to their objects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WriteCheck = Callable[[Entry, int], None]
 
 
 class Services:
-    """commit: see :class:`SdoServer`."""
+    """All services of one node. commit: see :class:`SdoServer`."""
 
     def __init__(self, store: ObjectStore, commit: Callable[[Entry, Value], bool]) -> None:
         self._store = store
@@ -49,7 +49,7 @@ class Services:
         }
 
     def restart(self) -> None:
-        """After a reset: every service by its objects as they are now."""
+        """Restart every service with the present values of its objects, after a reset."""
         self.emcy.reset()
         self.watch.start()
         self.sync.start()
@@ -57,7 +57,7 @@ class Services:
         self.sdo.start()
 
     def check_write(self, entry: Entry, value: Value) -> None:
-        """Raises SdoAbortError for a value that the service behind the object cannot have."""
+        """Raise SdoAbortError for a value that the object's service does not allow."""
         if not isinstance(value, int):
             return
         self._checks.get(entry.index, self._check_other)(entry, value)
@@ -65,7 +65,7 @@ class Services:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
 
     def written(self, now_us: int, state: NmtState, entry: Entry) -> None:
-        """Take over what a master wrote."""
+        """Apply a value that a master wrote."""
         index, operational = entry.index, state is NmtState.OPERATIONAL
         if index == PRODUCER_TIME:
             self.heartbeat.reconfigure(now_us)
@@ -81,13 +81,13 @@ class Services:
             self.tpdo.reconfigure(now_us, 1 + index % MAX_PDOS)
 
     def own_ids(self) -> set[int]:
-        """The identifiers that this node alone sends with."""
+        """Return the identifiers that only this node may send."""
         emcy_id = self.emcy.can_id()
         ids = {ERROR_CONTROL_ID + self._store.od.node_id, self.sdo.response_id, *self.tpdo.can_ids()}
         return ids if emcy_id is None else ids | {emcy_id}
 
     def due_us(self) -> list[int]:
-        """When each service that waits for a time wants to be polled."""
+        """Return the times at which services have to be polled."""
         services = (self.heartbeat, self.watch, self.sdo, self.emcy, self.tpdo, self.rpdo)
         return [at_us for service in services if (at_us := service.due_us()) is not None]
 
@@ -97,7 +97,7 @@ class Services:
         return entry.index in (EMCY_COB_ID, sync.COB_ID, time_stamp.COB_ID)
 
     def _taken_ids(self, index: int) -> set[int | None]:
-        """The identifiers that another object of this node has already; RPDOs may share theirs."""
+        """Return the identifiers that other objects of this node use; RPDOs may share an identifier."""
         tpdos = [number for number in self.tpdo.numbers if TPDO_PARAMETERS.start + number - 1 != index]
         taken: set[int | None] = {
             self.sdo.response_id,

@@ -1,7 +1,7 @@
-"""The CANopen slave: CiA 301 and 305 around one object dictionary, without clock, thread or bus.
+"""CANopen slave: CiA 301 and 305 for one object dictionary, without clock, thread or bus.
 
-Frames and the time go in, frames and events come out; the same input gives the same output. The time may be
-any counter of microseconds that does not go back.
+Input is frames and time, output is frames and events; the same input gives the same output. The time may be
+any counter of microseconds that never decreases.
 """
 
 from __future__ import annotations
@@ -51,22 +51,25 @@ from palpate_edge.node.stored_parameters import (
 )
 
 IDLE_US = 1_000_000
-"""A slave asks to be called at least this often."""
+"""Longest time between two calls that a slave requests."""
 
 ERROR_BEHAVIOUR = 0x1029
 ALL_OBJECTS = range(0x10000)
 
 WriteCheck = Callable[[Entry, Value], None]
-"""The application's say on a master's write: raises SdoAbortError to refuse it."""
+"""The application's check of a master's write; it raises SdoAbortError to reject the value."""
 
 
 def allow_write(_entry: Entry, _value: Value) -> None:
-    """An application that refuses nothing."""
+    """Allow every write; the default check."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlaveOutput:
-    """frames_out: to send, in order. next_due_us: when to call again if no frame comes before."""
+    """Result of one call of `Slave.process`.
+
+    frames_out: frames to send, in order. next_due_us: time of the next call if no frame is received before.
+    """
 
     frames_out: tuple[CanFrame, ...]
     next_due_us: int
@@ -76,7 +79,7 @@ class SlaveOutput:
 class Slave:
     """One node. The first call of :meth:`process` sends the boot-up and enters PRE-OPERATIONAL.
 
-    A node id of 255 (or 255 stored by LSS) waits for LSS instead. kept: what was stored before.
+    A node with id 255 (given or stored by LSS) waits for LSS instead. kept: the stored parameters.
     """
 
     def __init__(
@@ -114,53 +117,56 @@ class Slave:
 
     @property
     def emcy(self) -> EmergencyProducer:
-        """For errors of the application."""
+        """The emergency producer, for errors of the application."""
         return self._services.emcy
 
     def read(self, index: int, subindex: int = 0) -> Value:
-        """An object's value, for the application. Raises BusError when the EDS has none."""
+        """Return an object's value, for the application. Raises BusError when the EDS has no such object."""
         return self._store.values[self._store.od.entry(index, subindex).key]
 
     def write(self, index: int, subindex: int, value: Value) -> None:
-        """Set an object, for the application. Raises BusError when it is not there or does not fit."""
+        """Set an object, for the application.
+
+        Raises BusError when it does not exist or the value does not fit.
+        """
         self._store.write(index, subindex, value)
 
     def write_all(self, objects: Mapping[ObjectKey, Value]) -> None:
-        """As :meth:`write`, all of them or none."""
+        """Write like :meth:`write`, either all objects or none."""
         self._store.write_all(objects)
 
     def trigger(self, numbers: Sequence[int]) -> None:
-        """Send these TPDOs in the next call of :meth:`process`, with the values they have then."""
+        """Send these TPDOs in the next call of :meth:`process`, with the values at that time."""
         self._services.tpdo.trigger(numbers)
 
     def due_tpdos(self, now_us: int) -> tuple[CanFrame, ...]:
-        """The TPDOs that may go now, before the rest of :meth:`process`."""
+        """Return the TPDOs that may be sent now, ahead of :meth:`process`."""
         silent = now_us < self._silent_until_us
         return () if silent else tuple(self._services.tpdo.poll(now_us))
 
     def accept_ids(self) -> tuple[int, ...]:
-        """The identifiers to let through a receive filter: what is served and what reveals a conflict."""
+        """Return the identifiers for a receive filter: those to process and those of an id conflict."""
         return tuple(sorted(self._handlers))
 
     def communication_error(self, code: int, info: bytes = b"") -> None:
-        """The bus failed (bus-off, overrun ...): an emergency, and the state that 1029h:01 asks for.
+        """Report a failure of the bus (bus-off, overrun ...) and enter the state given by 1029h:01.
 
-        Call ``emcy.clear(code)`` when it is well again.
+        Call ``emcy.clear(code)`` when the bus works again.
         """
         self.emcy.report(code, ErrorRegister.COMMUNICATION, info)
         self._behave_on_error()
 
     def store_finished(self, stored: bool) -> None:
-        """The answer to StoreRequested; a master is told by the next :meth:`process`."""
+        """Report the result of StoreRequested; the next :meth:`process` sends the response to the master."""
         self._frames += self._keeper.finished(stored)
 
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
     ) -> SlaveOutput:
-        """Serve the frames that came and the timers that ran out by `now_us`.
+        """Process the received frames and the timers that have elapsed by `now_us`.
 
-        arrived_us: when each frame came, on the clock of `now_us`; None: now. SYNC and time stamps are told
-        with it, and the SYNC window is measured by it.
+        arrived_us: reception time of each frame on the clock of `now_us`; None for now. It is used in the
+        events of SYNC and time stamps and for the SYNC window.
         """
         self._now_us = now_us
         if now_us < self._silent_until_us:
@@ -181,7 +187,7 @@ class Slave:
         return SlaveOutput(frames, due_us, events)
 
     def _connect(self) -> None:
-        """Who serves which identifier; where two want one, the later line has it."""
+        """Assign a handler to each identifier; a later line takes precedence."""
         services = self._services
         handlers: dict[int, Callable[[CanFrame, int], None]] = {}
         if self.node_id != UNCONFIGURED_NODE_ID:
@@ -270,7 +276,7 @@ class Slave:
         self._start_over(command)
 
     def _start_over(self, command: NmtCommand | None) -> None:
-        """Through INITIALISING with the node id that LSS has given meanwhile."""
+        """Restart through INITIALISING with the node id that LSS may have assigned."""
         self._store.set_node_id(self._lss.pending_node_id)
         self._services.restart()
         self._connect()
@@ -297,7 +303,10 @@ class Slave:
         self._events.append(NmtStateChanged(state, command))
 
     def _commit(self, entry: Entry, value: Value) -> bool:
-        """Take over what a master wrote by SDO, or raise SdoAbortError. False: the rim is storing it."""
+        """Apply a value that a master wrote by SDO, or raise SdoAbortError.
+
+        Return False while the application stores it.
+        """
         if entry.index in SIGNATURES:
             confirm = self._services.sdo.confirm
             self._events.append(self._keeper.write(self._now_us, entry, value, confirm))

@@ -1,8 +1,8 @@
-"""Store and restore of parameters (CiA 301, 1010h and 1011h): which objects, and what is kept of them.
+"""Store and restore of parameters (CiA 301, 1010h and 1011h): the objects and their stored values.
 
-Pure: a write of "save" or "load" makes the :class:`StoredParameters` that the rim then writes to its file
-(``parameter_file.py``). Kept is what differs from the default of the EDS, so that a COB-ID that follows the
-node id still does so after LSS gave another one.
+Pure: a write of "save" or "load" makes the :class:`StoredParameters` that the application then writes to its
+file (``parameter_file.py``). Only values that differ from the default of the EDS are stored, so that a COB-ID
+that depends on the node id still does so after LSS assigns another one.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ COMMUNICATION = range(0x1000, 0x2000)
 MANUFACTURER = range(0x2000, 0x6000)
 APPLICATION = range(0x6000, 0xA000)
 GROUPS = {1: range(0x1000, 0xA000), 2: COMMUNICATION, 3: APPLICATION, 4: MANUFACTURER}
-"""Sub-indices of 1010h and 1011h."""
+"""Sub-index of 1010h and 1011h -> indices of the objects."""
 
 NEVER_STORED = frozenset({ERROR_HISTORY, STORE, RESTORE, 0x1013})
-"""Commands, a history and a clock: writable, but no parameters."""
+"""Commands, a history and a clock, which are writable but not parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredParameters:
-    """What a node keeps without power.
+    """Values that a node keeps without power.
 
-    eds_checksum: of the EDS that `objects` belong to. node_id, bit_rate_kbit_s: what LSS stored, None before.
+    eds_checksum: of the EDS that `objects` belong to. node_id, bit_rate_kbit_s: stored by LSS, None if not.
     """
 
     eds_checksum: str = ""
@@ -44,7 +44,7 @@ NOTHING_STORED = StoredParameters()
 
 
 def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value: Value) -> StoredParameters:
-    """What is to be kept after a master wrote `value` to 1010h or 1011h.
+    """Return the parameters to store after a master wrote `value` to 1010h or 1011h.
 
     Raises SdoAbortError when the value is not the signature.
     """
@@ -58,7 +58,7 @@ def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value:
 
 
 def changed_parameters(store: ObjectStore, group: range) -> dict[ObjectKey, Value]:
-    """The parameters of `group` that are not as the EDS has them."""
+    """Return the parameters of `group` whose values differ from the defaults of the EDS."""
     return {
         key: store.values[key]
         for key, entry in store.od.entries.items()
@@ -71,5 +71,5 @@ def is_parameter(entry: Entry) -> bool:
 
 
 def fits(store: ObjectStore, kept: StoredParameters) -> bool:
-    """Whether the kept objects are of this EDS; those of another one are not used."""
+    """Return whether the stored objects belong to this EDS; those of another EDS are not used."""
     return not kept.objects or kept.eds_checksum == store.od.checksum

@@ -1,6 +1,7 @@
-"""The SYNC consumer (CiA 301, 7.2.5): COB-ID 1005h, window 1007h, counter 1019h.
+"""SYNC consumer (CiA 301, 7.2.5): COB-ID 1005h, window 1007h, counter 1019h.
 
-A SYNC whose length does not fit 1019h is not taken: EMCY 0x8240, which goes with the next good one.
+A SYNC whose length does not fit 1019h is ignored and reported by EMCY 0x8240; the next valid one clears the
+error.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ RESERVED_OVERFLOW = 1
 
 
 class SyncConsumer:
-    """counter_overflow: 1019h; 0 means that SYNC carries no counter."""
+    """Consumer of SYNC. counter_overflow: value of 1019h; with 0, SYNC has no counter."""
 
     def __init__(self, store: ObjectStore, emcy: EmergencyProducer) -> None:
         self._store = store
@@ -28,21 +29,21 @@ class SyncConsumer:
         self.start()
 
     def start(self) -> None:
-        """After a reset or a write to one of the objects."""
+        """Read the objects again, after a reset or a write to one of them."""
         self.can_id = self._store.number(COB_ID) & CAN_ID_MASK
         self._window_us = self._store.optional_number(WINDOW)
         self.counter_overflow = self._store.optional_number(COUNTER_OVERFLOW)
         self._last_us = None
 
     def check_write(self, entry: Entry, value: int) -> None:
-        """Raises SdoAbortError for what these objects cannot be: a producer, a restricted id, overflow 1."""
+        """Raise SdoAbortError for a producer, a restricted identifier, or counter overflow 1."""
         if entry.index == COB_ID:
             check_cob_id(value, flags=0)
         elif entry.index == COUNTER_OVERFLOW and value == RESERVED_OVERFLOW:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
 
     def accept(self, arrived_us: int, data: bytes) -> bool:
-        """Whether a SYNC is one to act on."""
+        """Return whether a SYNC is valid; report or clear EMCY 0x8240."""
         if len(data) != (1 if self.counter_overflow else 0):
             self._emcy.report(EmcyCode.SYNC_LENGTH, ErrorRegister.COMMUNICATION)
             return False
@@ -51,7 +52,7 @@ class SyncConsumer:
         return True
 
     def in_window(self, at_us: int) -> bool:
-        """Whether synchronous PDOs may still be sent and taken at `at_us`."""
+        """Return whether synchronous PDOs may still be sent and received at `at_us`."""
         if not self._window_us or self._last_us is None:
             return True
         return at_us - self._last_us <= self._window_us

@@ -1,6 +1,6 @@
-"""The TIME consumer (CiA 301, 7.2.6; object 1012h): the time of day that a producer sends now and then.
+"""TIME consumer (CiA 301, 7.2.6; object 1012h): the time of day that a producer sends occasionally.
 
-The microseconds of the bus clock are another thing: 1013h, which comes in an RPDO.
+The bus clock in microseconds is a separate object: 1013h, received in an RPDO.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MILLISECONDS_MASK = (1 << 28) - 1
 
 
 class TimeConsumer:
-    """can_id: of TIME, None while 1012h does not say that it is consumed."""
+    """Consumer of TIME. can_id: its identifier, None while 1012h disables it."""
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
@@ -28,20 +28,20 @@ class TimeConsumer:
         self.start()
 
     def start(self) -> None:
-        """After a reset or a write to 1012h."""
+        """Read 1012h again, after a reset or a write to it."""
         cob_id = self._store.optional_number(COB_ID)
         self.can_id = cob_id & CAN_ID_MASK if cob_id & CONSUMES else None
 
     def check_write(self, _entry: Entry, value: int) -> None:
-        """Raises SdoAbortError for a producer, and for another id while TIME is consumed."""
-        # 0x100, the usual one, is not among the restricted identifiers.
+        """Raise SdoAbortError for a producer, and for another identifier while TIME is consumed."""
+        # 0x100, the default identifier, is not restricted.
         check_cob_id(value, flags=CONSUMES)
         old = self._store.number(COB_ID)
         if old & value & CONSUMES and (old ^ value) & CAN_ID_MASK:
             raise SdoAbortError(AbortCode.VALUE_INVALID)
 
     def receive(self, arrived_us: int, data: bytes) -> TimeOfDayReceived | None:
-        """The time of day in a TIME message; None when its length is not that of TIME_OF_DAY."""
+        """Return the time of day of a TIME message, None when its length is not that of TIME_OF_DAY."""
         if len(data) != LENGTH_BYTES:
             return None
         milliseconds, days = struct.unpack("<IH", data)

@@ -1,6 +1,6 @@
-"""Transmit PDOs (CiA 301, 7.2.2): event types 254/255 with inhibit time and event timer, SYNC types 0-240.
+"""Transmit PDOs (CiA 301, 7.2.2): types 254 and 255 with inhibit time and event timer, SYNC types 0 to 240.
 
-A SYNC start value makes the SYNC with that counter the first of those that are counted.
+With a SYNC start value, counting begins at the SYNC with that counter.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from palpate_edge.node.sync import COUNTER_OVERFLOW
 class Tpdo:
     """One TPDO in OPERATIONAL.
 
-    goes_by_itself: valid and event-driven. requested: the application has triggered it since it was sent.
-    awaits_start: the SYNC with its start value has not come yet.
+    goes_by_itself: valid and event-driven. requested: triggered by the application since it was last sent.
+    awaits_start: the SYNC with its start value has not been received yet.
     """
 
     parameters: PdoParameters
@@ -33,7 +33,7 @@ class Tpdo:
     event_due_us: int | None = None
 
     def due_us(self) -> int | None:
-        """When a valid event-driven TPDO is to be sent."""
+        """Return the time at which a valid event-driven TPDO has to be sent, None for any other."""
         if not self.goes_by_itself:
             return None
         if self.requested:
@@ -43,7 +43,7 @@ class Tpdo:
         return max(self.event_due_us, self.inhibited_until_us)
 
     def count_sync(self, counter: int | None) -> bool:
-        """True when this SYNC is one to answer."""
+        """Count a SYNC; return True when the TPDO has to be sent for it."""
         kind = self.parameters.transmission_type
         if self.parameters.event_driven or not self.parameters.valid:
             return False
@@ -67,7 +67,7 @@ class Tpdo:
 
 
 class TpdoService:
-    """All TPDOs of a node; they exist from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
+    """All TPDOs of a node; they are active from :meth:`start` to :meth:`stop`, that is in OPERATIONAL."""
 
     def __init__(self, store: ObjectStore) -> None:
         self._store = store
@@ -81,7 +81,7 @@ class TpdoService:
             self.reconfigure(now_us, number)
 
     def reconfigure(self, now_us: int, number: int) -> None:
-        """After a write to one of the parameters of TPDO `number`."""
+        """Read the parameters of TPDO `number` again, after a write to one of them."""
         parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
         counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
         self._tpdos[number] = tpdo = Tpdo(
@@ -97,14 +97,14 @@ class TpdoService:
         self._tpdos.clear()
 
     def can_ids(self) -> set[int]:
-        """The identifiers that this node alone sends its valid TPDOs with."""
+        """Return the identifiers of the valid TPDOs."""
         return valid_can_ids(self._store, PdoDirection.TRANSMIT, self.numbers)
 
     def trigger(self, numbers: Iterable[int]) -> None:
-        """Ask for these TPDOs; without effect outside OPERATIONAL. Raises BusError for an unknown one."""
+        """Request these TPDOs; no effect outside OPERATIONAL. Raises BusError for an unknown number."""
         for number in numbers:
             if number not in self.numbers:
-                raise BusError(f"{self._store.od.source} has no TPDO {number}; trigger one of {self.numbers}")
+                raise BusError(f"{self._store.od.source} has no TPDO {number}: trigger one of {self.numbers}")
             if number in self._tpdos:
                 self._tpdos[number].requested = True
 
