@@ -1,4 +1,4 @@
-# palpate: the two commands are `make demo` and `make test`. `make help` lists the others.
+# palpate: `make demo` shows it, `make check` tests what a commit changes, `make test` all. `make help` lists the others.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -6,8 +6,16 @@ DEPLOY := .venv-deploy
 VM     := vm
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
+# pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: threads of the matrix
+# library beside it cost a third more processor time.
+PYTEST  = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --junitxml=.cache/tests/$@.xml
+WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
+
+# $(call timed,COMMAND): run it and print how long it took.
+timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint unit demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -15,29 +23,50 @@ help:  ## this list
 demo: $(VENV)/host.stamp  ## set up, then a simulated hand turns an object for 20 s, all processes real
 	$(BIN)/palpate-host demo
 
-test: lint unit demo-test  ## set up, then every check and test (tests whose tool is missing say so and skip)
+# The linters run beside the tests; what they print comes at the end.
+check: $(VENV)/dev.stamp  ## set up, then format, lint, types, rooms and the tests that need no process, no FEM, no kernel
+	$(call timed,\
+	  $(MAKE) --no-print-directory --output-sync=recurse lint & lint=$$!; \
+	  $(MAKE) --no-print-directory check-tests; tests=$$?; wait $$lint && test $$tests = 0)
 
-lint: $(VENV)/dev.stamp  ## ruff, mypy, import-linter
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check --quiet . || { echo 'error: unformatted files: run make format'; exit 1; }
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+check-tests: $(VENV)/dev.stamp
+	$(call timed,$(PYTEST) -q $(WORKERS) -m check $(PYTEST_ARGS))
 
-# Each worker has a core: threads of the matrix library beside it cost a third more processor time.
-unit: export OPENBLAS_NUM_THREADS := 1
+test: lint unit demo-test  ## set up, then every check and test but make slow-test's and vm-test's (a test whose tool is missing skips)
+
+lint: lint-format lint-ruff lint-types lint-rooms  ## ruff, mypy, import-linter
+
+lint-format: $(VENV)/dev.stamp
+	$(call timed,$(BIN)/ruff format --check --quiet . || { echo 'error: unformatted files: run make format'; false; })
+
+lint-ruff: $(VENV)/dev.stamp
+	$(call timed,$(BIN)/ruff check .)
+
+lint-types: $(VENV)/dev.stamp
+	$(call timed,$(BIN)/mypy)
+
+lint-rooms: $(VENV)/dev.stamp
+	$(call timed,$(BIN)/lint-imports)
+
 unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, but for the real-time demo; PYTEST_ARGS adds options
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not demo" $(PYTEST_ARGS)
+	$(call timed,$(PYTEST) $(WORKERS) -m "not demo" $(PYTEST_ARGS))
+
+slow-test: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## at full length what make test shortens, and boards in namespaces (root)
+	$(call timed,$(PYTEST) $(WORKERS) --effort=full -m "slow or reduced or deploy_namespace" $(PYTEST_ARGS))
+
+slowest:  ## the 30 slowest tests of the last runs
+	@$(BIN)/python -m tests.slowest
 
 demo-test: $(VENV)/dev.stamp  ## the real-time demo's tests
-	$(BIN)/pytest -m demo $(PYTEST_ARGS)
+	$(call timed,$(PYTEST) -m demo $(PYTEST_ARGS))
 
 kernel-test: uml-test vm-test  ## the tests that need a kernel of their own
 
 uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part of make test)
-	$(BIN)/pytest -m uml $(PYTEST_ARGS)
+	$(call timed,$(PYTEST) -m uml $(PYTEST_ARGS))
 
 vm-test: $(VENV)/dev.stamp vm-disks  ## those in a virtual machine: SocketCAN, CAN cards, V4L2
-	$(BIN)/pytest -m "$(VM)" $(PYTEST_ARGS)
+	$(call timed,$(PYTEST) -m "$(VM)" $(PYTEST_ARGS))
 
 vm-disks: $(VENV)/pyvenv.cfg  ## the virtual machine's disks, where they are missing (5 minutes, once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks

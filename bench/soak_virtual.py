@@ -81,7 +81,7 @@ def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator
         looks, every = round(duration_s / LOOK_S), round(every_s / LOOK_S)
         for look in range(1, looks + 1):
             loop.run(LOOK_S)
-            programme.look(loop.status)
+            programme.update(loop.status)
             yardstick_s.append(_yardstick_s())
             if look % every == 0 or look == looks or loop.is_over:
                 yield _minute(loop, host, yardstick_s, look * LOOK_S)

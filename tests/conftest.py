@@ -26,6 +26,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration import Calibration
 
 pytest_plugins = (
+    "tests.tiers",
     "kernel_guest.forwarding",
     "kernel_guest.links",
     "kernel_guest.cameras",
@@ -46,13 +47,7 @@ os.environ["PALPATE_CONTROL"] = str(Path(tempfile.gettempdir()) / f"palpate-test
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 STIFFNESS_N_MM = 0.8
-LONGEST = ("test_namespace_board.py", "test_closed_loop.py", "test_endurance.py", "test_fuzz_million.py")
-"""Files of minutes begin first: one that begins last keeps one of two workers waiting."""
 HEADER = "frame,split,t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost\n"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import pytest
 
 from deploy_rig.image import board_image, missing, wheelhouse
 
-BY_NAME = ("deploy_booted", "deploy_foreign", "deploy_hand")
+BY_NAME = ("deploy_booted", "deploy_foreign", "deploy_hand", "deploy_namespace")
 
 
 @pytest.hookimpl(trylast=True)

@@ -105,6 +105,7 @@ def test_other_layouts_of_85_beads(another_dome, tmp_path, rings):
         assert contact.in_contact == (press.position_mm is not None)
 
 
+@pytest.mark.long
 def test_rings_of_six_spare_beads_that_are_hidden_in_use(another_dome, tmp_path):
     dome = another_dome(rings=SIX_EVERYWHERE, width=640, height=480, focal_px=380.0)
     estimator = Estimator(calibrate_paper(dome.write(tmp_path / "d", presses=30)))

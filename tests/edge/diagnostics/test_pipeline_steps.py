@@ -139,6 +139,7 @@ def test_a_frame_of_another_camera_is_refused(drawn_calibration, shape, reason):
         take_steps(np.full(shape, 128, dtype=np.uint8), drawn_calibration, "other.png")
 
 
+@pytest.mark.long
 def test_the_sample_with_its_correction_model(shared_data, tmp_path):
     sample = shared_data("press-sample")
     small = tmp_path / "sample"

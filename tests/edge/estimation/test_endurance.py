@@ -1,4 +1,4 @@
-"""A hundred thousand frames in one process: nothing grows."""
+"""A hundred thousand frames in one process (ten thousand without --effort=full): nothing grows."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 
-FRAMES, WARM_UP = 100_000, 5_000
+REDUCED, FULL, WARM_UP = 10_000, 100_000, 5_000
 MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more
 
 
@@ -22,18 +20,18 @@ def resident_bytes():
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-@pytest.mark.slow
-def test_a_hundred_thousand_frames_leave_nothing_behind(shared_data, sample_calibration):
+def test_a_hundred_thousand_frames_leave_nothing_behind(shared_data, sample_calibration, effort):
     """Recorded frames in a loop: touches, sheared and rolling, and pauses; the clock goes on."""
+    count = effort(REDUCED, FULL)
     estimator = Estimator(sample_calibration)
     sequence = read_dataset(shared_data("press-sequences/finger-1"))
     frames = [Frame(read_image(sequence.path(p), grey=True), 0, 0, "") for p in sequence.presses]
     before = 0
-    for number in range(FRAMES):
+    for number in range(count):
         if number == WARM_UP:
             before = resident_bytes()
         frame = replace(frames[number % len(frames)], sequence=number, exposed_at_us=33_333 * number)
         estimator.estimate(frame)
     assert resident_bytes() - before < MOST_GROWTH_BYTES
-    assert estimator.health.frames == FRAMES
-    assert estimator.health.refused < 0.02 * FRAMES
+    assert estimator.health.frames == count
+    assert estimator.health.refused < 0.02 * count

@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-import pytest
 
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
@@ -31,7 +30,6 @@ def painted(image, beads_px, diameter_px, random):
     return image
 
 
-@pytest.mark.slow
 def test_error_at_most_doubles_and_the_radius_grows(shared_data, sample_calibration):
     sample = read_dataset(shared_data("press-sample"))
     calibration = sample_calibration

@@ -135,6 +135,7 @@ def apart_mm(one, other):
     return np.array([math.dist(a, b) for a, b in zip(one, other, strict=True) if a is not None])
 
 
+@pytest.mark.long
 def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
     sample = read_dataset(shared_data("press-sample"))
     untrained = dataclasses.replace(sample, presses=sample.split("test"))
@@ -150,6 +151,7 @@ def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
     assert apart_mm(*by).mean() < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rings", "pitch_deg", "diameter_mm", "presses"),
     [(6, 11.0, 2.4, 24), (10, 7.2, 1.3, 8)],

@@ -17,6 +17,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from tests.tiers import seeds
 
 from palpate_bus.eds.cia402 import DriveState
 from palpate_host.common.command import Grasp, Recover, Rotate
@@ -190,7 +191,7 @@ def schedule(rig, seed):
     return broken
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", seeds(reduced=16, full=200))
 def test_a_random_schedule_of_faults(turning, seed):
     assert schedule(turning, seed)
 

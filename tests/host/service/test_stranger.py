@@ -98,6 +98,7 @@ def test_the_commands_take_it() -> None:
         assert "J3_3" in done.output
 
 
+@pytest.mark.long
 def test_it_grasps_and_turns_an_object(stranger: tuple[HandConfig, HandKinematics]) -> None:
     """Lock step: its own drives and fingertips on a bus, physics with friction. 10 deg of yaw."""
     config, hand = stranger
