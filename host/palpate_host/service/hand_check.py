@@ -1,6 +1,6 @@
-"""Is what hand.toml says what is on the bus? Asked by SDO of every node, before anything moves. Pure.
+"""Comparison of hand.toml with the nodes on the bus, by SDO, before anything moves; pure.
 
-Each node is asked who it is (1000h, 1018h), drives also for their modes, scale, torque cap, watchdog and
+The identity of each node (1000h, 1018h) is read, of drives also the modes, scale, torque limit, watchdog and
 joint angle; PDOs are compared with the EDS that both sides load (master/node_check.py).
 """
 
@@ -30,12 +30,14 @@ MODE_NAMES = {1: "pp", 3: "pv", 4: "tq", 6: "hm", 7: "ip", 8: "csp", 9: "csv", 1
 """CiA 402-2: the modes of 6502h, bit number + 1 as in 6060h."""
 
 Read = Callable[[int, Device, Key], int | None]
-"""An object's number; None when the node has none. BusError when the node does not answer."""
+"""Reads an object's number; None when the node does not have it. Raises BusError when the node does not
+answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeReport:
-    """One node. found: what it says of itself. problems: one line each, with the way out; none: it is right.
+    """One node. found: its identity and modes. problems: one line each, with the remedy; empty when there is
+    none.
     angle_rad: of a drive's joint, None when it is not known."""
 
     node_id: int
@@ -46,7 +48,8 @@ class NodeReport:
 
 
 def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iterator[NodeReport]:
-    """Every node in the order of hand.toml, drives after their finger's fingertip. silent: do not answer."""
+    """Check every node in the order of hand.toml, drives after their finger's fingertip. silent: nodes that
+    do not answer."""
     devices = devices_of_hand(config)
     for finger in config.fingers:
         tip = devices[finger.fingertip_node]
@@ -90,7 +93,7 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
         problems.append(str(exc))
     if config.homing is not None and not modes & OperationMode.HOMING.supported_bit:
         problems.append(
-            "lacks homing (6502h, bit 5): take [homing] out of hand.toml or use a drive that has it"
+            "has no homing mode (6502h, bit 5): remove [homing] from hand.toml or use a drive that has it"
         )
     if not rated_mNm or not feed:
         problems.append(f"6076h is {rated_mNm}, 6092h:01 is {feed}: configure the drive, neither can be 0")
@@ -99,11 +102,11 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
     is_torque = config.control.drives_follow is Follows.TORQUE and config.homing is None
     if rated_mNm and is_torque and cap_Nm < joint.torque_limit_Nm:
         problems.append(
-            f"gives {cap_Nm:.3g} N m at most (6072h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
-            " raise the one or lower the other"
+            f"is limited to {cap_Nm:.3g} N m (6072h), torque_limit_Nm is {joint.torque_limit_Nm:g}:"
+            " raise 6072h or lower torque_limit_Nm"
         )
     if not number(WATCHDOG):
-        problems.append("has no deadline for RPDO 1 (1400h:05 is 0): a dead host would leave its torque on")
+        problems.append("has no deadline for RPDO 1 (1400h:05 is 0): its torque would stay on without a host")
     problems += differences(device, number)
     increments = number(ANGLE)
     angle = None
@@ -112,7 +115,7 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
         angle = joint.direction * signed * math.tau / feed + joint.zero_offset_rad
         if not joint.min_rad <= angle <= joint.max_rad:
             problems.append(
-                f"stands at {angle:.3f} rad, outside min_rad {joint.min_rad:g} to max_rad {joint.max_rad:g}:"
+                f"is at {angle:.3f} rad, outside min_rad {joint.min_rad:g} to max_rad {joint.max_rad:g}:"
                 " correct zero_offset_rad or direction, or move it"
             )
     names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
@@ -123,8 +126,8 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
 def _identity(device: Device, profile: int, read: Read) -> Iterator[str]:
     kind = read(device.node_id, device, DEVICE_TYPE)
     if kind is None or kind & 0xFFFF != profile:
-        said = "nothing" if kind is None else f"CiA {kind & 0xFFFF}"
-        yield f"is no CiA {profile} device (1000h says {said}): exchange the node ids in hand.toml"
+        found = "missing" if kind is None else f"of CiA {kind & 0xFFFF}"
+        yield f"is not a CiA {profile} device (its 1000h is {found}): exchange the node ids in hand.toml"
 
 
 def _who(device: Device, read: Read) -> str:
@@ -133,9 +136,9 @@ def _who(device: Device, read: Read) -> str:
 
 
 def joint_angles(config: HandConfig, reports: list[NodeReport]) -> tuple[Array, bool]:
-    """(nq,) where the joints are, the middle of the range of one that does not tell; whether all told."""
-    told = {report.node_id: report.angle_rad for report in reports}
-    angles = [told.get(joint.drive_node) for joint in config.joints]
+    """Return the joint angles (nq,), the middle of the range where unknown, and whether all are known."""
+    known = {report.node_id: report.angle_rad for report in reports}
+    angles = [known.get(joint.drive_node) for joint in config.joints]
     middle = [(joint.min_rad + joint.max_rad) / 2 for joint in config.joints]
     pairs = zip(angles, middle, strict=True)
     q_rad = np.array([a if a is not None else m for a, m in pairs])
@@ -143,12 +146,13 @@ def joint_angles(config: HandConfig, reports: list[NodeReport]) -> tuple[Array, 
 
 
 def table(reports: list[NodeReport]) -> str:
-    """A line a node, a line a problem."""
+    """Return a table: one line for each node, one for each problem."""
     width = max(len(report.who) for report in reports)
     found_width = max(len(report.found) for report in reports)
     lines = [f"node  {'who':{width}}  {'vendor/product/serial, modes, torque':{found_width}}"]
     for report in reports:
-        verdict = "ok" if not report.problems else f"{len(report.problems)} wrong"
+        count = len(report.problems)
+        verdict = "ok" if not count else f"{count} problem{'s' if count > 1 else ''}"
         lines.append(f"0x{report.node_id:02X}  {report.who:{width}}  {report.found:{found_width}}  {verdict}")
         lines += [f"      {problem}" for problem in report.problems]
     return "\n".join(lines)

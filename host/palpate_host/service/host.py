@@ -1,7 +1,8 @@
-"""The host's loop at the rim: bus and clock around HostCore, and an orderly stop whatever happens.
+"""The host's process: bus and clock around HostCore, and an orderly stop in every case.
 
-One thread. The bus is waited on until the next tick of an absolute grid, so a late tick never shifts the
-following ones. Time is the system's epoch clock, which stamps the bus and, modulo 2^32 us, is the bus clock.
+One thread waits on the bus until the next tick of an absolute grid, so a late tick does not shift the
+following ones. The time is the system's epoch clock, which stamps received frames and, modulo 2^32 us, is the
+bus clock.
 """
 
 from __future__ import annotations
@@ -33,33 +34,34 @@ from palpate_host.service.real_time import become_real_time
 from palpate_host.service.status_stream import StatusStream
 
 BUS_NAME = "host"
-# Closing an adapter drops what its queue still holds: the last stop frames get this long to leave it.
+# Closing an adapter drops the frames in its queue: the last stop frames get this time to be sent.
 LINGER_S = 0.05
 
 _log = logging.getLogger("palpate.host")
 
 
 def load_hand(path: Path) -> tuple[HandConfig, HandKinematics]:
-    """hand.toml and its hand; ConfigError as `hand_config.load`, `model_of` and `HandKinematics` say."""
+    """Read hand.toml and build its hand. Raises ConfigError as `hand_config.load`, `model_of` and
+    `HandKinematics`."""
     config = hand_config.load(path)
     joints = [joint.name for joint in config.joints]
     return config, HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
 def now_us() -> int:
-    """Epoch time in us."""
+    """Return the epoch time in us."""
     return time.time_ns() // 1000
 
 
 def bus_time(bus: BusConfig) -> Callable[[], int]:
-    """Epoch time in us as this bus stamps it. Raises ConfigError as `clock_of`."""
+    """Return the clock, epoch us, that this bus uses. Raises ConfigError as `clock_of`."""
     return clock_of(bus).now_us if bus.clock else now_us
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to run, beside hand.toml. duration_s: None: until told to stop. status_target: takes every tick's
-    status. control_socket: None: the default one. start: in place of run.start."""
+    """Options of a run beside hand.toml. duration_s: None for no limit. status_target: receives the status of
+    every tick. control_socket: None for the default path. start: overrides run.start."""
 
     duration_s: float | None = None
     status_target: Path | None = None
@@ -70,10 +72,10 @@ class Options:
 def run(config_path: Path, options: Options) -> None:
     """Run the hand until SIGTERM or SIGINT, for `duration_s`, or until a fault ends it.
 
-    A hand that waits for commands outlives its bus, which is a fault then, and opened again. Always leaves
-    with the drives quick-stopped, off and NMT-stopped, if the bus still carries that. ConfigError for the
-    configuration; BusError when the bus cannot be opened, when it goes from a hand that moves by itself, or
-    when a fault stopped the hand, with the fault's reason.
+    At the end the drives are quick-stopped, disabled and NMT-stopped, if the bus still works. With run.start
+    = "command" a lost bus is a fault, and the bus is reopened; otherwise it ends the run. Raises ConfigError
+    for the configuration; BusError when the bus cannot be opened or is lost, or with the reason of the fault
+    that stopped the hand.
     """
     config, hand = load_hand(config_path)
     if options.start is not None:
@@ -118,8 +120,10 @@ def _loop(
     reports: BusReports,
     now_us: Callable[[], int],
 ) -> str:
-    """Returns the failure, empty after an asked-for stop. The watchdog is fed while ticks and bus go on, and
-    while the bus is opened again."""
+    """Run the ticks; return the failure, empty after a requested stop.
+
+    The watchdog is fed while ticks and bus frames continue, and while the bus is being reopened.
+    """
     gate, ticks = WatchdogGate(notifier.watchdog_us), 0
     end_us = None if duration_s is None else now_us() + round(duration_s * 1e6)
     output = core.process(now_us(), ())

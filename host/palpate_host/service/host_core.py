@@ -1,8 +1,8 @@
-"""The host's core: every frame of the bus in, every frame of the host out, on the time it is given.
+"""The host's core: frames of the bus and times in, frames of the host out.
 
-One tick at tick_Hz: SYNC, supervisor, torques, one command a drive. Frames are taken in with their own stamps
-(nodes.py) and answered at the next tick, so that what leaves depends on stamps and ticks alone and a log
-replays exactly.
+A tick, at tick_Hz: SYNC, supervisor, torques, one command for each drive. Received frames are processed with
+their own time stamps (nodes.py) and answered at the next tick, so the output depends on stamps and ticks
+alone, and a log replays exactly.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ OPERATOR_STOP = "stopped by the operator"
 
 @dataclass(frozen=True, slots=True)
 class HostOutput:
-    """What one call of `process` gives.
+    """The result of one call of `process`.
 
-    ticked: a tick was due, whether or not there is a bus for its frames. next_due_us: when to call again at
-    the latest. finished: the hand is stopped and safe, the loop may end;
-    failure then says why in one line, empty after an operator's stop.
+    ticked: a tick was due, also while the bus is lost. next_due_us: the latest time of the next call.
+    finished: the hand is stopped and safe, and the loop may end; failure is then the reason in one line,
+    empty after an operator's stop.
     """
 
     frames_out: tuple[CanFrame, ...]
@@ -50,10 +50,11 @@ class HostOutput:
 
 
 class HostCore:
-    """The pure host: hand it frames and times, send what it returns."""
+    """The pure host: `process` takes frames and times, and returns the frames to send."""
 
     def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
-        """FrameError when the fingers are numbered clockwise, with every joint in the middle of its range."""
+        """Raises FrameError when the fingers are numbered clockwise with every joint in the middle of its
+        range."""
         middle = np.array([(joint.min_rad + joint.max_rad) / 2 for joint in config.joints])
         check_numbering(hand.pose(middle).tip_centre_m)
         self._config = config
@@ -79,7 +80,7 @@ class HostCore:
         self._is_ending = False
         self._is_bus_lost = False
         self._bus_fault = ""
-        self._back_us = 0
+        self._restored_us = 0
         self._command_Nm = np.zeros(len(config.joints))
         self._R_vir: Array | None = None
         self._shutdown = DriveShutdown()
@@ -88,18 +89,19 @@ class HostCore:
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
-        """The identifiers this core wants from the bus."""
+        """The CAN identifiers that this core receives."""
         return self._nodes.accept_ids
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
-        """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason stays."""
+        """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason is kept."""
         self._is_ending = True
         self._stop_reason = self._stop_reason or reason
 
     def bus_lost(self, now_us: int, reason: str) -> None:
-        """The bus is gone: FAULT, no frames until `bus_restored`, and what the nodes said counts no more.
+        """Enter FAULT because the bus is lost; send no frame until `bus_restored` and discard the nodes'
+        states.
 
-        An earlier fault or stop keeps its reason; this one is its warning while the bus is away.
+        An earlier fault or stop keeps its reason, with this one as its warning while the bus is lost.
         """
         self._is_bus_lost = True
         self._bus_fault = self._bus_fault or reason
@@ -112,16 +114,18 @@ class HostCore:
         self._nodes.bus_lost()
 
     def bus_restored(self, now_us: int) -> None:
-        """The bus is there again: every drive is switched off, as nobody knows what it did meanwhile, and
-        `Recover` leads on. What was stamped before does not count."""
+        """Take the bus into use again: drives are disabled, since their state is unknown, until `Recover`.
+
+        Frames with earlier time stamps are ignored.
+        """
         self._is_bus_lost = False
-        self._back_us = now_us
+        self._restored_us = now_us
         self._decision = replace(self._decision, warning="")
 
     def command(self, command: Command) -> None:
-        """Obey from the next tick on.
+        """Carry out a command from the next tick on.
 
-        CommandError, saying what to do first, when the mode does not allow it.
+        Raises CommandError, with the step to take first, when the mode does not allow it.
         """
         check_allowed(
             command,
@@ -148,7 +152,7 @@ class HostCore:
                 self._control = Manipulation(self._config)
 
     def _recover(self) -> None:
-        """Out of FAULT and STOP: all nodes anew, no goal."""
+        """Leave FAULT or STOP: all nodes are started again, without a goal."""
         self._stop_reason = self._bus_fault = ""
         self._goal = Goal.NOTHING
         self._shutdown = DriveShutdown()
@@ -157,15 +161,15 @@ class HostCore:
         self._decision = Decision(Mode.INIT, "recovering", self._decision.since_us)
 
     def process(self, now_us: int, frames_in: Sequence[tuple[int, CanFrame]]) -> HostOutput:
-        """Take in stamped frames and, when a tick is due, give the host's frames for it.
+        """Process stamped frames; when a tick is due, return the host's frames for it.
 
-        A tick that is more than one period late is left out and counted. Never raises for what comes from the
-        bus: a frame that breaks the contract stops the hand, and its reason is the output's failure.
+        A tick more than one period late is skipped and counted. Frames from the bus never raise an error: a
+        frame that breaks the contract stops the hand, with the reason as the output's failure.
         """
         nodes = self._nodes
         for stamp_us, frame in frames_in:
             nodes.counters.frames_in += 1
-            if self._is_bus_lost or stamp_us < self._back_us:
+            if self._is_bus_lost or stamp_us < self._restored_us:
                 continue
             paired = nodes.receive(stamp_us, frame)
             if paired is not None:

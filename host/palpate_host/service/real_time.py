@@ -1,4 +1,4 @@
-"""The loop ahead of everything else on its machine, as far as that is allowed: SCHED_FIFO, memory locked."""
+"""Real-time scheduling of the host, as far as it is permitted: SCHED_FIFO and locked memory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MCL_CURRENT, MCL_FUTURE = 1, 2  # linux/mman.h
 
 
 def become_real_time() -> list[str]:
-    """Ask for both; returns what was refused, each with the way out. A class that systemd has set stays."""
+    """Request both; return one line with the remedy for each refusal. A class set by systemd is kept."""
     refused = []
     if os.sched_getscheduler(0) != os.SCHED_FIFO:
         try:

@@ -1,9 +1,8 @@
-"""Feeds a bus log through HostCore on a virtual clock: the same frames in, the same frames out, with no
-sleep.
+"""Replay of a bus log through HostCore on a virtual clock: the same frames in give the same frames out.
 
-Inputs are the log's frames that are not the host's own, at their stamps; ticks fall where the core asks for
-them, and where its own SYNC stayed out for more than two, as late as that came. A log is bound to its
-contract: its header carries the hash of each EDS and the node map, both are checked.
+Inputs are the log's frames that other nodes sent, at their time stamps. Ticks run when the core requests
+them; where the recorded host's SYNC paused for more than two ticks, the next tick is as late as that SYNC. A
+log is bound to its contract: the hash of each EDS and the node map in its header are checked.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class ModeChange:
 
 @dataclass(frozen=True, slots=True)
 class ReplayStep:
-    """One call of the host. now_us: the tick; taken: the frames of the log it was given."""
+    """One call of the host. now_us: time of the call; taken: the frames of the log passed to it."""
 
     now_us: int
     taken: tuple[LogRecord, ...]
@@ -56,13 +55,13 @@ class ReplayStep:
 
     @property
     def answers(self) -> tuple[LogRecord, ...]:
-        """What the host sends at this tick."""
+        """The frames that the host sends at this tick."""
         return tuple(LogRecord(self.now_us, frame) for frame in self.output.frames_out)
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What the host did with a log. failure: why it stopped, or empty; status: its last."""
+    """The result of a replay. failure: why the host stopped, or empty; status: the last one."""
 
     header: LogHeader
     records: tuple[LogRecord, ...]
@@ -73,12 +72,12 @@ class Replay:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """The modes as entered."""
+        """The modes in the order in which they were entered."""
         return tuple(change.mode for change in self.changes)
 
 
 def contract_header(config: HandConfig) -> LogHeader:
-    """The header of a log of this hand: a hash of each EDS and who each node is."""
+    """Return the header of a log of this hand: a hash of each EDS, and the device at each node id."""
     entries = {key: eds_hash(path) for key, path in EDS_FILES.items()}
     nodes = {joint.drive_node: f"drive:{joint.name}" for joint in config.joints}
     nodes |= {finger.fingertip_node: f"fingertip:{finger.name}" for finger in config.fingers}
@@ -86,12 +85,12 @@ def contract_header(config: HandConfig) -> LogHeader:
 
 
 def eds_hash(path: Path) -> str:
-    """The first 16 hex digits of the file's SHA-256."""
+    """Return the first 16 hexadecimal digits of the file's SHA-256."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:EDS_HASH_DIGITS]
 
 
 def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> None:
-    """ConfigError, naming the key, when the log was made with another EDS or node map."""
+    """Check a log's header. Raises ConfigError with the key when the log has another EDS or node map."""
     for key, expected in contract_header(config).entries.items():
         found = header.entries.get(key)
         if found == expected:
@@ -99,21 +98,21 @@ def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> Non
         if found is None:
             raise ConfigError(
                 f"{log_path}: its header has no {key}, so its EDS and nodes are unknown:"
-                " record it with the --header lines that `palpate-host contract` prints"
+                " record it with the --header options that `palpate-host contract` prints"
             )
         way_out = (
-            "replay it with the palpate version that made it, or record it anew"
+            "replay it with the palpate version that made it, or record it again"
             if key in EDS_FILES
-            else "give the hand.toml it was recorded with"
+            else "give the hand.toml that it was recorded with"
         )
         raise ConfigError(f"{log_path}: was made with {key} {found!r}, here it is {expected!r}: {way_out}")
 
 
 def read_bound_log(log_path: Path, config: HandConfig) -> tuple[LogRecord, ...]:
-    """The records of a log of this hand.
+    """Read the records of a log of this hand.
 
-    Raises LogError when it cannot be read, ConfigError when it belongs to another contract. ASC and BLF carry
-    no contract, and time of another zero: they are put on the bus clock.
+    Raises LogError when it cannot be read, ConfigError when it belongs to another contract. ASC and BLF files
+    have no contract, and their time has another zero: their stamps are moved to the bus clock.
     """
     log = read_any_log(log_path)
     if log_path.suffix.lower() not in FOREIGN_FORMATS:
@@ -123,10 +122,10 @@ def read_bound_log(log_path: Path, config: HandConfig) -> tuple[LogRecord, ...]:
 
 
 def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tuple[LogRecord, ...]:
-    """The records with stamps moved so that TPDO 3 comes when its exposure and latency say.
+    """Shift the stamps so that TPDO 3 arrives at its exposure time plus its latency.
 
-    A recorder's time may have another zero than the bus's clock, which is known modulo 2^32 us only; without
-    TPDO 3 the records stay as they are.
+    The zero of a recorder's time may differ from that of the bus clock, which is known modulo 2^32 us only.
+    Without TPDO 3 the records are returned unchanged.
     """
     ids = {TPDO_3_ID + node for node in fingertips}
     shifts = []
@@ -141,7 +140,7 @@ def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tup
 
 
 def replay_to_log(log_path: Path, config: HandConfig, hand: HandKinematics) -> Replay:
-    """Replay a log file; raises as `read_bound_log`."""
+    """Replay a log file. Raises as `read_bound_log`."""
     return replay(read_bound_log(log_path, config), config, hand)
 
 
@@ -153,7 +152,7 @@ def replay(
 
 
 def replay_steps(taken_steps: Iterable[ReplayStep], config: HandConfig) -> Replay:
-    """What came of the steps."""
+    """Collect the result of the steps."""
     answers: list[LogRecord] = []
     changes: list[ModeChange] = []
     taken, failure, status = 0, "", None
@@ -173,10 +172,10 @@ def steps(
     core: HostCore | None = None,
     before: Callable[[int], None] = lambda _: None,
 ) -> Iterator[ReplayStep]:
-    """The host's calls one by one, from its first frame in the log to the log's last frame.
+    """Yield the host's calls, from its first frame in the log to the log's last frame.
 
-    What came before the host's first heartbeat it did not hear; a log without a host is heard from its
-    beginning. before: is told the time of each call.
+    Frames before the host's first heartbeat are not passed to it; a log without a host is replayed from its
+    beginning. before: called with the time of each call, before it.
     """
     core = core or HostCore(config, hand)
     wanted = set(core.accept_ids)
@@ -200,15 +199,14 @@ def steps(
 
 
 def first_beat_us(records: Iterable[LogRecord], config: HandConfig) -> int | None:
-    """The host beats in its first tick; its frame is on the wire within a fraction of a millisecond. None: no
-    host in the log."""
+    """Return the time of the host's first heartbeat, sent in its first tick; None without a host in the
+    log."""
     own_id = HEARTBEAT_ID + config.network.host_node
     return next((record.stamp_us for record in records if record.frame.can_id == own_id), None)
 
 
 def _stalls(records: Iterable[LogRecord], begin_us: int, tick_us: int) -> list[tuple[int, int]]:
-    """From when to when the host did not tick: a SYNC of its own that came more than two ticks after the one
-    before."""
+    """Return the intervals without a tick: those between two SYNCs of the host more than two ticks apart."""
     syncs = (r.stamp_us for r in records if r.frame.can_id == SYNC.can_id and r.stamp_us >= begin_us)
     return [(last + tick_us // 2, late) for last, late in pairwise(syncs) if late - last > 2 * tick_us]
 
@@ -219,5 +217,5 @@ def _or_after_its_stall(due_us: int, stalls: Sequence[tuple[int, int]]) -> int:
 
 
 def write_output(path: Path, result: Replay) -> None:
-    """The host's answers as a candump log."""
+    """Write the host's frames as a candump log."""
     write_log(path, result.header, result.records)

@@ -1,4 +1,4 @@
-"""The status as JSON lines for a live view, without ever holding up the loop."""
+"""The status as JSON lines for a live view; writing never blocks the loop."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from palpate_host.common.status import HostStatus
 
 
 class StatusStream:
-    """Status as JSON lines into a file, a named pipe or a listening Unix stream socket.
+    """Writes status lines to a file, a named pipe or a listening Unix stream socket.
 
-    A reader that falls behind loses lines, never time of the loop; one that goes away ends the stream.
+    A slow reader loses lines, counted in `lines_lost`; when the reader closes, the stream ends.
     """
 
     def __init__(self, target: Path) -> None:
-        """ConfigError when `target` cannot be opened (a pipe or socket without a reader is refused too)."""
+        """Raises ConfigError when `target` cannot be opened; a pipe or socket needs a reader first."""
         self._encoder = msgspec.json.Encoder()
-        self._rest = b""
+        self._unsent = b""
         self.lines_lost = 0
         self._socket: socket.socket | None = None
         self._fd: int | None = None
@@ -41,9 +41,9 @@ class StatusStream:
         """Send one line, or count it as lost while the reader has not taken the last one."""
         if self._fd is None:
             return
-        if self._rest:
+        if self._unsent:
             self._send(b"")
-        if self._rest:
+        if self._unsent:
             self.lines_lost += 1
             return
         self._send(self._encoder.encode(status) + b"\n")
@@ -58,16 +58,16 @@ class StatusStream:
 
     def _send(self, line: bytes) -> None:
         assert self._fd is not None
-        data = self._rest + line
+        data = self._unsent + line
         try:
             written = os.write(self._fd, data)
         except BlockingIOError:
             written = 0
         except OSError:
-            # The reader left: the view is gone, the hand goes on.
+            # The reader has closed: the stream ends, the hand continues.
             self.close()
             written = len(data)
-        self._rest = data[written:]
+        self._unsent = data[written:]
 
 
 def _connect(target: Path) -> socket.socket:

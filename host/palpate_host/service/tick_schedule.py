@@ -1,4 +1,4 @@
-"""When the loop's ticks are due: a fixed period from the first call on, what comes too late left out."""
+"""The schedule of ticks: a fixed period from the first call on; ticks that are too late are skipped."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from palpate_host.common.status import LATE_BINS_US
 
 
 class TickSchedule:
-    """next_us: when the next tick is due, 0 before the first; ticks: taken so far; left_out: not taken, as
-    the loop was more than a period late; lateness: of the ticks taken, by how much later than due they began
+    """Schedules ticks. next_us: time of the next tick, 0 before the first; ticks: taken so far; left_out:
+    skipped because the loop was more than a period late; lateness: histogram of the delays of taken ticks
     (LATE_BINS_US)."""
 
     def __init__(self, period_us: int) -> None:
@@ -18,8 +18,8 @@ class TickSchedule:
         self._period_us = period_us
 
     def take(self, now_us: int) -> int | None:
-        """The tick that is due, by its own time, which is at most a period ago; None where none is. The first
-        call's is `now_us`."""
+        """Return the time of the tick that is due, at most a period ago; None when none is due. The first
+        call's tick is `now_us`."""
         due_us = self.next_us or now_us
         if now_us < due_us:
             return None
