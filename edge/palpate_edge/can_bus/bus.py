@@ -10,13 +10,13 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import astuple, dataclass
 from types import TracebackType
 from typing import Annotated, Any
 
 import can
 import msgspec
 
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
@@ -56,29 +56,6 @@ class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     channel: str = ""
     bitrate: Annotated[int, msgspec.Meta(ge=10_000, le=1_000_000)] = 1_000_000
     clock: str = ""
-
-
-@dataclass(slots=True)
-class BusCounters:
-    """Counters of a `Bus` since it was opened.
-
-    send_retries: attempts that a full transmit queue refused. error_frames: reported by the controller,
-    of any kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
-    the controller lost received frames. restarts: recoveries from bus-off.
-    """
-
-    sent: int = 0
-    received: int = 0
-    send_retries: int = 0
-    error_frames: int = 0
-    foreign_frames: int = 0
-    receive_overruns: int = 0
-    restarts: int = 0
-
-    def plus(self, other: BusCounters) -> BusCounters:
-        """Return the sums of both, counter by counter."""
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return BusCounters(*(ours + theirs for ours, theirs in pairs))
 
 
 class Bus:

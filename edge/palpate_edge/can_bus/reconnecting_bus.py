@@ -12,7 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from palpate_edge.can_bus.bus import Bus, BusCounters
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
 from palpate_edge.common.back_off import BackOff

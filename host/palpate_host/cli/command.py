@@ -111,4 +111,25 @@ def status_text(status: HostStatus) -> str:
     bins = [f"< {bin_us}" for bin_us in LATE_BINS_US] + [f">= {LATE_BINS_US[-1]}"]
     late = ", ".join(f"{count} {name}" for name, count in zip(bins, status.lateness, strict=False) if count)
     lines.append(f"ticks late by us: {late or 'none yet'}; left out: {status.counters.late_ticks}")
+    lines += _counter_lines(status)
     return "\n".join(lines)
+
+
+def _counter_lines(status: HostStatus) -> list[str]:
+    """Return every counter since the start: the bus, and the parts of each fingertip's contacts."""
+    host = status.counters
+    lines = [
+        f"bus: {host.frames_in} frames in, {host.frames_out} out, {host.foreign_frames} foreign, "
+        f"{host.transmit_retries} transmit retries, {host.error_frames} error frames, "
+        f"{host.receive_overruns} receive overruns, {host.bus_restarts} restarts; "
+        f"{host.emergencies} emergencies; {host.status_lines_lost} status lines lost"
+    ]
+    for finger in status.fingers:
+        lines.append(
+            f"{finger.name}: {finger.complete} contacts, {finger.lost_frames} frames lost, "
+            f"{finger.unpaired} unpaired, {finger.resynchronised} resynchronised; parts: "
+            f"{finger.incomplete} incomplete, {finger.out_of_order} out of order, "
+            f"{finger.duplicates} duplicates, {finger.late} late, {finger.extra_tpdos} TPDO 5 taken, "
+            f"{finger.extra_missing} missing, {finger.extra_mixed} of another frame"
+        )
+    return lines

@@ -21,7 +21,7 @@ class FingerStatus(OptionalQuantities):
     age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDOs that made no
     contact; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
     extra_tpdos: TPDO 5 taken with their contact; extra_missing, extra_mixed: contacts refused because their
-    TPDO 5 was lost or belongs to another frame.
+    TPDO 5 was lost or belongs to another frame. resynchronised: restarts of the sequence numbers.
     """
 
     name: str
@@ -46,6 +46,7 @@ class FingerStatus(OptionalQuantities):
     extra_tpdos: int = 0
     extra_missing: int = 0
     extra_mixed: int = 0
+    resynchronised: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,12 @@ class JointStatus:
 
 @dataclass(slots=True)
 class Counters:
-    """Since the start. late_ticks: ticks left out because the loop came too late."""
+    """Counters since the start. late_ticks: ticks skipped because the loop came too late.
+
+    status_lines_lost: lines of `run --status` that the reader was too slow for. transmit_retries,
+    error_frames, receive_overruns, bus_restarts: of the host's CAN controller (`BusCounters`); 0 in a replay.
+    foreign_frames: frames of no node of hand.toml, and 29-bit and CAN FD frames.
+    """
 
     ticks: int = 0
     late_ticks: int = 0
@@ -70,6 +76,11 @@ class Counters:
     frames_out: int = 0
     foreign_frames: int = 0
     emergencies: int = 0
+    status_lines_lost: int = 0
+    transmit_retries: int = 0
+    error_frames: int = 0
+    receive_overruns: int = 0
+    bus_restarts: int = 0
 
 
 @dataclass(frozen=True, slots=True)

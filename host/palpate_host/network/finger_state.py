@@ -78,6 +78,7 @@ class FingerRecord:
             extra_tpdos=counters.extra_tpdos,
             extra_missing=counters.extra_missing,
             extra_mixed=counters.extra_mixed,
+            resynchronised=counters.resynchronised,
         )
 
 

@@ -134,6 +134,7 @@ def _loop(
             if stream is not None:
                 stream.write(output.status)
             reports.ticked(output.status)
+            core.set_io_counters(bus.counters, 0 if stream is None else stream.lines_lost)
         if output.finished:
             time.sleep(LINGER_S)
             return output.failure

@@ -11,7 +11,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from palpate_edge.can_bus.bus import Bus, BusCounters
+from palpate_edge.can_bus.bus import Bus
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import (
     FIRST_REOPEN_US,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
@@ -85,12 +86,23 @@ class HostCore:
         self._R_vir: Array | None = None
         self._shutdown = DriveShutdown()
         self._finished = False
+        self._unreadable_frames = 0  # 29-bit and CAN FD
         self._status: HostStatus | None = None
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
         """The CAN identifiers that this core receives."""
         return self._nodes.accept_ids
+
+    def set_io_counters(self, bus: BusCounters, status_lines_lost: int) -> None:
+        """Take the counters of the bus and of the status stream into the status."""
+        counters = self._nodes.counters
+        counters.status_lines_lost = status_lines_lost
+        counters.transmit_retries = bus.send_retries
+        counters.error_frames = bus.error_frames
+        counters.receive_overruns = bus.receive_overruns
+        counters.bus_restarts = bus.restarts
+        self._unreadable_frames = bus.foreign_frames
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason is kept."""
@@ -278,7 +290,12 @@ class HostCore:
             fit_residual_deg=control.orientation.residual_deg,
             target_rpy_deg=self._target_rpy_deg,
             last_emergency=nodes.last_emergency,
-            counters=replace(nodes.counters, ticks=schedule.ticks, late_ticks=schedule.left_out),
+            counters=replace(
+                nodes.counters,
+                ticks=schedule.ticks,
+                late_ticks=schedule.left_out,
+                foreign_frames=nodes.counters.foreign_frames + self._unreadable_frames,
+            ),
             turned=control.turned,
             lateness=tuple(schedule.lateness),
         )

@@ -7,7 +7,7 @@ import dataclasses
 import msgspec
 import pytest
 
-from palpate_edge.can_bus.bus import BusCounters
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.daemon.check_rows import (
     CheckRow,
     Verdict,

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate_bus.eds.cia402 import DriveState
 from palpate_bus.logs.candump import LogRecord
+from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
@@ -342,3 +343,13 @@ def test_status_survives_json(rig):
     status = rig.run(1.5)
     back = msgspec.json.decode(msgspec.json.encode(status), type=HostStatus)
     assert back == status
+
+
+def test_every_counter_of_the_hosts_bus_is_in_its_status(rig):
+    bus = BusCounters(1, 2, send_retries=3, error_frames=4, foreign_frames=5, receive_overruns=6, restarts=7)
+    before = rig.run(0.1).counters
+    rig.core.set_io_counters(bus, 8)
+    counters = rig.run(0.1).counters
+    assert (counters.transmit_retries, counters.error_frames) == (3, 4)
+    assert (counters.receive_overruns, counters.bus_restarts, counters.status_lines_lost) == (6, 7, 8)
+    assert counters.foreign_frames >= before.foreign_frames + 5

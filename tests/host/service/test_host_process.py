@@ -1,7 +1,9 @@
 """`run` as a process on the local hub with simulated drives: an orderly stop, and failures with a reason."""
 
+import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -11,6 +13,9 @@ import time
 import pytest
 
 from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_host.cli.command import status_text
+from palpate_host.operator.client import NoHostError, OperatorClient
+from palpate_host.operator.protocol import Status
 
 PROGRAMS = {
     "hub": "from palpate_bus.cli.main import bus; bus()",
@@ -130,6 +135,33 @@ def test_duration_ends_the_run(processes, config):
     host = processes.start("run", "--config", config, "--duration", 0.1)
     host.communicate(timeout=PATIENCE_S)
     assert host.returncode == 0
+
+
+def test_lines_that_the_reader_was_too_slow_for_are_in_the_status(tmp_path, processes, config):
+    """A pipe nobody reads from fills; the counters of the bus beside it are those of the host's own port."""
+    pipe = tmp_path / "status"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        path = tmp_path / "host.sock"
+        processes.start("run", "--config", config, "--status", pipe, "--socket", path, "--start", "command")
+
+        def counters():
+            with contextlib.suppress(NoHostError), OperatorClient(path) as client:
+                status = client.ask(Status())
+                return None if status is None else status.counters
+
+        wait_for(lambda: (found := counters()) is not None and found.status_lines_lost > 3, "a lost line")
+        found = counters()
+        assert found.ticks > found.status_lines_lost
+        assert (found.receive_overruns, found.error_frames, found.bus_restarts) == (0, 0, 0)
+        text = status_text(OperatorClient(path).ask(Status()))
+        assert re.search(
+            r"^bus: \d+ frames in, .* 0 receive overruns, .* [1-9]\d* status lines lost$", text, re.M
+        )
+        assert text.count(" resynchronised; parts: ") == 3
+    finally:
+        os.close(reader)
 
 
 def test_a_hub_that_goes_is_a_bus_error(tmp_path, processes, hub, config):

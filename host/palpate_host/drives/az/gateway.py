@@ -8,6 +8,7 @@ bus carries frames.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -28,6 +29,8 @@ from palpate_host.drives.serve_devices import serve_devices
 START_LIMIT_S = 3.0
 PAUSE_S = 0.001  # keeps the loop of a port without responses from spinning
 
+_log = logging.getLogger("palpate.az")
+
 
 class PortThread:
     """The thread of one port: one exchange with each axis a round."""
@@ -37,6 +40,7 @@ class PortThread:
         self.axes = [AzAxis(axis.settings) for axis in config.axes]
         self.rounds = 0
         self._config = config
+        self._problems = [axis.problem for axis in self.axes]
         self._port = AzPort(config.path, config.baud_rate, config.line_parity, REPLY_TIMEOUT_S)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"az {config.path}")
@@ -81,10 +85,22 @@ class PortThread:
             place, extra = extra_read(self.rounds, len(self.axes))
             for number, axis in enumerate(self.axes):
                 axis.exchange(monotonic_us(), self._port, extra if number == place else None)
+                self._log_change(number, axis)
             self.rounds += 1
             time.sleep(PAUSE_S)
         for axis in self.axes:
             axis.release(self._port)
+
+    def _log_change(self, number: int, axis: AzAxis) -> None:
+        """Log each new problem of an axis, and its end."""
+        if axis.problem == self._problems[number]:
+            return
+        self._problems[number] = axis.problem
+        drive = f"drive {axis.settings.device_id} on {self._config.path}"
+        if axis.problem:
+            _log.error("%s: %s", drive, axis.problem)
+        else:
+            _log.info("%s: in order", drive)
 
 
 def extra_read(round_number: int, axes: int) -> tuple[int, ExtraRead]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import math
 import struct
 import threading
@@ -186,7 +187,10 @@ def test_silence_of_the_master_lets_the_joint_go(node: BaseNode402, line: AzServ
     assert eventually(lambda: line.drives[1].torque_Nm == 0.0)
 
 
-def test_an_alarm_of_the_drive_is_a_fault_of_the_node_and_resets(node: BaseNode402, line: AzServer) -> None:
+def test_an_alarm_of_the_drive_is_a_fault_of_the_node_and_resets(
+    node: BaseNode402, line: AzServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "palpate.az")
     with line.lock:
         line.drives[1].raise_alarm(0x30)
     assert eventually(lambda: node.sdo[0x603F].raw == 0xFF30)
@@ -201,6 +205,9 @@ def test_an_alarm_of_the_drive_is_a_fault_of_the_node_and_resets(node: BaseNode4
 
     assert eventually(reset)
     assert line.drives[1].alarm == 0
+    logged = [(record.levelname, record.getMessage()) for record in caplog.records]
+    assert [level for level, text in logged if "drive 1 on" in text] == ["ERROR", "INFO"]
+    assert "alarm 30h" in next(text for level, text in logged if level == "ERROR")
 
 
 def test_a_gateway_that_is_gone_leaves_the_drives_to_their_own_watchdog(
