@@ -44,13 +44,13 @@ def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
 @pytest.mark.parametrize(
     ("node", "key", "value", "said"),
     [
-        (1, (0x1000, 0), 0x20194, "is no CiA 402 device (1000h says CiA 404)"),
-        (1, (0x1000, 0), None, "1000h says nothing"),
-        (0x10, (0x1000, 0), 0x192, "is no CiA 404 device"),
+        (1, (0x1000, 0), 0x20194, "is not a CiA 402 device (its 1000h is of CiA 404)"),
+        (1, (0x1000, 0), None, "its 1000h is missing"),
+        (0x10, (0x1000, 0), 0x192, "is not a CiA 404 device"),
         (2, (0x6502, 0), 1 << 8, "lacks cyclic synchronous and profile torque (6502h is 00000100h"),
         (2, (0x6076, 0), 0, "6076h is 0"),
         (2, (0x6092, 1), 0, "6092h:01 is 0"),
-        (3, (0x6072, 0), 200, "gives 0.38 N m at most (6072h), torque_limit_Nm is 0.5"),
+        (3, (0x6072, 0), 200, "is limited to 0.38 N m (6072h), torque_limit_Nm is 0.5"),
         (4, (0x1400, 5), 0, "has no deadline for RPDO 1"),
         (5, (0x6064, 0), 900_000, "outside min_rad"),
         (6, (0x1A00, 1), 0x60640010, "0x60640010 in the node, 0x60640020 in the EDS"),
@@ -80,7 +80,7 @@ def test_the_offset_of_a_joint_counts(nodes):
     joints[2] = msgspec.structs.replace(joints[2], zero_offset_rad=1.0)
     fingers[0] = msgspec.structs.replace(fingers[0], joints=tuple(joints))
     config = msgspec.structs.replace(nodes[0], fingers=tuple(fingers))
-    assert "stands at 2.2" in problems(nodes, config)[3][0]
+    assert "is at 2.2" in problems(nodes, config)[3][0]
 
 
 def test_the_hand_is_drawn_with_its_nodes(nodes, tmp_path):

@@ -155,7 +155,8 @@ def test_lines_that_the_reader_was_too_slow_for_are_in_the_status(tmp_path, proc
         found = counters()
         assert found.ticks > found.status_lines_lost
         assert (found.receive_overruns, found.error_frames, found.bus_restarts) == (0, 0, 0)
-        text = status_text(OperatorClient(path).ask(Status()))
+        with OperatorClient(path) as client:
+            text = status_text(client.ask(Status()))
         assert re.search(
             r"^bus: \d+ frames in, .* 0 receive overruns, .* [1-9]\d* status lines lost$", text, re.M
         )
