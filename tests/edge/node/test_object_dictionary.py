@@ -156,7 +156,9 @@ def test_a_payload_by_the_mapping(fingertip_od: ObjectDictionary) -> None:
 @pytest.mark.parametrize("length_bytes", [0, 1, 7])
 def test_a_payload_of_another_length_is_refused(fingertip_od: ObjectDictionary, length_bytes: int) -> None:
     codec = pdo_codec(fingertip_od, PdoDirection.TRANSMIT, 1)
-    with pytest.raises(BusError, match=rf"node 16 TPDO 1: {length_bytes} bytes, expected 8: use the same EDS"):
+    with pytest.raises(
+        BusError, match=rf"node 16 TPDO 1: {length_bytes} bytes, expected 8: use the same EDS"
+    ):
         codec.decode(bytes(length_bytes))
 
 
