@@ -1,6 +1,6 @@
-"""CAN frames in words: names, units and meanings from the EDS.
+"""Decoding of CAN frames to text: names, units and meanings from the EDS.
 
-Belongs here: decoding of PDOs, SDO, EMCY, NMT and LSS. May use: load, eds, logs.
+Belongs here: decoders of PDOs, SDO, EMCY, NMT and LSS. May use: load, eds, logs.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

@@ -1,6 +1,6 @@
-"""What a frame of the bus says, in words: CiA 301's services by their identifiers, values by the EDS files.
+"""Decoder of CAN frames: CiA 301's services by their identifiers, values by the EDS files.
 
-A decoder remembers only SDO transfers under way, which take several frames.
+The only state of a decoder is that of the SDO transfers in progress, which take several frames.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 0x7F: "pre-operatio
 
 
 class Service(Enum):
-    """CiA 301's communication objects."""
+    """Communication objects of CiA 301."""
 
     NMT = "nmt"
     SYNC = "sync"
@@ -47,7 +47,7 @@ class Service(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """One frame. node_id: whose it is, None for all nodes'. text: what it says, without its values."""
+    """One decoded frame. node_id: its node, None for a frame to all nodes. text: contents without values."""
 
     stamp_us: int
     frame: CanFrame
@@ -59,7 +59,7 @@ class Decoded:
 
 
 class Decoder:
-    """Decodes a stream of frames. devices: by node id; other ids are taken for what they usually are."""
+    """Decoder of a stream of frames. devices: by node id; `usual` gives the device of any other id."""
 
     def __init__(
         self,
@@ -72,13 +72,13 @@ class Decoder:
         self._broadcasts = _broadcasts(self._devices.values()) or _broadcasts([usual(FINGERTIP_NODES[0])])
 
     def device(self, node_id: int) -> Device | None:
-        """The node's device; None when nothing is known of it."""
+        """Return the node's device, None when it is unknown."""
         if node_id not in self._devices:
             self._devices[node_id] = self._usual(node_id)
         return self._devices[node_id]
 
     def decode(self, record: LogRecord) -> Decoded:
-        """What the frame says. Never raises for what is in it."""
+        """Decode one frame. No content of a frame raises an exception."""
         frame = record.frame
         service, node_id = self._service(frame.can_id)
         device = None if node_id is None else self.device(node_id)
@@ -136,7 +136,7 @@ class Decoder:
 
 
 def _broadcasts(devices: Iterable[Device | None]) -> dict[int, Device]:
-    """RPDOs whose COB-ID is not their node's: one frame for many, such as the host's time stamp."""
+    """Return the RPDOs that several nodes receive, such as the host's time stamp, by identifier."""
     return {
         can_id: device
         for device in devices
@@ -153,7 +153,7 @@ def _pdo(device: Device | None, frame: CanFrame) -> tuple[str, tuple[Reading, ..
     if device is None or pdo is None:
         return f"{label} (no EDS): {frame.data.hex(' ')}", ()
     if len(frame.data) * 8 != (pdo.bits + 7) // 8 * 8:
-        return f"{pdo.label}: malformed: {len(frame.data)} bytes, mapped are {(pdo.bits + 7) // 8}", ()
+        return f"{pdo.label}: malformed: {len(frame.data)} bytes, its mapping has {(pdo.bits + 7) // 8}", ()
     return pdo.label, device.pdo_readings(pdo, frame.data)
 
 
@@ -164,18 +164,18 @@ def _heartbeat(data: bytes) -> str:
 
 def _emcy(data: bytes, product: str) -> str:
     code = data[0] | data[1] << 8
-    rest = f", {data[3:].hex(' ')}" if any(data[3:]) else ""
-    return f"{code:04X}h {emcy_text(code, product)}; error register {register_text(data[2])}{rest}"
+    details = f", {data[3:].hex(' ')}" if any(data[3:]) else ""
+    return f"{code:04X}h {emcy_text(code, product)}; error register {register_text(data[2])}{details}"
 
 
 def _time(data: bytes) -> str:
-    """TIME_OF_DAY: ms after midnight (28 bits), days since 1984-01-01."""
+    """Decode TIME_OF_DAY: ms after midnight (28 bits), days since 1984-01-01."""
     if len(data) != 6:
         return f"malformed: {len(data)} bytes, a time stamp has 6"
     ms = int.from_bytes(data[:4], "little") & 0x0FFF_FFFF
     days = int.from_bytes(data[4:], "little")
     if ms >= MS_A_DAY:
-        return f"day {days}, {ms} ms: more than a day has"
+        return f"malformed: day {days}, {ms} ms, a day has {MS_A_DAY} ms"
     return f"day {days} since 1984-01-01, {ms // 3600000:02d}:{ms // 60000 % 60:02d}:{ms / 1000 % 60:06.3f}"
 
 

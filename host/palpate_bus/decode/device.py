@@ -1,4 +1,4 @@
-"""One node as its EDS describes it: names, units, and what its PDOs carry. Reads any vendor's file."""
+"""One node as described by its EDS, of any vendor: names, units and PDO mappings."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER
 PHYSICAL_UNIT, DECIMAL_DIGITS = 0x6131, 0x6132
 
 FINGERTIP_NODES, DRIVE_NODES = range(0x10, 0x20), range(1, 0x10)
-"""Who a node is when nobody says: the ids of docs/bus.md."""
+"""Default node ids, see docs/bus.md."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One value of the bus. value: in `unit`; raw: the integer behind it; text: both for a person."""
+    """One decoded value. value: in `unit`; raw: the transmitted integer; text: value and unit for display."""
 
     name: str
     value: float | int | str
@@ -38,7 +38,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Pdo:
-    """label: such as ``TPDO 1``. fields: object and its bits, in the order of the frame."""
+    """One PDO. label: such as ``TPDO 1``. fields: objects and their bits, in the order of the frame."""
 
     label: str
     can_id: int
@@ -50,17 +50,19 @@ class Pdo:
 
 
 class Device:
-    """A node. `name`: who it is to a person, such as ``finger-1``."""
+    """A node with its EDS. `name`: its name in output, such as ``finger-1``."""
 
     def __init__(self, node_id: int, name: str, eds: Path) -> None:
-        """ConfigError when the file cannot be read or describes no object."""
+        """Read the EDS. Raises ConfigError when it cannot be read or describes no object."""
         sections = parse_sections(read_text(eds), Findings())
         self.node_id = node_id
         self.name = name
         self.eds = eds
         self.variables: Variables = read_objects(sections, Findings())
         if not self.variables:
-            raise ConfigError(f"EDS {eds}: describes no object: palpate-host bus check-eds says why")
+            raise ConfigError(
+                f"EDS {eds} describes no object: check it with palpate-host bus check-eds {eds}"
+            )
         self._containers = {
             int(section, 16): sections[section].value("ParameterName")
             for section in {f"{index:04x}" for index, _ in self.variables}
@@ -71,11 +73,11 @@ class Device:
         self.pdos = {pdo.can_id: pdo for pdo in self._read_pdos()}
 
     def variable(self, key: Key) -> Variable | None:
-        """The object as the EDS describes it."""
+        """Return the object as described in the EDS, None when it is not."""
         return self.variables.get(key)
 
     def name_of(self, key: Key) -> str:
-        """``7130h:01 AI input PV / Value of contact x``."""
+        """Return an object's full name, such as ``7130h:01 AI input PV / Value of contact x``."""
         label = f"{key[0]:04X}h:{key[1]:02X}"
         variable = self.variables.get(key)
         container = self._containers.get(key[0], "")
@@ -86,9 +88,9 @@ class Device:
         )
 
     def find(self, name: str) -> Key:
-        """The object of that name: of the sub-index, of the object, or ``object / sub-index``.
+        """Return the object with a name: that of the sub-index, of the object, or ``object / sub-index``.
 
-        ConfigError when there is none or more than one.
+        Raises ConfigError when there is none or more than one.
         """
         wanted = _plain(name)
         found = [key for key in self.variables if wanted in self._names(key)]
@@ -100,7 +102,7 @@ class Device:
         return found[0]
 
     def unit(self, key: Key) -> Unit | None:
-        """The unit of an object's raw value, if it has one."""
+        """Return the unit of an object's raw value, None when it has none."""
         index, subindex = key
         if index in PROCESS_VALUES:
             code, digits = self._number((PHYSICAL_UNIT, subindex)), self._number((DECIMAL_DIGITS, subindex))
@@ -109,7 +111,10 @@ class Device:
         return unit_of(self.product, index, subindex)
 
     def reading(self, key: Key, data: bytes) -> Reading:
-        """The value in `data` as the EDS types it; an unknown object, or one of another length, as bytes."""
+        """Decode `data` by the object's data type.
+
+        Bytes of an unknown object, or of a length that does not fit, are shown in hexadecimal.
+        """
         variable = self.variables.get(key)
         name = variable.name if variable else f"{key[0]:04X}h:{key[1]:02X}"
         info = variable.info if variable else None
@@ -133,7 +138,7 @@ class Device:
         return _bytes(name, data)
 
     def pdo_readings(self, pdo: Pdo, data: bytes) -> tuple[Reading, ...]:
-        """The values of a PDO whose length is that of its mapping."""
+        """Return the values of a PDO whose length is that of its mapping."""
         whole, offset = int.from_bytes(data, "little"), 0
         readings = []
         for key, bits in pdo.fields:
@@ -195,7 +200,7 @@ def _plain(name: str) -> str:
 
 
 def usual_device(node_id: int) -> Device | None:
-    """A node of the usual ids with the EDS it then has."""
+    """Return the device of a default node id, None for any other id."""
     if node_id in FINGERTIP_NODES:
         return Device(node_id, f"fingertip 0x{node_id:02X}", FINGERTIP_EDS)
     if node_id in DRIVE_NODES:
@@ -204,7 +209,7 @@ def usual_device(node_id: int) -> Device | None:
 
 
 def devices_of_header(entries: Mapping[str, str]) -> dict[int, Device]:
-    """The nodes that a log's header names (``node.0x10: fingertip:finger-1``)."""
+    """Return the nodes listed in a log's header (``node.0x10: fingertip:finger-1``)."""
     devices = {}
     for key, value in entries.items():
         kind, _, name = value.partition(":")

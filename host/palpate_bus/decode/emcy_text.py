@@ -1,22 +1,22 @@
-"""What an emergency says: error codes of CiA 301 (7.2.7.1) and CiA 402, bits of the error register 1001h."""
+"""Text of an emergency: error codes of CiA 301 (7.2.7.1) and CiA 402, bits of the error register 1001h."""
 
 from __future__ import annotations
 
 from palpate_bus.decode.units import FINGERTIP
 from palpate_edge.node.emergencies import Emergency
 
-# CiA 301: the first that fits counts, from the special to the general. Mask, value, text.
+# CiA 301: mask, value, text; from special to general, the first match is used.
 _CODES: tuple[tuple[int, int, str], ...] = (
     (0xFFFF, 0x8110, "CAN overrun, frames lost"),
     (0xFFFF, 0x8120, "CAN error passive"),
     (0xFFFF, 0x8130, "heartbeat or life guarding lost"),
     (0xFFFF, 0x8140, "recovered from bus-off"),
-    (0xFFFF, 0x8150, "a CAN identifier is sent by two nodes"),
+    (0xFFFF, 0x8150, "collision of CAN identifiers"),
     (0xFFFF, 0x8210, "PDO not processed, too short"),
     (0xFFFF, 0x8220, "PDO too long"),
-    (0xFFFF, 0x8230, "multiplexed PDO not processed, destination not there"),
+    (0xFFFF, 0x8230, "multiplexed PDO not processed, destination not available"),
     (0xFFFF, 0x8240, "SYNC of an unexpected length"),
-    (0xFFFF, 0x8250, "RPDO did not come in time"),
+    (0xFFFF, 0x8250, "RPDO timed out"),
     (0xFF00, 0x0000, "error reset, or no error"),
     (0xFF00, 0x1000, "generic error"),
     (0xFF00, 0x2100, "current, device input side"),
@@ -62,7 +62,7 @@ _REGISTER_BITS = (
 
 
 def emcy_text(code: int, product: str = "") -> str:
-    """The meaning of an error code; FFxxh is the device's own, known for our fingertip."""
+    """Return the meaning of an error code; device-specific codes FFxxh are known for the fingertip only."""
     own = {int(emergency): emergency.name.lower().replace("_", " ") for emergency in Emergency}
     if product == FINGERTIP and code in own:
         return own[code]
@@ -70,5 +70,5 @@ def emcy_text(code: int, product: str = "") -> str:
 
 
 def register_text(register: int) -> str:
-    """The bits of 1001h by name."""
+    """Return the names of the bits set in 1001h."""
     return ", ".join(name for bit, name in enumerate(_REGISTER_BITS) if register >> bit & 1) or "none"

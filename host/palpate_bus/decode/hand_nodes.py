@@ -1,4 +1,4 @@
-"""Node ids and names from a hand.toml; every other key of the file belongs to palpate_host."""
+"""Node ids and names from a hand.toml; palpate_host reads the file's other keys."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class _Hand(msgspec.Struct, frozen=True):
 
 
 def read_hand_nodes(path: Path) -> dict[int, Device]:
-    """Return the devices that a hand.toml names. Raises ConfigError when the file or a node id is missing."""
+    """Return the devices in a hand.toml. Raises ConfigError when the file or a node id is missing."""
     guide = "give a hand.toml; docs/configuration.md lists its keys"
     fingers = read_toml(path, _Hand, guide=guide, trusted=False).fingers
     return devices_by_kind(

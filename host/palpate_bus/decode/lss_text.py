@@ -1,4 +1,4 @@
-"""LSS frames in words (CiA 305): the command specifier and its argument."""
+"""Text of LSS frames (CiA 305): command specifier and argument."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ _WITH_NUMBER = {
 }
 _WITH_BYTE = {
     0x04: "switch all, mode",
-    0x11: "configure node id, or its result",
+    0x11: "configure node id or its result",
     0x13: "configure bit timing",
     0x15: "activate bit timing",
-    0x17: "store configuration, or its result",
+    0x17: "store configuration or its result",
     0x5E: "inquire node id",
 }
 _ALONE = {
-    0x44: "switched to configuration",
-    0x4C: "identify the unconfigured",
+    0x44: "switched to configuration state",
+    0x4C: "identify unconfigured nodes",
     0x4F: "identified",
-    0x50: "an unconfigured node is here",
+    0x50: "an unconfigured node responds",
 }
 FAST_SCAN = 0x51
 
 
 def lss_text(data: bytes) -> str:
-    """What an LSS frame says; ``malformed`` when it has not 8 bytes."""
+    """Return the text of an LSS frame; ``malformed`` when its length is not 8 bytes."""
     if len(data) != 8:
         return f"malformed: {len(data)} bytes, LSS has 8"
     command = data[0]
     number: int = struct.unpack_from("<I", data, 1)[0]
     if command == FAST_SCAN:
         if data[5] == 0x80:
-            return "fastscan: is any node unconfigured?"
+            return "fastscan of all unconfigured nodes"
         return f"fastscan {_PARTS[data[6] & 3]} 0x{number:08X}, bit {data[5]} on, then {_PARTS[data[7] & 3]}"
     if command in _WITH_NUMBER:
         return f"{_WITH_NUMBER[command]} 0x{number:08X}"

@@ -1,4 +1,4 @@
-"""The lines of `palpate-host bus monitor`: which frames are shown, and how."""
+"""Output of `palpate-host bus monitor`: selection of frames, and their lines."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from palpate_bus.decode.decoder import Decoded, Service
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which frames to show; an empty set shows all. Frames to all nodes (NMT, SYNC) have no node."""
+    """Selection of frames; an empty set selects all. Frames to all nodes (NMT, SYNC) have no node."""
 
     nodes: frozenset[int] = frozenset()
     services: frozenset[Service] = frozenset()
 
     def shows(self, decoded: Decoded) -> bool:
-        """Whether this frame is wanted."""
+        """Return whether a frame is selected."""
         return (not self.nodes or decoded.node_id in self.nodes) and (
             not self.services or decoded.service in self.services
         )
 
 
 def line(decoded: Decoded, begin_us: int) -> str:
-    """One frame for a person: seconds since the first frame, identifier, service, who, what."""
+    """Return one frame as text: seconds since the first frame, identifier, service, device, contents."""
     frame = decoded.frame
     what = decoded.text
     if decoded.service in (Service.TPDO, Service.RPDO) and decoded.readings:
@@ -37,7 +37,7 @@ def line(decoded: Decoded, begin_us: int) -> str:
 
 
 def json_line(decoded: Decoded) -> str:
-    """One frame as JSON: time_us, can_id, data, service, node, device, text, values."""
+    """Return one frame as JSON: time_us, can_id, data, remote, service, node, device, text, values."""
     frame = decoded.frame
     return msgspec.json.encode(
         {

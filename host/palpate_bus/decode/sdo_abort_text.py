@@ -1,4 +1,4 @@
-"""SDO abort codes in words."""
+"""Text of SDO abort codes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 
 def abort_text(code: int) -> str:
-    """The text that CiA 301 gives a code, as the canopen package lists it."""
+    """Return the text of CiA 301 for a code, from the list in the canopen package."""
     text: str = SdoAbortedError.CODES.get(code, "unknown abort code")
     return text

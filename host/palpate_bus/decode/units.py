@@ -1,8 +1,8 @@
 """Units and meanings of raw values.
 
-A measured value's unit and decimals stand in its EDS, in 6131h and 6132h (CiA 404; codes of CiA 303-2). What
-CiA 301 defines has the unit it says. The rest is bound to our two EDS files by their ProductName and repeats
-what their comments say.
+The EDS gives unit and decimals of a measured value in 6131h and 6132h (CiA 404; codes of CiA 303-2). Objects
+of CiA 301 have the units of that standard. For palpate's two EDS files, recognised by their ProductName, this
+module contains the units given in the comments of those files.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """value = raw * factor; decimals: of the value as it is shown."""
+    """Unit of an object: value = raw * factor. decimals: those of the displayed value."""
 
     name: str
     factor: float = 1.0
     decimals: int = 0
 
     def text(self, raw: float) -> str:
-        """The value with its unit."""
+        """Return the value with its unit."""
         return f"{raw * self.factor:.{self.decimals}f} {self.name}".rstrip()
 
 
@@ -48,7 +48,7 @@ _SYMBOLS = {
     0x2D: "degC",
     0x41: "deg",
 }
-_NEWTON_MILLIMETRE = 0xFD23_0000  # CiA 303-2 has the joule alone; of a torsion it is the newton metre
+_NEWTON_MILLIMETRE = 0xFD23_0000  # CiA 303-2 only has the joule; for a torsion this is the newton metre
 
 _COMMUNICATION: dict[tuple[int, int], Unit] = {
     (0x1006, 0): Unit("us"),
@@ -72,7 +72,7 @@ _PRODUCT: dict[str, dict[int, Unit]] = {
 
 
 def si_unit(code: int, decimals: int) -> Unit | None:
-    """The unit of a value by 6131h and 6132h; None for a code that is not in the table."""
+    """Return the unit for the values of 6131h and 6132h, None for a code that is not in the tables."""
     prefix, symbol = _PREFIXES.get(code >> 24), _SYMBOLS.get(code >> 16 & 0xFF)
     if code & 0xFFFF or prefix is None or symbol is None:
         return None
@@ -81,7 +81,7 @@ def si_unit(code: int, decimals: int) -> Unit | None:
 
 
 def unit_of(product: str, index: int, subindex: int) -> Unit | None:
-    """The unit of an object without 6131h."""
+    """Return the unit of an object without 6131h, None when it has none."""
     if index in range(0x1400, 0x1600) or index in range(0x1800, 0x1A00):
         return {3: Unit("ms", 0.1, 1), 5: Unit("ms")}.get(subindex)
     return _COMMUNICATION.get((index, subindex)) or _PRODUCT.get(product, {}).get(index)
@@ -97,7 +97,7 @@ def _method(raw: int) -> str:
 
 def _drive_state(raw: int) -> str:
     state = state_of(raw)
-    return "no state of CiA 402" if state is None else state.value
+    return "not a state of CiA 402" if state is None else state.value
 
 
 def _mode(raw: int) -> str:
@@ -115,7 +115,7 @@ _MORE_CONTROLWORDS = ((0x82, 0x00, "disable voltage"), (0x86, 0x02, "quick stop"
 
 
 def _controlword(raw: int) -> str:
-    """CiA 402: mask, value, command."""
+    """Return the command of a controlword (CiA 402)."""
     words = (*_CONTROLWORDS, *_MORE_CONTROLWORDS)
     return next((text for mask, value, text in words if raw & mask == value), "")
 
@@ -139,12 +139,12 @@ _UNKNOWN: dict[str, dict[tuple[int, int], tuple[int, str]]] = {
 
 
 def unknown_text(product: str, index: int, subindex: int, raw: int) -> str:
-    """Return the words for a raw value that stands for no value; empty for any other."""
+    """Return the text for a raw value that means "no value"; empty for any other."""
     known = _UNKNOWN.get(product, {}).get((index, subindex))
     return known[1] if known is not None and known[0] == raw else ""
 
 
 def meaning_of(product: str, index: int, raw: int) -> str:
-    """Return the meaning of a raw value in words; empty for a plain number."""
+    """Return the meaning of a raw value as text; empty for a plain number."""
     known = _MEANINGS.get(product, {}).get(index)
     return known(raw) if known else ""

@@ -158,11 +158,11 @@ def test_a_drives_values_have_names_and_units():
         (0x710, "7f", "pre-operational"),
         (0x710, "85", "operational"),
         (0x710, "", "malformed: 0 bytes"),
-        (0x7E5, "51 00 00 00 00 80 00 00", "fastscan: is any node unconfigured?"),
+        (0x7E5, "51 00 00 00 00 80 00 00", "fastscan of all unconfigured nodes"),
         (0x7E5, "51 34 12 00 00 0b 03 00", "fastscan serial 0x00001234, bit 11 on, then vendor"),
         (0x7E4, "4f 00 00 00 00 00 00 00", "identified"),
-        (0x7E5, "11 10 00 00 00 00 00 00", "configure node id, or its result 16"),
-        (0x190, "00 01", "TPDO 1: malformed: 2 bytes, mapped are 8"),
+        (0x7E5, "11 10 00 00 00 00 00 00", "configure node id or its result 16"),
+        (0x190, "00 01", "TPDO 1: malformed: 2 bytes, its mapping has 8"),
         (0x1A5, "00 01", "TPDO 1 (no EDS): 00 01"),
         (0x521, "", "RPDO 4 (no EDS): "),
     ],
@@ -173,7 +173,7 @@ def test_texts(can_id, data, text):
 
 @pytest.mark.parametrize(
     ("code", "text"),
-    [(0x8250, "RPDO did not come in time"), (0x4210, "device temperature"), (0xABCD, "unknown code")],
+    [(0x8250, "RPDO timed out"), (0x4210, "device temperature"), (0xABCD, "unknown code")],
 )
 def test_emergency_codes(code, text):
     assert emcy_text(code) == text

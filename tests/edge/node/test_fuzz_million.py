@@ -171,10 +171,10 @@ def lengths_by_id(slave: Slave) -> dict[int, set[int]]:
     emcy = int(slave.read(0x1014))
     if not emcy >> 31:
         lengths[emcy & 0x7FF].add(8)
-    for number in range(4):
+    for number in range(512):
         try:
             cob_id = int(slave.read(0x1800 + number, 1))
-        except BusError:  # the drive has two TPDOs
+        except BusError:  # the fingertip has five TPDOs, the drive two
             break
         words = [
             int(slave.read(0x1A00 + number, 1 + slot)) for slot in range(int(slave.read(0x1A00 + number)))
