@@ -15,7 +15,7 @@ WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse coverage mutation firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -82,6 +82,21 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
+# The measured run has coverage's cost: a quarter of an hour on two quiet cores.
+coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## line coverage of make test and make slow-test by room, into build/coverage
+	@mkdir -p build/coverage
+	$(call timed,COVERAGE_CORE=ctrace COVERAGE_FILE=build/coverage/data $(PYTEST) $(WORKERS) --effort=full -m "not demo" \
+	  -vv --durations=0 --durations-min=0 --cov=palpate_edge --cov=palpate_bus --cov=palpate_host --cov=palpate_twin \
+	  --cov-context=test --cov-report= $(PYTEST_ARGS) >build/coverage/tests.log; \
+	  tests=$$?; tail -n 1 build/coverage/tests.log; test $$tests = 0)
+	@$(BIN)/python -m tests.coverage_by_room build/coverage/data | tee build/coverage/rooms.md
+
+mutation: build/coverage/data  ## break 320 lines of estimation, control, safety and node, count what the tests notice (hours)
+	$(BIN)/python -m tests.mutation.run --workers 2 $(MUTATION_ARGS)
+
+build/coverage/data:
+	$(MAKE) coverage
+
 firmware-mutation: $(VENV)/dev.stamp  ## break the firmware line by line, count what its tests notice (half an hour)
 	$(BIN)/python tests/firmware/mutate.py
 
@@ -107,7 +122,7 @@ system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu,
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) $(DEPLOY) .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/sensors demo/report.html
+	rm -rf $(VENV) $(DEPLOY) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/sensors demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

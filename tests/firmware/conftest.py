@@ -43,7 +43,7 @@ def logic(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def controller(build: Path) -> Iterator[SimulatedController]:
     """The real binary, 20 ms after power-on."""
     if importlib.util.find_spec("yasimavr") is None:
-        pytest.skip("yasimavr is missing: make system-deps, then make test installs it")
+        pytest.skip("yasimavr is missing: run make system-deps, then make test, which installs it")
     from firmware_rig.simulated_controller import SimulatedController
 
     simulated = SimulatedController(build / "illumination.elf")
