@@ -1,7 +1,7 @@
-"""Both laws compared as in Fig. 20: protocol, trials, report.
+"""Comparison of both control laws as in Fig. 20: protocol, trials, report.
 
-Belongs here: what an experiment is and how a trial on a real hand runs. May use: recording, groundtruth and
-below.
+Belongs here: the definition of an experiment, a trial on a real hand, and the report. May use: recording,
+groundtruth and below.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

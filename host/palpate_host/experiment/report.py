@@ -42,7 +42,10 @@ th:nth-child(-n+3), td:nth-child(-n+3) { text-align: left; } img { width: 100%; 
 
 
 def write_report(folder: Path, experiment: ExperimentConfig, results: Sequence[TrialResult]) -> Path:
-    """Write report.html, report.md and turns.svg; return the page. Raises ConfigError when it cannot."""
+    """Write report.html, report.md and turns.svg.
+
+    Return the page. Raises ConfigError when they cannot be written.
+    """
     rows = [_row(result) for result in results]
     picture = draw(results)
     page = folder / "report.html"
@@ -100,7 +103,7 @@ def _row(result: TrialResult) -> tuple[str, ...]:
         ", ".join(f"{angle:.1f}" for angle in result.rpy_deg[-1]),
         "" if result.settling_s is None else f"{result.settling_s:.1f}",
         "" if result.slip_mm is None else f"{result.slip_mm.max():.2f}",
-        result.failure or "as asked",
+        result.failure or "completed",
     )
 
 

@@ -53,7 +53,10 @@ class MarkerCamera:
     def __init__(
         self, intrinsics_px: Array, marker_id: int, side_m: float, distortion: Array | None = None
     ) -> None:
-        """intrinsics_px: (3, 3) pinhole matrix; distortion: (5,) k1, k2, p1, p2, k3 or None."""
+        """Make the detector.
+
+        intrinsics_px: (3, 3) pinhole matrix; distortion: (5,) k1, k2, p1, p2, k3 or None.
+        """
         self._intrinsics_px, self._distortion, self._marker_id = intrinsics_px, distortion, marker_id
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

@@ -99,7 +99,10 @@ def turns(sights: Iterable[ObjectSighting]) -> Iterator[tuple[ObjectSighting, Ar
 
 
 def write_csv(path: Path, sights: Sequence[ObjectSighting]) -> None:
-    """Write COLUMNS; the turn is roll, pitch, yaw since the first pose. Raises ConfigError when it cannot."""
+    """Write COLUMNS.
+
+    The turn is roll, pitch, yaw since the first pose. Raises ConfigError when writing fails.
+    """
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)

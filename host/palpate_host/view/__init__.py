@@ -1,6 +1,6 @@
 """Views of a hand: 3-D, contacts, forces.
 
-Belongs here: what is shown, live or recorded. May use: recording and below. Needs the extra view.
+Belongs here: views of a running hand or a recording. May use: recording and below. Needs the extra view.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports
