@@ -17,7 +17,7 @@ from palpate_edge.calibration.measurement import measure as look
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_twin.camera.random_sensor import with_tolerances
 from palpate_twin.camera.renderer import CameraView
@@ -58,7 +58,7 @@ def _distances(
         shown = np.column_stack([places[bead_of], reference.diameter_px])
         image = harm(read_image(dataset.path(press)), shown, random)
         tracker.reset()
-        beads = tracker.follow(plane(image, sight.sight.appearance))
+        beads = tracker.follow(plane(image, sight.registration.appearance))
         found.append(np.linalg.norm(beads.position_px - places[bead_of], axis=1)[beads.found])
     return np.concatenate(found)
 

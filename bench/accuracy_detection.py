@@ -14,7 +14,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.skin_motion import SkinMotion
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 LIGHT_N = 0.3  # presses below this are on the straight part of the curve
@@ -38,7 +38,7 @@ def measure(datasets: Sequence[PressDataset], calibration: Calibration) -> Motio
         tracker = Tracker(reference)
         for press in dataset.presses:
             image = read_image(dataset.path(press))
-            size_px = skin.read(tracker.follow(plane(image, calibration.appearance))).size_px
+            size_px = skin.measure(tracker.follow(plane(image, calibration.appearance))).size_px
             if press.position_mm is None:
                 rest.append(size_px)
             else:

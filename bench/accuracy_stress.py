@@ -16,7 +16,7 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 Random = np.random.Generator

@@ -22,7 +22,7 @@ from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_twin.camera.layouts import NAMES
 from palpate_twin.camera.look import TwinSensor
@@ -213,7 +213,7 @@ def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measu
             continue
         deformation = view.dome.press(shot.press) if shot.press else None
         true_px = view.outlines(deformation)[0][bead_of]
-        dark = plane(read_image(dataset.path(press)), measured.sight.appearance)
+        dark = plane(read_image(dataset.path(press)), measured.registration.appearance)
         lone.reset()
         frames += 1
         for which, beads in enumerate((tracker.follow(dark), lone.follow(dark))):

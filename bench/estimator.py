@@ -19,7 +19,8 @@ from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import find_blobs, plane
+from palpate_edge.vision.appearance import plane
+from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.tracker import Tracker
 
 Seconds = NDArray[np.float64]
@@ -75,7 +76,7 @@ def rows(material: Material) -> list[Row]:
         Row("corrected estimate, image to force", corrected_s),
         Row("paper's estimate, image to force", paper_s),
         Row("  follow the beads", follow_s),
-        Row("  touch test", after(beads, skin.read)),
+        Row("  touch test", after(beads, skin.measure)),
         Row("  canonical displacement field", after(beads, reader.read)),
         Row("  correction model", after(fields, model.correct)),
         Row("find the beads in a whole image", search_s),

@@ -1,4 +1,4 @@
-"""Touch on a fingertip's board: camera frames in, contact position and force out, as a CANopen device.
+"""palpate_edge: touch on a fingertip's board; camera frames in, contact position and force out, over CAN.
 
 The exported names are what a program needs to estimate contacts from its own frames. They are imported when
 first used: `import palpate_edge` loads neither NumPy nor OpenCV.

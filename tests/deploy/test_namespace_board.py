@@ -252,7 +252,7 @@ def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     before = serving(board)
     blind = another_release(
         "blind",
-        "edge/palpate_edge/estimation/estimator.py",
+        "edge/palpate_edge/common/contact.py",
         "MIN_BEADS_SHARE = 0.",
         "MIN_BEADS_SHARE = 1 + 0.",
     )

@@ -15,7 +15,7 @@ from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.tracker import Reference
+from palpate_edge.vision.beads import Reference
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -46,12 +46,12 @@ def calibrate(
         model, stiffness_scale = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
-    ring_of = measured.sight.ring_of
-    off_px = measured.view.project(measured.sight.layout_mm) - measured.reference.position_px
+    ring_of = measured.registration.ring_of
+    off_px = measured.view.project(measured.registration.layout_mm) - measured.reference.position_px
     return Calibration(
         sensor=dataset.sensor,
-        pose=measured.sight.pose,
-        appearance=measured.sight.appearance,
+        pose=measured.registration.pose,
+        appearance=measured.registration.appearance,
         beads=_beads(measured.reference, ring_of),
         contact_threshold_px=measured.threshold_px,
         contact_threshold_N=measured.threshold_N,
@@ -114,14 +114,14 @@ def _train(
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:
-    assert reference.light is not None
+    assert reference.shading is not None
     assert reference.unevenness is not None
     columns = (
         *reference.position_px.T,
         reference.diameter_px,
         reference.contrast,
         reference.area,
-        *reference.light.slope.T,
+        *reference.shading.slope.T,
         reference.unevenness,
     )
     values = zip(*(column.tolist() for column in columns), ring_of.tolist(), strict=True)

@@ -14,12 +14,14 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
+from palpate_edge.geometry.points import spacing
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import plane, unlit_grey
-from palpate_edge.vision.registration import FirstSight, first_sight
+from palpate_edge.vision.appearance import plane, unlit_grey
+from palpate_edge.vision.beads import Beads, Reference
+from palpate_edge.vision.registration import Registration, register
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
-from palpate_edge.vision.tracker import Beads, Reference, Tracker, spacing
+from palpate_edge.vision.tracker import Tracker
 
 THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
 THRESHOLD_FLOOR_PX = 0.02
@@ -36,7 +38,7 @@ class Measured:
     the dome is stiffest, None where no press's force is known.
     """
 
-    sight: FirstSight
+    registration: Registration
     reference: Reference
     view: View
     touches: tuple[tuple[Press, Beads], ...]
@@ -51,15 +53,15 @@ def measure(
 
     Raises CalibrationError where the reference frames do not show the layout, DatasetError for bad files.
     """
-    sight = first_sight(_read(dataset, dataset.reference[0]), dataset.sensor)
-    reference, rest_motion = _measure_reference(dataset, sight, progress)
+    registration = register(_read(dataset, dataset.reference[0]), dataset.sensor)
+    reference, rest_motion = _measure_reference(dataset, registration, progress)
     tracker, skin = Tracker(reference), SkinMotion(reference)
     touches: list[tuple[Press, Beads]] = []
     motion_px: list[float] = []
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
-        beads = tracker.follow(plane(_read(dataset, dataset.path(press)), sight.appearance))
-        moved = skin.read(beads)
+        beads = tracker.follow(plane(_read(dataset, dataset.path(press)), registration.appearance))
+        moved = skin.measure(beads)
         if moved.roughness > MAX_ROUGHNESS:
             pass  # beads taken for their neighbours would teach nonsense; the estimator refuses such a frame
         elif press.position_mm is None:
@@ -70,9 +72,9 @@ def measure(
         progress(len(dataset.reference) + number)
     threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
     return Measured(
-        sight,
+        registration,
         reference,
-        View(dataset.sensor.camera, sight.pose),
+        View(dataset.sensor.camera, registration.pose),
         tuple(touch for touch, moved_px in zip(touches, motion_px, strict=True) if moved_px > threshold_px),
         threshold_px,
         force_that_moves(
@@ -105,32 +107,32 @@ def _read(dataset: PressDataset, path: Path) -> Image:
 
 
 def _measure_reference(
-    dataset: PressDataset, sight: FirstSight, progress: Callable[[int], None]
+    dataset: PressDataset, registration: Registration, progress: Callable[[int], None]
 ) -> tuple[Reference, list[float]]:
     """Median looks of each bead over the reference frames, and each frame's motion."""
-    spacing_px = spacing(sight.position_px)
-    refiner = Refiner(sight.diameter_px, spacing_px)
+    spacing_px = spacing(registration.position_px)
+    refiner = Refiner(registration.diameter_px, spacing_px)
     planes = []
     for number, path in enumerate(dataset.reference, start=1):
-        planes.append(plane(_read(dataset, path), sight.appearance))
+        planes.append(plane(_read(dataset, path), registration.appearance))
         progress(number)
-    rough = [refiner.refine(dark, sight.position_px) for dark in planes]
+    rough = [refiner.refine(dark, registration.position_px) for dark in planes]
     slopes = [
-        skin_slope(dark, beads.position_px, sight.diameter_px, spacing_px)
+        skin_slope(dark, beads.position_px, registration.diameter_px, spacing_px)
         / np.maximum(beads.contrast, 1.0)[:, None]
         for dark, beads in zip(planes, rough, strict=True)
     ]
-    light = Shading(np.asarray(np.median(slopes, axis=0)), unlit_grey(sight.appearance))
-    refiner = Refiner(sight.diameter_px, spacing_px, light)
-    frames = [refiner.refine(dark, sight.position_px) for dark in planes]
-    reference, measured = _reference(sight, frames, light)
+    shading = Shading(np.asarray(np.median(slopes, axis=0)), unlit_grey(registration.appearance))
+    refiner = Refiner(registration.diameter_px, spacing_px, shading)
+    frames = [refiner.refine(dark, registration.position_px) for dark in planes]
+    reference, measured = _reference(registration, frames, shading)
     skin = SkinMotion(reference)
-    motion = [skin.read(Beads.of(frame.position_px, measured)).size_px for frame in frames]
+    motion = [skin.measure(Beads.from_positions(frame.position_px, measured)).size_px for frame in frames]
     return reference, motion
 
 
 def _reference(
-    sight: FirstSight, frames: list[Refined], light: Shading
+    registration: Registration, frames: list[Refined], shading: Shading
 ) -> tuple[Reference, NDArray[np.bool_]]:
     """Medians over the frames, and which beads were really measured.
 
@@ -140,13 +142,13 @@ def _reference(
     contrast = np.median([frame.contrast for frame in frames], axis=0)
     area = np.median([frame.area for frame in frames], axis=0)
     unevenness = np.median([frame.unevenness for frame in frames], axis=0)
-    measured = np.asarray(sight.seen & (contrast > 0) & (area > 0))
+    measured = np.asarray(registration.seen & (contrast > 0) & (area > 0))
     if not measured.any():
         raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
     place = np.median([frame.position_px for frame in frames], axis=0)
-    place = np.where(measured[:, None], place, sight.position_px)
+    place = np.where(measured[:, None], place, registration.position_px)
     contrast, area, unevenness = (
         np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)
     )
-    light = Shading(np.where(measured[:, None], light.slope, 0.0), light.unlit)
-    return Reference(place, sight.diameter_px, contrast, area, light, unevenness), measured
+    shading = Shading(np.where(measured[:, None], shading.slope, 0.0), shading.unlit)
+    return Reference(place, registration.diameter_px, contrast, area, shading, unevenness), measured

@@ -12,7 +12,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import is_dataset, read_dataset
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 MAX_REFERENCE_SHIFT_PX = 1.5  # two sensors of one make differ by more, one sensor over its life by less

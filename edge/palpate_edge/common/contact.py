@@ -12,6 +12,8 @@ from palpate_edge.common.contact_quantities import OptionalQuantities
 
 Vector3 = tuple[float, float, float]
 
+MIN_BEADS_SHARE = 0.6  # of the beads that a frame must show; with fewer it is rejected
+
 
 @dataclass(frozen=True, slots=True)
 class Contact(OptionalQuantities):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from palpate_edge.can_bus.clock_sync import ClockState
+from palpate_edge.common.contact import MIN_BEADS_SHARE
 from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
@@ -15,7 +16,6 @@ from palpate_edge.daemon.health import (
     HealthReport,
     LightHealth,
 )
-from palpate_edge.estimation.estimator import MIN_BEADS_SHARE
 
 FEW_BEADS_SHARE = 0.9
 LEAST_RATE_SHARE = 0.95

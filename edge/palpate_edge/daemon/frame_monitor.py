@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from palpate_edge.common.contact import Contact
-from palpate_edge.estimation.estimator import MIN_BEADS_SHARE
+from palpate_edge.common.contact import MIN_BEADS_SHARE, Contact
 
 RATE_WINDOW_US = 1_000_000
 FIRST_FRAME_US = 3_000_000  # what a camera may take to start

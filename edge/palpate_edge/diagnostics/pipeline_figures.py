@@ -11,9 +11,10 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.diagnostics.canvas import CYAN, GREEN, GREY, RED, WHITE, YELLOW, Panel, diverging, sheet
 from palpate_edge.diagnostics.pipeline_steps import Steps, contact_text
-from palpate_edge.estimation.displacement_field import about_z, canonical_directions
+from palpate_edge.estimation.displacement_field import canonical_directions
 from palpate_edge.estimation.paper_method import on_dome
 from palpate_edge.estimation.virtual_points import ellipse_points
+from palpate_edge.geometry.angles import rotation_about_z
 
 PANEL_WIDTH = 800
 COLUMNS = 3
@@ -171,7 +172,7 @@ def _canonical_field(steps: Steps) -> Image:
     for place, motion in zip(flat, motion_mm * LONGEST_ARROW_RAD / max(largest_mm, 1e-9), strict=True):
         panel.arrow(middle + reach * place, middle + reach * (place + motion), CYAN)
     if steps.corrected is not None and steps.corrected.position_mm is not None:
-        turn = about_z(steps.field.azimuth_rad)
+        turn = rotation_about_z(steps.field.azimuth_rad)
         around = _circle_mm(steps.corrected, steps.calibration.sensor.dome.outer_radius_mm) @ turn
         contact = np.array([steps.corrected.position_mm]) @ turn
         panel.lines(middle + reach * _flat(around), GREEN, 2, closed=True)

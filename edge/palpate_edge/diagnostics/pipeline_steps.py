@@ -15,8 +15,9 @@ from palpate_edge.estimation.paper_method import RawContact, corrected_theta, ra
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.blob_detection import plane
-from palpate_edge.vision.tracker import Beads, Tracker
+from palpate_edge.vision.appearance import plane
+from palpate_edge.vision.beads import Beads
+from palpate_edge.vision.tracker import Tracker
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
         image=image,
         calibration=calibration,
         beads=beads,
-        motion_px=SkinMotion(reference).read(beads).size_px,
+        motion_px=SkinMotion(reference).measure(beads).size_px,
         mesh=mesh,
         points=points,
         change=mesh.area_change(points),

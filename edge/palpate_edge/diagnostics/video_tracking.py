@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from palpate_edge.common.arrays import Array, Image, Mask
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import Recording
-from palpate_edge.vision.blob_detection import Appearance, plane
+from palpate_edge.geometry.points import spacing
+from palpate_edge.vision.appearance import Appearance, plane
+from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.subpixel import Refiner
-from palpate_edge.vision.tracker import Reference, Tracker, spacing
+from palpate_edge.vision.tracker import Tracker
 from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness
 
 REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades

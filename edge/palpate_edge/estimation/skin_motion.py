@@ -1,7 +1,7 @@
-"""How far the skin has moved: the quantity that tells touch from no touch.
+"""Skin motion: how far the beads are displaced, the quantity that tells contact from no contact.
 
-A press moves neighbouring beads alike, the camera's noise moves each on its own. The beads' motion is
-therefore averaged over a neighbourhood of about two bead spacings before its size is taken; on the press
+A press displaces neighbouring beads alike; camera noise displaces each on its own. Displacements are
+therefore averaged over a neighbourhood of about two bead spacings before their size is taken. On the press
 sample this lowers the motion of an untouched frame from 0.04 px to 0.018 px.
 """
 
@@ -11,74 +11,59 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array, Floats
-from palpate_edge.vision.tracker import Beads, Reference, distances
+from palpate_edge.common.arrays import Array
+from palpate_edge.vision.beads import Beads, Reference
+from palpate_edge.vision.neighbourhood import mean_over_found, rms, row_normalised
 
-NEIGHBOURHOOD_SPACINGS = 2.0
-MAX_ROUGHNESS = 0.12  # see Motion; rougher is no motion of one skin
-
-FAINT = 36.0  # contact thresholds of motion above which more motion makes a place hardly surer
-
-
-def faintness(motion_px: float, threshold_px: float) -> float:
-    """How many times farther a touch may be off for being faint, 1 or more.
-
-    A bead's place is wrong by a few hundredths of a pixel whatever moves it, so that the error of the
-    contact's place grows as one over the motion. Of the motion up to a threshold may be no signal at all.
-    """
-    return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))
+AVERAGING_LENGTH = 2.0  # spacings
+MAX_ROUGHNESS = 0.12  # spacings; see Motion
+FAINT = 36.0  # contact thresholds; motion well above that hardly improves the position
 
 
 class Motion(NamedTuple):
-    """Of the found beads against their reference.
+    """The found beads' displacement from the reference.
 
-    size_px: root mean square of the smoothed motion. roughness: how little beads move like their neighbours,
-    root mean square difference between a bead's motion and its neighbours' mean, in bead spacings. Skin
-    stretches smoothly: 0.003 untouched, at most 0.052 in the press sample and sequences. Beads of another
-    dome taken for ours give 0.28.
+    displacement_px (n, 2). size_px: root mean square of the averaged displacement. roughness: root mean
+    square difference between a bead's displacement and its neighbours' mean, in spacings. Skin stretches
+    smoothly: roughness is 0.003 untouched and at most 0.052 in the press sample and sequences; beads of
+    another dome taken for this one's give 0.28.
     """
 
+    displacement_px: Array
     size_px: float
     roughness: float
 
 
 class SkinMotion:
-    """Reads the motion of one sensor's beads; with all of them found by one product, in float32."""
+    """Measures the motion of one sensor's beads; with all beads found by a single float32 product."""
 
     def __init__(self, reference: Reference) -> None:
+        neighbourhood = reference.neighbourhood
         self._reference_px = reference.position_px
-        self._spacing_px = reference.spacing_px
-        near = distances(reference.position_px, reference.position_px) / self._spacing_px[:, None]
-        self._around = np.exp(-0.5 * (near / NEIGHBOURHOOD_SPACINGS) ** 2)
-        self._beside = np.exp(-0.5 * near**2)
-        np.fill_diagonal(self._beside, 0.0)
-        rough_all = (np.eye(len(near)) - means(self._beside)) / self._spacing_px[:, None]
-        self._both_all = np.vstack([means(self._around), rough_all]).astype(np.float32)
+        self._spacing_px = neighbourhood.spacing_px
+        self._averaging = neighbourhood.weights(AVERAGING_LENGTH)
+        self._neighbours = neighbourhood.weights(1.0)
+        np.fill_diagonal(self._neighbours, 0.0)
+        roughness = np.eye(len(self._spacing_px)) - row_normalised(self._neighbours)
+        both = np.vstack([row_normalised(self._averaging), roughness / self._spacing_px[:, None]])
+        self._average_and_roughness = both.astype(np.float32)
 
-    def read(self, beads: Beads) -> Motion:
-        """The motion that these beads show."""
-        moved, found = beads.position_px - self._reference_px, beads.found
+    def measure(self, beads: Beads) -> Motion:
+        """Return the motion of the found beads."""
+        displacement, found = beads.position_px - self._reference_px, beads.found
         if not len(beads.lost):
-            both = self._both_all @ moved.astype(np.float32)
-            return Motion(rms(both[: len(found)]), rms(both[len(found) :]))
-        rough = (moved - found_means(self._beside, moved, found)) / self._spacing_px[:, None]
-        return Motion(rms(found_means(self._around, moved, found)[found]), rms(rough[found]))
+            both = self._average_and_roughness @ displacement.astype(np.float32)
+            return Motion(displacement, rms(both[: len(found)]), rms(both[len(found) :]))
+        average = mean_over_found(self._averaging, displacement, found)
+        rough = displacement - mean_over_found(self._neighbours, displacement, found)
+        return Motion(displacement, rms(average[found]), rms((rough / self._spacing_px[:, None])[found]))
 
 
-def rms(motion_px: Array | Floats) -> float:
-    """Root mean square length of (n, 2) vectors; 0 of none."""
-    flat = motion_px.ravel()
-    return math.sqrt(float(flat @ flat) / max(1, len(motion_px)))
+def faintness(motion_px: float, threshold_px: float) -> float:
+    """Return the factor, at least 1, by which the position error grows for a faint contact.
 
-
-def found_means(weight: Array, moved: Array, found: NDArray[np.bool_]) -> Array:
-    """Means (n, k) of the found ones' values (n, k) by weights (n, n)."""
-    sums = weight @ np.column_stack([moved * found[:, None], found])
-    return np.asarray(sums[:, :-1] / np.maximum(sums[:, -1:], 1e-12))
-
-
-def means(weight: Array) -> Array:
-    """Rows scaled to sum 1."""
-    return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
+    A bead's place has an error of a few hundredths of a pixel whatever displaces it, so the error of the
+    contact's position grows as 1 / motion. Motion up to the contact threshold may be no signal at all.
+    """
+    return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))

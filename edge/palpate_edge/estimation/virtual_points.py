@@ -1,15 +1,15 @@
 """Rings of beads -> ellipses -> virtual points (Eq. 1) -> triangles -> area change (Figs. 4-7 of the paper).
 
-Readings of what the paper leaves open:
+Choices where the paper leaves a question open:
 
-- Eq. (1b) as printed is an ellipse with its axes along the image's. A fitted ellipse is turned by some angle
-  alpha, which is meaningless for a near circle and jumps from frame to frame. The points are therefore taken
-  at the parameter theta_n - alpha and turned back by alpha: for every alpha the labels stay where they are.
+- Eq. (1b) as printed is an ellipse whose axes are the image's. A fitted ellipse is rotated by an angle alpha,
+  which is arbitrary for a near circle and jumps from frame to frame. The points are therefore taken at the
+  parameter theta_n - alpha and rotated by alpha: the virtual points keep their places whatever alpha is.
 - theta_1 is the azimuth of the ring's first bead in the reference frames (averaged over all beads of the
   ring, which are evenly spaced), t_n the ring's number of beads.
-- A ring of fewer than `MIN_ELLIPSE_BEADS` beads (the bead at the apex) has no ellipse; its beads stand for
-  themselves.
-- Triangles are those of the reference frames; labels are fixed, so each can be compared with itself.
+- A ring of fewer than `MIN_ELLIPSE_BEADS` beads (the bead at the apex) has no ellipse; its beads are the
+  virtual points.
+- Triangles are those of the reference frames: labels are fixed, so each triangle is compared with itself.
 """
 
 from __future__ import annotations
@@ -24,13 +24,17 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.triangulation import delaunay
 
 MIN_ELLIPSE_BEADS = 6
-MIN_RING_SHARE = 0.5  # of a ring's beads must be seen for its ellipse to be trusted
+MIN_RING_SHARE = 0.5  # of a ring's beads that must be found for its ellipse to be trusted
 
 
 @dataclass(frozen=True, slots=True)
 class VirtualPoints:
-    """position_px (n, 2); ellipses: one (x, y, width, height, angle_deg) a ring with an ellipse, as
-    cv2.fitEllipse gives it; trusted (n,): False where a ring had too few beads and kept its reference."""
+    """The virtual points of one frame.
+
+    position_px (n, 2); ellipses: (x, y, width, height, angle_deg) of each ring that has one, as
+    cv2.fitEllipse returns it; trusted (n,): False where too few beads of a ring were found, and the points
+    are the reference's.
+    """
 
     position_px: Array
     ellipses: tuple[tuple[float, float, float, float, float], ...]
@@ -45,8 +49,10 @@ class VirtualPointMesh:
     """
 
     def __init__(self, reference_px: Array, ring_of: Indices) -> None:
-        """From the reference beads (n, 2) and each bead's ring (n,). Raises CalibrationError if no ring
-        has beads enough for an ellipse."""
+        """reference_px (n, 2): the untouched beads; ring_of (n,): each bead's ring.
+
+        Raises CalibrationError when no ring has enough beads for an ellipse.
+        """
         self.ring_of = ring_of
         self._beads_of = [np.flatnonzero(ring_of == ring) for ring in np.unique(ring_of)]
         if not any(len(beads) >= MIN_ELLIPSE_BEADS for beads in self._beads_of):
@@ -56,16 +62,16 @@ class VirtualPointMesh:
             )
         self._beads_px = reference_px
         self._first_angle = [_first_angle(reference_px[beads]) for beads in self._beads_of]
-        self.reference_px = reference_px  # until the first ellipses are there, in case a ring is not seen
+        self.reference_px = reference_px  # points() below replaces it by points on ellipses
         self.reference_px = self.points(reference_px, np.ones(len(reference_px), dtype=np.bool_)).position_px
         self.triangles = delaunay(self.reference_px)
         self._average = _vertex_average(self.triangles, len(reference_px))
         self._reference_area = self._areas(self.reference_px)
 
     def points(self, beads_px: Array, found: Mask) -> VirtualPoints:
-        """Virtual points of one frame's beads (n, 2), of which `found` (n,) are real.
+        """Return the virtual points of one frame's beads (n, 2), of which `found` (n,) were measured.
 
-        The others, predicted from their neighbours, count only in a ring with too few real ones.
+        The others, predicted from their neighbours, count only in a ring with too few measured ones.
         """
         position = self.reference_px.copy()
         trusted = np.zeros(len(position), dtype=np.bool_)
@@ -83,18 +89,18 @@ class VirtualPointMesh:
         return VirtualPoints(position, tuple(ellipses), trusted)
 
     def area_change(self, points: VirtualPoints) -> Array:
-        """Relative change of the mean area of the triangles about each virtual point, (n,); 0 at rest."""
+        """Return the relative change (n,) of the mean area of the triangles about each virtual point."""
         return np.asarray(self._areas(points.position_px) / self._reference_area - 1.0)
 
     def neighbours(self, point: int) -> Indices:
-        """Virtual points that share a triangle with `point` (the paper's vp_2..vp_7)."""
+        """Return the virtual points that share a triangle with `point` (the paper's vp_2..vp_7)."""
         touching = self.triangles[(self.triangles == point).any(axis=1)]
         return np.setdiff1d(touching, [point]).astype(np.intp)
 
-    def beside(self, point: int) -> tuple[int, int]:
-        """The points before and behind `point` on its ring (P_nc-1, P_nc+1 of Eq. 3).
+    def ring_neighbours(self, point: int) -> tuple[int, int]:
+        """Return the points before and after `point` on its ring (P_nc-1, P_nc+1 of Eq. 3).
 
-        A point that is a ring of its own has none: there, two opposite points of the next ring.
+        A point that is a ring of its own has two opposite points of the next ring instead.
         """
         ring = np.flatnonzero(self.ring_of == self.ring_of[point])
         if len(ring) < 3:
@@ -104,7 +110,7 @@ class VirtualPointMesh:
         return int(ring[place - 1]), int(ring[(place + 1) % len(ring)])
 
     def _areas(self, points_px: Array) -> Array:
-        """Mean area, px^2, of the triangles about each point."""
+        """Return the mean area (n,), px^2, of the triangles about each point."""
         a, b, c = (points_px[self.triangles[:, corner]] for corner in range(3))
         ab, ac = b - a, c - a
         area = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
@@ -112,7 +118,7 @@ class VirtualPointMesh:
 
 
 def fit_ellipse(points_px: Array) -> tuple[float, float, float, float, float]:
-    """Least-squares ellipse of (n, 2) points: centre x, y, full axes, angle in degrees (cv2.fitEllipse)."""
+    """Fit an ellipse to points (n, 2) by least squares: centre x, y, full axes, angle in degrees."""
     (x, y), (width, height), angle_deg = cv2.fitEllipse(points_px.astype(np.float32))
     return x, y, width, height, angle_deg
 
@@ -120,7 +126,7 @@ def fit_ellipse(points_px: Array) -> tuple[float, float, float, float, float]:
 def ellipse_points(
     ellipse: tuple[float, float, float, float, float], first_angle_rad: float, count: int
 ) -> Array:
-    """Eq. (1): `count` points (count, 2) on the ellipse, the first at `first_angle_rad` from +x."""
+    """Return `count` points (count, 2) on the ellipse, the first at `first_angle_rad` from +x (Eq. 1)."""
     x, y, width, height, angle_deg = ellipse
     alpha = np.radians(angle_deg)
     theta = first_angle_rad + 2 * np.pi * np.arange(count) / count - alpha  # Eq. (1a)
@@ -130,8 +136,10 @@ def ellipse_points(
 
 
 def _first_angle(ring_px: Array) -> float:
-    """Azimuth of the ring's first bead about the ring's centre, rad: from all of its beads, each turned back
-    by its number of spacings, so that no single bead's place decides."""
+    """Return the azimuth of a ring's first bead about the ring's centre, rad.
+
+    All beads are averaged, each turned back by its number of spacings: no single bead's place decides.
+    """
     count = len(ring_px)
     x, y = (ring_px - ring_px.mean(axis=0)).T
     back = np.arctan2(y, x) - 2 * np.pi * np.arange(count) / count
@@ -139,7 +147,7 @@ def _first_angle(ring_px: Array) -> float:
 
 
 def _vertex_average(triangles: Indices, count: int) -> Array:
-    """(count, m) matrix that averages triangle values over the triangles about each point."""
+    """Return the matrix (count, m) that averages over the triangles about each point."""
     matrix = np.zeros((count, len(triangles)))
     for corner in range(3):
         matrix[triangles[:, corner], np.arange(len(triangles))] = 1.0

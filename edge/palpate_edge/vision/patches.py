@@ -1,4 +1,4 @@
-"""The pixels about many places of an image at once, read with few calls and into memory that is kept."""
+"""Patches: the pixels about many places of an image, read at once into memory that is reused."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 
-SKIN_RADIUS, SKIN_PIXELS = 0.8, 16  # the circle that tells the skin's grey, in bead diameters
-CORE_RADIUS, CORE_PIXELS = 0.25, 16  # the circle that tells the bead's
-SWIFT_WIDTH = 16  # bytes: numpy copies items of this size much faster than of one less
+SKIN_RADIUS, SKIN_PIXELS = 0.8, 16  # circle on the skin about a bead: radius in bead diameters, pixels
+CORE_RADIUS, CORE_PIXELS = 0.25, 16  # circle inside the bead
+FAST_ITEM_WIDTH = 16  # bytes: NumPy copies items of this size much faster than of one byte less
 
 
 class Patches:
-    """A plane, binned, with its outermost pixels repeated outwards, and its pixels about many centres.
+    """A binned plane with a border of repeated pixels, and its pixels about many centres.
 
-    steps (w, 2): from a centre to the pixels of its square, columns first; circle_steps (n, 32, 2): to those
-    of the circles on the skin and in the core of each bead.
+    steps (w, 2): offsets (column, row) from a centre to the pixels of its square; circle_steps (n, 32, 2):
+    offsets to the pixels of the circles on the skin and in the core of each bead.
     """
 
     def __init__(self, binning: int, reach: int, diameter: Array) -> None:
-        """reach: of the squares about a centre; diameter (n,) of the beads; in binned pixels."""
+        """reach: half the side of the squares; diameter (n,): of the beads; both in binned pixels."""
         self._binning = binning
         self._side = 2 * reach + 1
-        self._width = max(self._side, SWIFT_WIDTH)
+        self._width = max(self._side, FAST_ITEM_WIDTH)
         row, column = np.mgrid[: self._side, : self._width] - reach
         self.steps = np.stack([column.ravel(), row.ravel()], axis=1)
         circles = (_circle(SKIN_RADIUS * diameter, SKIN_PIXELS), _circle(CORE_RADIUS * diameter, CORE_PIXELS))
@@ -32,7 +32,7 @@ class Patches:
         self._shape: tuple[int, ...] = ()
 
     def load(self, dark: Plane) -> None:
-        """Take a plane; memory is kept from plane to plane of one shape."""
+        """Take a plane; planes of the same shape and type reuse the memory."""
         if dark.shape != self._shape or dark.dtype != self._bordered.dtype:
             self._allocate(dark)
         height, width = self._inner.shape
@@ -50,14 +50,14 @@ class Patches:
         self._inner = self._bordered[border:-border, border:-border]
         self._high = np.array([width - 1.0, height - 1.0])
         self._middle = self._high / 2
-        self._clear = self._middle - border  # from there: no window reaches beyond the image
+        self._clear = self._middle - border  # from the middle: no patch reaches beyond the image
         self._stride = self._bordered.shape[1]
-        first = border * self._stride + border  # where the image's first pixel lies
+        first = border * self._stride + border  # index of the image's first pixel
         self._flat = self._bordered.ravel()
-        self._circle_places = self.circle_steps[..., 1] * self._stride + self.circle_steps[..., 0] + first
+        self._circle_indices = self.circle_steps[..., 1] * self._stride + self.circle_steps[..., 0] + first
         corner = int(first + self.steps[0, 1] * self._stride + self.steps[0, 0])
         bytes_ = self._bordered.itemsize
-        self._squares = np.ndarray(  # of each place the rows of its square, a row one item
+        self._squares = np.ndarray(  # the rows of each square, one row an item
             (height * self._stride, self._side),
             np.dtype((np.void, self._width * bytes_)),
             self._bordered.data,
@@ -66,7 +66,7 @@ class Patches:
         )
 
     def inside(self, position: Array) -> Array:
-        """The nearest positions (m, 2) inside the image; the same array where no window leaves the image."""
+        """Return the nearest positions (m, 2) inside the image; the same array if no patch leaves it."""
         if (np.abs(position - self._middle) < self._clear).all():
             return position
         if not self._border_filled:
@@ -82,26 +82,26 @@ class Patches:
         self._border_filled = True
 
     def outside(self, position: Array) -> Mask:
-        """(m,): positions that do not lie in the image."""
+        """Return which positions (m, 2) lie outside the image, (m,)."""
         return np.asarray(((position < 0) | (position > self._high)).any(axis=1))
 
-    def place(self, centre: Indices) -> Indices:
-        """Where the pixels `centre` (m, 2) lie in memory, (m,)."""
+    def index(self, centre: Indices) -> Indices:
+        """Return the indices (m,) in memory of the pixels `centre` (m, 2), relative to the first pixel."""
         return np.asarray(centre[:, 1] * self._stride + centre[:, 0])
 
-    def circles(self, place: Indices, beads: slice | Indices) -> Floats:
-        """Greys (m, 32) on the circles of each of the beads about its place (m,)."""
-        greys: Plane = self._flat.take(place[:, None] + self._circle_places[beads])
+    def circles(self, index: Indices, beads: slice | Indices) -> Floats:
+        """Return the greys (m, 32) on the circles of the `beads` whose centres have these indices (m,)."""
+        greys: Plane = self._flat.take(index[:, None] + self._circle_indices[beads])
         return greys.astype(np.float32)
 
-    def squares(self, place: Indices) -> Floats:
-        """Greys (m, w) of the squares about each place (m,), in the order of `steps`."""
-        rows = self._squares[place]
-        return rows.view(self._bordered.dtype).reshape(len(place), -1).astype(np.float32)
+    def squares(self, index: Indices) -> Floats:
+        """Return the greys (m, w) of the squares about the centres (m,), in the order of `steps`."""
+        rows = self._squares[index]
+        return rows.view(self._bordered.dtype).reshape(len(index), -1).astype(np.float32)
 
 
 def _circle(radius: Array, count: int) -> Indices:
-    """Offsets (n, count, 2) of `count` pixels on a circle of each bead's `radius` (n,)."""
+    """Return the offsets (n, count, 2) of `count` pixels on circles of `radius` (n,)."""
     angle = 2 * np.pi * np.arange(count) / count
     offsets = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(np.rint(offsets), dtype=np.intp)

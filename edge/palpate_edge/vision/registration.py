@@ -1,81 +1,83 @@
-"""The first look at an untouched sensor: what its beads look like, and which blob is which bead."""
+"""Registration: which blob of an untouched image is which bead of the layout, and how beads look."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.arrays import Array, Image, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.marker_layout import learn_layout
+from palpate_edge.geometry.points import spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
-from palpate_edge.vision.blob_detection import CHANNELS, Appearance, Blobs, find_blobs, plane
+from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
+from palpate_edge.vision.assignment import NO_PARTNER, assign
+from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.subpixel import Refiner
-from palpate_edge.vision.tracker import NO_PARTNER, assign, spacing
-from palpate_edge.vision.unknown_layout import clearness, with_alike
+from palpate_edge.vision.unknown_layout import add_similar, prominence
 
-MIN_BEADS_SHARE = 0.9  # of the layout must be seen in a reference frame
+MIN_BEADS_SHARE = 0.9  # of the layout that a reference frame must show
 FIT_ROUNDS = 4
-GREY_PREFERENCE = 2.0  # a colour must stand out so much more: grey is cheaper to decode and has less noise
-MAX_RESIDUAL_DIAMETERS = 0.3  # a blob farther from its fitted place is no bead
-RIM_THETA_DEG = 95.0  # no bead lies beyond
+GREY_PREFERENCE = 2.0  # a colour must stand out that much more: grey decodes faster and has less noise
+MAX_RESIDUAL_DIAMETERS = 0.3  # bead diameters; a blob farther from its fitted place is no bead
+MAX_THETA_DEG = 95.0  # polar angle beyond which no bead lies
 
 
 @dataclass(frozen=True, slots=True)
-class FirstSight:
-    """What one reference image tells.
+class Registration:
+    """Beads, camera and appearance as one reference image shows them.
 
-    position_px (n, 2): blob of each bead in the layout's order (projected place where it was not seen);
-    seen (n,); diameter_px (n,): expected size of each bead; pose: the camera as fitted; layout_mm (n, 3) in F
-    and ring_of (n,): as sensor.toml gives them, or as learned.
+    position_px (n, 2): each bead in the layout's order, projected where it was not seen; seen (n,);
+    diameter_px (n,): expected size of each bead; pose: the fitted camera; layout_mm (n, 3) in F and ring_of
+    (n,): from sensor.toml, or learned.
     """
 
     appearance: Appearance
     pose: CameraPose
     position_px: Array
-    seen: NDArray[np.bool_]
+    seen: Mask
     diameter_px: Array
     layout_mm: Array
-    ring_of: NDArray[np.intp]
+    ring_of: Indices
 
 
-def first_sight(image: Image, sensor: Sensor) -> FirstSight:
+def register(image: Image, sensor: Sensor) -> Registration:
     """Recognise the layout of `sensor` in an untouched image, or learn it where sensor.toml gives no rings.
 
-    Every channel is tried with dark and with bright beads; the one that shows most of the layout, and shows
-    it most clearly, is taken. Raises CalibrationError when none shows `MIN_BEADS_SHARE` of it.
+    Every channel is tried with dark and with bright beads. The one that shows most of the layout is taken;
+    ties go to the one with the higher contrast. Raises CalibrationError when none shows `MIN_BEADS_SHARE`.
     """
     if not sensor.markers.rings:
         return _learn(image, sensor)
     layout_mm, ring_of = bead_layout_mm(sensor.markers)
-    sights = [_recognise(image, sensor, layout_mm, ring_of, looks) for looks in _appearances(image)]
-    _, best = max(sights, key=lambda pair: pair[0])
+    tried = [_recognise(image, sensor, layout_mm, ring_of, looks) for looks in _appearances(image)]
+    _, best = max(tried, key=lambda pair: pair[0])
     if best is None or best.seen.mean() < MIN_BEADS_SHARE:
         seen = 0 if best is None else int(best.seen.sum())
         raise CalibrationError(
             f"only {seen} of {len(layout_mm)} beads of sensor.toml's layout were recognised in the reference "
-            "frame: check markers.rings, the camera's matrix and position, and the light"
+            f"frame, at least {MIN_BEADS_SHARE:.0%} are needed: check markers.rings, camera.matrix, "
+            "camera.position_mm and the light"
         )
     return best
 
 
 def bead_diameters_px(sensor: Sensor, view: View, layout_mm: Array) -> Array:
-    """Diameter (n,) at which each bead appears: focal length times size over distance."""
+    """Return the diameter (n,) of each bead in the image: focal length times size over distance."""
     distance_mm = np.linalg.norm(layout_mm - view.position_mm, axis=1)
     return np.asarray(sensor.camera.matrix[0] * sensor.markers.diameter_mm / distance_mm)
 
 
 def _appearances(image: Image) -> list[Appearance]:
-    """Every way in which beads may stand out of an image."""
+    """Return every way in which beads may stand out of an image."""
     channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
     return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
 
 
-def _learn(image: Image, sensor: Sensor) -> FirstSight:
-    """Beads of an unknown layout: the blobs on the dome down to the widest gap in strength, in rings.
+def _learn(image: Image, sensor: Sensor) -> Registration:
+    """Learn a layout: beads are the blobs on the dome before the widest gap in strength.
 
     Raises CalibrationError when they are too few or do not lie on the dome.
     """
@@ -85,35 +87,38 @@ def _learn(image: Image, sensor: Sensor) -> FirstSight:
     best, best_score, best_blobs = Appearance(), 0.0, Blobs(np.zeros((0, 2)), np.zeros(0))
     for appearance in _appearances(image):
         blobs = _on_dome(find_blobs(plane(image, appearance), diameter_px), view, radius_mm)
-        score = clearness(blobs) * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
+        score = prominence(blobs) * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
         if score > best_score:
             best, best_score, best_blobs = appearance, score, blobs
     dark = plane(image, best)
-    beads = with_alike(dark, best_blobs, diameter_px)
+    beads = add_similar(dark, best_blobs, diameter_px)
     position_px = beads.position_px
     if len(position_px):
         position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
     layout = learn_layout(sensor.camera, radius_mm, position_px)
     sizes_px = bead_diameters_px(sensor, View(sensor.camera, layout.pose), layout.position_mm)
     seen = np.ones(len(position_px), dtype=np.bool_)
-    return FirstSight(
+    return Registration(
         best, layout.pose, position_px[layout.order], seen, sizes_px, layout.position_mm, layout.ring_of
     )
 
 
 def _on_dome(blobs: Blobs, view: View, radius_mm: float) -> Blobs:
-    """Blobs whose ray leaves the sphere of the beads on the dome's side."""
+    """Return the blobs whose ray leaves the beads' sphere on the dome's side."""
     if not len(blobs.strength):
         return blobs
     height_mm = view.onto_sphere(blobs.position_px, radius_mm)[:, 2]
-    on_dome = height_mm > radius_mm * np.cos(np.radians(RIM_THETA_DEG))  # False for nan
+    on_dome = height_mm > radius_mm * np.cos(np.radians(MAX_THETA_DEG))  # False for nan
     return Blobs(blobs.position_px[on_dome], blobs.strength[on_dome])
 
 
 def _recognise(
-    image: Image, sensor: Sensor, layout_mm: Array, ring_of: NDArray[np.intp], appearance: Appearance
-) -> tuple[float, FirstSight | None]:
-    """Score and sight with one appearance; the score is beads seen, then how far they stand out."""
+    image: Image, sensor: Sensor, layout_mm: Array, ring_of: Indices, appearance: Appearance
+) -> tuple[float, Registration | None]:
+    """Return score and registration with one appearance.
+
+    The score is the number of beads seen plus a fraction that grows with their contrast over other blobs.
+    """
     view = View(sensor.camera)
     expected_px = view.project(layout_mm)
     diameter_px = bead_diameters_px(sensor, view, layout_mm)
@@ -133,28 +138,28 @@ def _recognise(
         pose = fit_pose(sensor.camera, layout_mm[seen], blobs.position_px[partner[seen]])
         start_px = View(sensor.camera, pose).project(layout_mm)
     residual_px = np.linalg.norm(blobs.position_px[partner] - start_px, axis=1)
-    seen = seen & (residual_px < MAX_RESIDUAL_DIAMETERS * diameter_px)  # else skin between beads would do
+    seen = seen & (residual_px < MAX_RESIDUAL_DIAMETERS * diameter_px)  # else skin between beads would count
     if not seen.any():
         return 0.0, None
     position_px = np.where(seen[:, None], blobs.position_px[partner], start_px)
-    clearness = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
+    contrast = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
     if appearance.channel == "grey":
-        clearness *= GREY_PREFERENCE
+        contrast *= GREY_PREFERENCE
     fitted = View(sensor.camera, pose)
     sizes_px = bead_diameters_px(sensor, fitted, layout_mm)
-    sight = FirstSight(appearance, pose, position_px, seen, sizes_px, layout_mm, ring_of)
-    return float(seen.sum()) + 1.0 - 1.0 / (1.0 + clearness), sight
+    registration = Registration(appearance, pose, position_px, seen, sizes_px, layout_mm, ring_of)
+    return float(seen.sum()) + 1.0 - 1.0 / (1.0 + contrast), registration
 
 
-def _near_layout(blobs: Blobs, expected_px: Array) -> NDArray[np.bool_]:
-    """Blobs (n,) no farther out than the layout can be."""
+def _near_layout(blobs: Blobs, expected_px: Array) -> Mask:
+    """Return which blobs (n,) lie no farther out than the layout can reach."""
     centre = expected_px.mean(axis=0)
     reach = np.linalg.norm(expected_px - centre, axis=1).max()
     return np.asarray(np.linalg.norm(blobs.position_px - centre, axis=1) < 1.25 * reach)
 
 
 def _align(expected_px: Array, strongest_px: Array) -> Array:
-    """The expected places shifted and scaled to the cloud of the strongest blobs."""
+    """Return the expected places (n, 2), shifted and scaled to the cloud of the strongest blobs."""
     from_centre, to_centre = expected_px.mean(axis=0), np.median(strongest_px, axis=0)
     from_radius = np.median(np.linalg.norm(expected_px - from_centre, axis=1))
     to_radius = np.median(np.linalg.norm(strongest_px - to_centre, axis=1))
@@ -162,7 +167,7 @@ def _align(expected_px: Array, strongest_px: Array) -> Array:
     return np.asarray(to_centre + scale * (expected_px - from_centre))
 
 
-def _noise_strength(blobs: Blobs, taken: NDArray[np.intp]) -> float:
-    """Strength of the strongest blob that is no bead."""
+def _noise_strength(blobs: Blobs, taken: Indices) -> float:
+    """Return the strength of the strongest blob that is no bead."""
     others = np.delete(blobs.strength, taken)
     return float(others.max()) if len(others) else 1.0

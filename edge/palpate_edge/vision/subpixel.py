@@ -1,14 +1,14 @@
-"""The sub-pixel place of every bead in a small window about where it is expected, for all beads at once.
+"""Sub-pixel places: weighted centroids of all beads at once, each in a small window.
 
-About each bead a few pixels on a circle tell the skin's grey and a few in the middle the bead's; each
-pixel of a disk then weighs by how much nearer it is to the bead's grey, cut off below a quarter and above
-three quarters, so that neither noise nor a highlight on the bead pulls the centroid. The disk is larger than
-the bead: one step is exact unless the bead was far off, and only such beads take another.
+The skin's grey is read on a circle about the bead, the bead's grey on a circle inside it. Each pixel of a
+disk is weighted by how much nearer its grey is to the bead's than to the skin's; weights are cut off at both
+ends, so that neither noise nor a highlight on the bead displaces the centroid. The disk is larger than the
+bead: one step is exact unless the start was far off, and only such beads take another step.
 
-Light falls off across a bead. Half-way between bead and skin is then another grey on one side than on the
-other, and the wider the edges (blur), the farther that pulls the centroid. The slope of the skin's grey, as
-the untouched sensor shows it, is therefore taken off first: from each pixel as much as it is lit, since what
-is twice as bright as the skin also loses twice as much.
+Brightness falls off across a bead. The grey half-way between bead and skin then differs from side to side,
+and the wider the edges (blur), the more this displaces the centroid. Therefore the slope of the skin's grey,
+measured on the untouched sensor, is subtracted first: from each pixel in proportion to its brightness,
+because a pixel twice as bright as the skin also changes twice as much.
 """
 
 from __future__ import annotations
@@ -23,106 +23,113 @@ from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Patches
 from palpate_edge.vision.shading import Shading, skin_reach
 
 BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels of two by two
-DISK_RADIUS = 0.8  # of the pixels that weigh in the centroid, in bead diameters
-SKIN_RANKS = slice(6, 14)  # of the skin's pixels by grey: the dark may be another bead's, the brightest glare
-LOW_RANKS, HIGH_RANKS = slice(3, 6), slice(11, 14)  # whose difference tells how uneven the skin is
-SETTLED_STEP = 0.05  # of a bead diameter: a centroid that moved less is on its bead
-LONGEST_STEP = 0.5
-GATE = 0.1  # of the contrast: what is less darker than the skin is skin
-MOST_STEPS = 4
-OUTSIDE = -1e6  # what keeps a pixel out
-DARKEST_SKIN = 0.25  # of the contrast: a darker skin tells too little of the light
+DISK_RADIUS = 0.8  # of the pixels that the centroid is made of, in bead diameters
+SKIN_RANKS = slice(6, 14)  # of the skin's pixels by grey: the darkest may be a bead's, the brightest glare
+LOW_RANKS, HIGH_RANKS = slice(3, 6), slice(11, 14)  # their difference is the skin's unevenness
+CONVERGED_STEP = 0.05  # of a bead diameter: a centroid that moved less is on its bead
+MAX_STEP = 0.5  # of a bead diameter
+GATE = 0.1  # of the contrast: a pixel less darker than the skin has weight 0
+MAX_STEPS = 4
+OUTSIDE = -1e6  # added to the weight of pixels outside the disk
+DARKEST_SKIN = 0.25  # of the contrast: lower bound of the skin's grey that slopes are scaled by
 
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """Beads after refinement, in the order given: position_px (n, 2), contrast (n,) in grey levels, area (n,)
-    in bead disks (1 is a whole bead), unevenness (n,): how much the skin's grey varies around the bead, over
-    its contrast; settled (n,): the last step was small."""
+    """Beads after refinement, in the order given.
+
+    position_px (n, 2); contrast (n,): grey levels; area (n,): in bead disks, 1 is a whole bead; unevenness
+    (n,): variation of the skin's grey around the bead, over the contrast; converged (n,): the last step was
+    small.
+    """
 
     position_px: Array
     contrast: Floats
     area: Floats
     unevenness: Floats
-    settled: Mask
+    converged: Mask
 
 
 class Refiner:
-    """Weighted centroids of many beads at once; made once a layout, called every frame."""
+    """Measures weighted centroids of many beads at once; one object serves all frames of a layout."""
 
     def __init__(
-        self, diameter_px: Array, spacing_px: Array | None = None, light: Shading | None = None
+        self, diameter_px: Array, spacing_px: Array | None = None, shading: Shading | None = None
     ) -> None:
-        """diameter_px (n,) of each bead; spacing_px (n,): distance to the nearest other bead, whose pixels
-        are kept out; light: even where it is not told."""
+        """diameter_px (n,); spacing_px (n,): distance to the nearest other bead, whose pixels are left out;
+        shading: none if not given."""
         self._binning = 2 if diameter_px.min() >= BINNED_FROM_PX else 1
         diameter = np.asarray(diameter_px, dtype=np.float64) / self._binning
         disk = DISK_RADIUS * diameter
         if spacing_px is not None:
             disk = np.minimum(disk, skin_reach(diameter, spacing_px / self._binning))
-        slope = np.zeros((len(diameter), 2)) if light is None else light.slope * self._binning
-        self._unlit = None if light is None else light.unlit
-        self._windows = Patches(self._binning, int(disk.max()), diameter)
-        steps = self._windows.steps
+        slope = np.zeros((len(diameter), 2)) if shading is None else shading.slope * self._binning
+        self._unlit = None if shading is None else shading.unlit
+        self._patches = Patches(self._binning, int(disk.max()), diameter)
+        steps = self._patches.steps
         in_disk = np.hypot(*steps.T) <= disk[:, None]
         self._slope = (slope @ steps.T).astype(np.float32)
         self._outside = np.where(in_disk, 0.0, OUTSIDE).astype(np.float32)
         self._moments = np.column_stack([np.ones(len(steps)), steps]).astype(np.float32)
-        # What taking the skin's slope off a flat bead shifts that by.
-        self._slant = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
-        self._whole = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
-        self._longest_step = LONGEST_STEP * diameter[:, None]
-        self._settled_squared = (SETTLED_STEP * diameter) ** 2
+        # Displacement that subtracting the skin's slope adds to the centroid of an unshaded bead.
+        self._slope_shift = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
+        self._half_area = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
+        self._max_step = MAX_STEP * diameter[:, None]
+        self._converged_squared = (CONVERGED_STEP * diameter) ** 2
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
-        """Centroids near `start_px` (n, 2) of all beads. A start outside the image gets contrast 0."""
-        self.look(dark)
+        """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
+        self.load(dark)
         return self.centroids(start_px)
 
-    def look(self, dark: Plane) -> None:
-        """Take the plane in which :meth:`centroids` works until the next look."""
-        self._windows.load(dark)
+    def load(self, dark: Plane) -> None:
+        """Take the plane in which :meth:`centroids` measures until the next one is loaded."""
+        self._patches.load(dark)
 
     def centroids(self, start_px: Array, beads: Indices | None = None) -> Refined:
-        """Centroids, in the plane last looked at, of the given `beads` (m,) near `start_px` (m, 2)."""
+        """Return the centroids of `beads` (m,), all if None, near `start_px` (m, 2) in the loaded plane.
+
+        A start outside the image gives contrast 0 and stays where it is.
+        """
         half = 0.5 * (self._binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self._binning
-        position = self._windows.inside(start)
+        position = self._patches.inside(start)
         centre = np.rint(position).astype(np.intp)
         offset, contrast, area, unevenness = self._measure(centre, beads)
         there = centre + offset
         step = there - position
-        settled_squared = self._settled_squared if beads is None else self._settled_squared[beads]
-        settled = np.vecdot(step, step) <= settled_squared
-        for _ in range(MOST_STEPS - 1):
-            if settled.all():
+        converged_squared = self._converged_squared if beads is None else self._converged_squared[beads]
+        converged = np.vecdot(step, step) <= converged_squared
+        for _ in range(MAX_STEPS - 1):
+            if converged.all():
                 break
-            moving = np.flatnonzero(~settled)
+            moving = np.flatnonzero(~converged)
             which = moving if beads is None else beads[moving]
-            longest = self._longest_step[which]
-            again = position[moving] + np.minimum(np.maximum(step[moving], -longest), longest)
-            again = self._windows.inside(again)
+            max_step = self._max_step[which]
+            again = position[moving] + np.minimum(np.maximum(step[moving], -max_step), max_step)
+            again = self._patches.inside(again)
             centre = np.rint(again).astype(np.intp)
             offset, contrast[moving], area[moving], unevenness[moving] = self._measure(centre, which)
             position[moving], there[moving] = again, centre + offset
             step[moving] = there[moving] - again
-            settled[moving] = np.vecdot(step[moving], step[moving]) <= settled_squared[moving]
+            converged[moving] = np.vecdot(step[moving], step[moving]) <= converged_squared[moving]
         place_px = there * self._binning + half
         if position is not start:
-            outside = self._windows.outside(start)
+            outside = self._patches.outside(start)
             contrast[outside], place_px[outside] = 0.0, start_px[outside]
-        return Refined(place_px, contrast, area, unevenness, settled)
+        return Refined(place_px, contrast, area, unevenness, converged)
 
     def _measure(self, centre: Indices, beads: Indices | None) -> tuple[Array, Floats, Floats, Floats]:
-        """About the binned pixels `centre` (m, 2): centroid (m, 2) from there, contrast, area, unevenness."""
+        """Measure about the binned pixels `centre` (m, 2): centroid from there (m, 2), contrast, area,
+        unevenness."""
         some = slice(None) if beads is None else beads
-        place = self._windows.place(centre)
-        greys = self._windows.circles(place, some)
+        index = self._patches.index(centre)
+        greys = self._patches.circles(index, some)
         greys[:, :SKIN_PIXELS].sort(axis=1)
-        skin, spread, core = (greys @ _LEVELS).T
+        skin, variation, core = (greys @ _LEVELS).T
         contrast: Floats = skin - core
         scale = np.reciprocal(np.maximum(contrast, 1.0))
-        weight = self._windows.squares(place)
+        weight = self._patches.squares(index)
         if self._unlit is None:
             weight *= -scale[:, None]
             weight += self._slope[some]
@@ -137,17 +144,17 @@ class Refiner:
         weight += self._outside[some]
         cv2.threshold(weight, 0.0, 0.0, cv2.THRESH_TOZERO, dst=weight)
         cv2.threshold(weight, 1.0, 0.0, cv2.THRESH_TRUNC, dst=weight)
-        rest = 1.5 - weight  # t^2 (3 - 2 t) / 2: smooth at both ends, so that where pixels lie does not tell
+        factor = 1.5 - weight  # t^2 (3 - 2 t) / 2: smooth at both ends, so independent of the pixel grid
         weight *= weight
-        weight *= rest
+        weight *= factor
         moments = weight @ self._moments
         mass = np.maximum(moments[:, 0], 1e-3)
-        area = np.divide(mass, self._whole[some])
-        return moments[:, 1:] / mass[:, None] - self._slant[some], contrast, area, spread * scale
+        area = np.divide(mass, self._half_area[some])
+        return moments[:, 1:] / mass[:, None] - self._slope_shift[some], contrast, area, variation * scale
 
 
 def _levels() -> Floats:
-    """(32, 3): from the greys about a bead, the skin's sorted, to the skin's grey, its spread, the bead's."""
+    """Return the matrix (32, 3) from greys about a bead, the skin's sorted, to skin, variation and bead."""
     levels = np.zeros((SKIN_PIXELS + CORE_PIXELS, 3), np.float32)
     ranks = levels[:SKIN_PIXELS]
     for column, part, sign in ((0, SKIN_RANKS, 1), (1, HIGH_RANKS, 1), (1, LOW_RANKS, -1)):

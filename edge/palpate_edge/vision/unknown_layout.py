@@ -1,8 +1,8 @@
-"""Beads in one image without knowing anything of the sensor: which of the blobs are beads, and how large.
+"""Beads of an unknown sensor: which blobs of one image are beads, and how large they are.
 
-The strongest blobs down to the widest gap in strength are beads. Where light and background differ from
-place to place that gap comes too early; blobs beyond it are beads as well when they are alike: round disks,
-in proportion as much darker than their surroundings, and spaced like the others.
+The blobs before the widest relative gap in strength are beads. Under uneven light this gap comes too early.
+Blobs after it are added when they are similar: round disks, as dark relative to their surroundings, and
+spaced like the others.
 """
 
 from __future__ import annotations
@@ -12,27 +12,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Plane
-from palpate_edge.vision.blob_detection import Appearance, Blobs, find_blobs, plane
+from palpate_edge.geometry.points import distances
+from palpate_edge.vision.appearance import Appearance, plane
+from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.subpixel import Refiner
-from palpate_edge.vision.tracker import distances
 
-HEIGHT_OVER_DIAMETER = (60, 50, 42, 35, 30, 25, 20)  # of the image, tried when the diameter is not given
-FEWEST = 6
-MOST_CANDIDATES = 500
+HEIGHT_OVER_DIAMETER = (
+    60,
+    50,
+    42,
+    35,
+    30,
+    25,
+    20,
+)  # of the image; tried without a diameter
+MIN_BEADS = 6
+MAX_CANDIDATES = 500
 SIZE_RATIOS = (0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.5)
-DISK_REACH = 0.85  # of the pixels compared with a disk, in its diameters
+DISK_REACH = 0.85  # radius of the pixels compared with a disk, in its diameters
 MIN_ROUNDNESS = 0.7
 MIN_DEPTH_SHARE = 0.7  # of the median depth of the beads before the gap
 MIN_CONTRAST = 20.0  # grey levels
-SPACING_RANGE = (0.55, 2.0)  # from the nearest bead, in median spacings
+SPACING_RANGE = (0.55, 2.0)  # distance to the nearest bead, in median spacings
 
 
 @dataclass(frozen=True, slots=True)
 class Disks:
-    """How much blobs (n,) look like dark disks.
+    """Similarity of blobs (n,) to dark disks.
 
     roundness: correlation with the best disk, 1 is perfect; diameter_px: of that disk; contrast: grey levels
-    between surroundings and core; depth: contrast over the surroundings' grey, so the light cancels.
+    between surroundings and core; depth: contrast over the surroundings' grey, independent of the light.
     """
 
     roundness: Array
@@ -42,10 +51,10 @@ class Disks:
 
 
 def beads_without_layout(image: Image, diameter_px: float | None = None) -> tuple[Blobs, Appearance, float]:
-    """Beads of an unknown layout, how they look, and their size in pixels.
+    """Return the beads of an unknown layout, their appearance, and their diameter in pixels.
 
-    Dark and bright beads are tried, and sizes from 1/60 to 1/20 of the image's height unless `diameter_px`
-    says.
+    Dark and bright beads are tried; without `diameter_px`, diameters from 1/60 to 1/20 of the image's height
+    as well.
     """
     sizes = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
     best: tuple[float, Blobs, Appearance, float] | None = None
@@ -54,66 +63,66 @@ def beads_without_layout(image: Image, diameter_px: float | None = None) -> tupl
         dark = plane(image, appearance)
         for size in sizes:
             blobs = find_blobs(dark, size)
-            score = clearness(blobs)
+            score = prominence(blobs)
             if best is None or score > best[0]:
                 best = (score, blobs, appearance, size)
     assert best is not None
     _, blobs, appearance, size = best
-    return with_alike(plane(image, appearance), blobs, size), appearance, size
+    return add_similar(plane(image, appearance), blobs, size), appearance, size
 
 
-def clearness(blobs: Blobs) -> float:
-    """How clearly some of the blobs stand out: the widest gap in strength times the strength before it."""
+def prominence(blobs: Blobs) -> float:
+    """Return how clearly some blobs stand out: the widest gap in strength times the strength before it."""
     count, gap = widest_gap(blobs.strength)
     return gap * float(np.median(blobs.strength[:count])) if count else 0.0
 
 
 def widest_gap(strength: Array) -> tuple[int, float]:
-    """How many blobs stand before the widest relative fall of strength, and how wide it is."""
-    if len(strength) < FEWEST + 2:
+    """Return the number of blobs before the widest relative gap in strength, and its ratio."""
+    if len(strength) < MIN_BEADS + 2:
         return 0, 0.0
-    ratio = strength[FEWEST - 1 : -1] / np.maximum(strength[FEWEST:], 1e-6)
+    ratio = strength[MIN_BEADS - 1 : -1] / np.maximum(strength[MIN_BEADS:], 1e-6)
     place = int(np.argmax(ratio))
-    return place + FEWEST, float(ratio[place])
+    return place + MIN_BEADS, float(ratio[place])
 
 
-def with_alike(dark: Plane, blobs: Blobs, diameter_px: float) -> Blobs:
-    """The blobs before the widest gap, and those beyond it that are like them."""
+def add_similar(dark: Plane, blobs: Blobs, diameter_px: float) -> Blobs:
+    """Return the blobs before the widest gap in strength, and the similar ones after it."""
     count, _ = widest_gap(blobs.strength)
     if not count:
         return Blobs(blobs.position_px[:0], blobs.strength[:0])
-    place = blobs.position_px[:MOST_CANDIDATES]
+    place = blobs.position_px[:MAX_CANDIDATES]
     disks = disk_likeness(dark, place, diameter_px)
-    alike = (
+    similar = (
         (disks.roundness > MIN_ROUNDNESS)
         & (disks.depth > MIN_DEPTH_SHARE * float(np.median(disks.depth[:count])))
         & (disks.contrast > MIN_CONTRAST)
     )
-    kept = _grown(place, count, np.flatnonzero(alike[count:]) + count)
+    kept = _add_spaced(place, count, np.flatnonzero(similar[count:]) + count)
     return Blobs(blobs.position_px[kept], blobs.strength[kept])
 
 
-def _grown(place: Array, count: int, candidates: Indices) -> Indices:
-    """The first `count` places and those candidates, strongest first, that are spaced like them."""
+def _add_spaced(place: Array, count: int, candidates: Indices) -> Indices:
+    """Return the first `count` places and those candidates, strongest first, that are spaced like them."""
     kept = list(range(min(count, len(place))))
     apart = distances(place, place)
     np.fill_diagonal(apart, np.inf)
     spacing = float(np.median(apart[np.ix_(kept, kept)].min(axis=1)))
     waiting = [int(candidate) for candidate in candidates]
-    grew = True
-    while grew:
-        grew = False
+    added = True
+    while added:
+        added = False
         for candidate in waiting:
             nearest = float(apart[candidate, kept].min()) / spacing
             if SPACING_RANGE[0] < nearest < SPACING_RANGE[1]:
                 kept.append(candidate)
-                grew = True
+                added = True
         waiting = [candidate for candidate in waiting if candidate not in kept]
     return np.array(sorted(kept), dtype=np.intp)
 
 
 def disk_likeness(dark: Plane, place_px: Array, diameter_px: float) -> Disks:
-    """How much the places (n, 2) look like dark disks of about `diameter_px`."""
+    """Compare the places (n, 2) with dark disks of about `diameter_px`."""
     count = len(place_px)
     best = Disks(np.full(count, -1.0), np.full(count, diameter_px), np.zeros(count), np.zeros(count))
     if not count:
@@ -130,7 +139,7 @@ def disk_likeness(dark: Plane, place_px: Array, diameter_px: float) -> Disks:
 
 
 def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
-    """Correlation of the pixels about each centre with a disk of one size."""
+    """Correlate the pixels about each centre with a disk of one size."""
     reach = int(np.ceil(DISK_REACH * size_px)) + 1
     span = np.arange(-reach, reach + 1)
     row, column = (grid.ravel() for grid in np.meshgrid(span, span, indexing="ij"))
@@ -145,7 +154,7 @@ def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
     core = _mean(grey, (radius < max(1.0, 0.25 * size_px)).astype(np.float64))
     skin = _mean(grey, inside * (disk == 0))
     off_grey = (_mean(grey, inside)[:, None] - grey) * inside
-    for axis in (column - offset[:, :1], row - offset[:, 1:]):  # a slope of light or background
+    for axis in (column - offset[:, :1], row - offset[:, 1:]):  # subtract a slope of light or background
         across = axis * inside
         slope = (off_grey * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-9)
         off_grey = off_grey - slope[:, None] * across
@@ -157,4 +166,5 @@ def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
 
 
 def _mean(value: Array, weight: Array) -> Array:
+    """Return the weighted mean (n,) of each row of values (n, k)."""
     return np.asarray((value * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9))

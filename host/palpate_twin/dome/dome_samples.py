@@ -15,7 +15,7 @@ from palpate_edge.calibration.training.samples import Samples, TrainingPress, ma
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.vision.beads import Beads
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
@@ -96,4 +96,4 @@ def _press(
     moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
     found = np.ones(len(reference_px), dtype=np.bool_)
     contact = np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
-    return TrainingPress(Beads.of(moved_px, found), contact, field.force_per_mu_mm2)
+    return TrainingPress(Beads.from_positions(moved_px, found), contact, field.force_per_mu_mm2)

@@ -14,7 +14,7 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import open_recording
 from palpate_edge.diagnostics import video_tracking as follow
 from palpate_edge.diagnostics.figures import draw_followed
-from palpate_edge.vision.blob_detection import Appearance
+from palpate_edge.vision.appearance import Appearance
 
 FRAMES = 34
 STILL = 10  # frames until the skin is touched

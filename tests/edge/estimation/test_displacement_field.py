@@ -15,14 +15,14 @@ from palpate_edge.estimation.displacement_field import (
     BEAD_NOISE,
     CANONICAL_RINGS,
     DisplacementReader,
-    about_z,
     canonical_directions,
     kernel,
     mirrored,
     tangent_basis,
 )
+from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.vision.beads import Beads
 
 RADIUS_MM = 26.5
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
@@ -71,7 +71,7 @@ def read(directions, motion_mm, pose=UPRIGHT, found=None, turn_rad=0.0):
     reader = DisplacementReader(pinhole(RADIUS_MM * directions, pose), View(CAMERA, pose), RADIUS_MM)
     moved_px = pinhole(RADIUS_MM * directions + motion_mm, pose)
     seen = np.ones(len(directions), dtype=np.bool_) if found is None else found
-    return reader.read(Beads.of(moved_px, seen), turn_rad)
+    return reader.read(Beads.from_positions(moved_px, seen), turn_rad)
 
 
 def vectors(field):
@@ -79,7 +79,7 @@ def vectors(field):
     count = len(field.values) // 2
     along, across = tangent_basis(canonical_directions())
     motion = field.values[:count, None] * along + field.values[count:, None] * across
-    turn = about_z(field.azimuth_rad)
+    turn = rotation_about_z(field.azimuth_rad)
     return canonical_directions() @ turn.T, motion @ turn.T
 
 

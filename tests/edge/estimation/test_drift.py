@@ -11,11 +11,12 @@ import pytest
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.drift import MAX_TOTAL_PX, Drift, Skin
+from palpate_edge.estimation.drift import MAX_TOTAL_PX, Drift
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.estimation.skin_motion import SkinMotion
+from palpate_edge.estimation.touch_classification import SkinState, TouchClassifier
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
-from palpate_edge.vision.tracker import Beads, Reference
+from palpate_edge.vision.beads import Beads, Reference
 from palpate_twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_twin.dome.library import load_library
 
@@ -30,18 +31,19 @@ class Watched:
     def __init__(self, reference, period_us=SECOND_US // 10):
         self.reference, self.period_us, self.now_us = reference, period_us, 0
         self.drift = Drift(reference, THRESHOLD_PX)
+        self.classifier = TouchClassifier(reference, self.drift, THRESHOLD_PX)
         self.skin = SkinMotion(reference)
         self.random = np.random.default_rng(1)
 
     def motion_px(self, moved_px):
-        beads = Beads.of(self.reference.position_px + moved_px, np.ones(85, dtype=np.bool_))
-        return self.skin.read(beads).size_px
+        beads = Beads.from_positions(self.reference.position_px + moved_px, np.ones(85, dtype=np.bool_))
+        return self.skin.measure(beads).size_px
 
     def see(self, moved_px, noise_px=NOISE_PX / 4):
         self.now_us += self.period_us
         place = self.reference.position_px + moved_px + noise_px * self.random.standard_normal((85, 2))
-        beads = self.drift.settled(Beads.of(place, np.ones(85, dtype=np.bool_)))
-        return self.drift.judge(beads, self.skin.read(beads).size_px, self.now_us)
+        beads = self.drift.compensate(Beads.from_positions(place, np.ones(85, dtype=np.bool_)))
+        return self.classifier.classify(beads, self.skin.measure(beads), self.now_us)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +83,7 @@ def test_a_camera_that_warms_up_is_followed(watched, drawn_dome, another_dome):
     size_px = np.sqrt((whole**2).sum(axis=1).mean())
     assert 2 < size_px < 5
     seen = {watched.see(whole * math.sin(0.5 * math.pi * t / 1500)) for t in range(1500)}  # 150 s
-    assert seen == {Skin.UNTOUCHED}
+    assert seen == {SkinState.UNTOUCHED}
     assert watched.drift.total_px == pytest.approx(size_px, rel=0.02)
 
 
@@ -90,10 +92,10 @@ def test_the_drift_during_a_touch_is_taken_up_at_its_end(watched, drawn_dome, an
     watched.see(0 * dent)
     before_px = watched.drift.total_px
     for t in range(600):  # a minute
-        assert watched.see(dent + whole * t / 600) is Skin.TOUCHED
+        assert watched.see(dent + whole * t / 600) is SkinState.TOUCHED
         assert watched.drift.total_px == before_px
-    assert watched.see(whole) is Skin.UNTOUCHED
-    assert watched.see(whole + dent_px(0.3, 2.0, 0.3)) is Skin.TOUCHED
+    assert watched.see(whole) is SkinState.UNTOUCHED
+    assert watched.see(whole + dent_px(0.3, 2.0, 0.3)) is SkinState.TOUCHED
 
 
 @pytest.mark.parametrize("begin", [0, 30])
@@ -106,9 +108,9 @@ def test_one_frame_that_moves_as_one_spoils_no_press_after_it(
     faint *= 5 * THRESHOLD_PX / watched.motion_px(faint)
     for number in range(60):
         if number == begin:
-            assert watched.see(faint) is Skin.UNTOUCHED
+            assert watched.see(faint) is SkinState.UNTOUCHED
         else:
-            assert watched.see(dent_px(0.1 * (number % 12), 0.4 * number, 0.5)) is Skin.TOUCHED
+            assert watched.see(dent_px(0.1 * (number % 12), 0.4 * number, 0.5)) is SkinState.TOUCHED
     assert watched.drift.total_px < 0.1 * THRESHOLD_PX
 
 
@@ -121,7 +123,7 @@ def test_a_camera_that_has_moved_a_little_behind_a_touch_is_followed_after_some_
     watched.see(0 * whole)
     for _ in range(300):
         watched.see(dent_px(0.6, 1.0, 1.0))
-    assert {watched.see(whole) for _ in range(20)} == {Skin.UNTOUCHED}
+    assert {watched.see(whole) for _ in range(20)} == {SkinState.UNTOUCHED}
     assert watched.drift.total_px == pytest.approx(size_px, rel=0.1)
 
 
@@ -130,9 +132,9 @@ def test_a_camera_that_has_moved_a_little_behind_a_touch_is_followed_after_some_
 def test_an_hour_of_touch_is_not_tared_away(reference, dent_px, theta, depth):
     watched = Watched(reference, period_us=10 * SECOND_US)
     dent = dent_px(theta, 0.7, depth)
-    assert watched.see(0 * dent) is Skin.UNTOUCHED
+    assert watched.see(0 * dent) is SkinState.UNTOUCHED
     before_px = watched.drift.total_px
-    assert {watched.see(dent) for _ in range(360)} == {Skin.TOUCHED}
+    assert {watched.see(dent) for _ in range(360)} == {SkinState.TOUCHED}
     assert watched.drift.total_px == before_px
 
 
@@ -142,9 +144,9 @@ def test_a_touch_that_takes_ten_minutes_is_seen_and_kept(watched, dent_px, theta
     dent = dent_px(theta, 0.7, 1.0)
     size_px = watched.motion_px(dent)
     said = [watched.see(dent * t / 6000) for t in range(6000)]
-    first = said.index(Skin.TOUCHED)
+    first = said.index(SkinState.TOUCHED)
     assert first / 6000 * size_px < 5 * THRESHOLD_PX  # px of motion before anybody noticed
-    assert set(said[first + 200 :]) == {Skin.TOUCHED}
+    assert set(said[first + 200 :]) == {SkinState.TOUCHED}
     assert watched.drift.total_px < 5 * THRESHOLD_PX
 
 
@@ -157,29 +159,30 @@ def test_no_press_of_the_finite_elements_moves_as_one():
         one = np.ones(len(rest_px))
         for probe in library.probes:
             for theta in np.radians(np.arange(0, 73, 8)):
-                drift = Drift(Reference(rest_px, 20 * one, one, one), THRESHOLD_PX)
-                skin = SkinMotion(Reference(rest_px, 20 * one, one, one))
+                reference = Reference(rest_px, 20 * one, one, one)
+                classifier = TouchClassifier(reference, Drift(reference, THRESHOLD_PX), THRESHOLD_PX)
                 depth_mm = 0.05 * library.largest_depth_mm(theta, probe)
                 field = library.field(beads_mm / 26.5, theta, depth_mm, (0.2 * depth_mm, 0.0), 0.3, probe)
                 place = view.project(beads_mm + field.displacement_mm)
-                beads = Beads.of(place, one > 0)
-                assert drift.judge(beads, skin.read(beads).size_px, 0) is Skin.TOUCHED, (probe, theta)
+                beads = Beads.from_positions(place, one > 0)
+                motion = SkinMotion(reference).measure(beads)
+                assert classifier.classify(beads, motion, 0) is SkinState.TOUCHED, (probe, theta)
 
 
 def test_a_knock_is_no_contact_and_heals(watched, drawn_dome, another_dome):
     whole = moved_camera(drawn_dome, another_dome, 0.5)
     watched.see(0 * whole)
     said = [watched.see(whole) for _ in range(600)]
-    assert said[0] is Skin.KNOCKED
-    assert Skin.TOUCHED not in said
-    assert set(said[-300:]) == {Skin.UNTOUCHED}
+    assert said[0] is SkinState.KNOCKED
+    assert SkinState.TOUCHED not in said
+    assert set(said[-300:]) == {SkinState.UNTOUCHED}
 
 
 def test_there_is_an_end_to_it(watched):
     far = np.tile([1.5 * MAX_TOTAL_PX, 0.0], (85, 1))
     said = [watched.see(far * t / 3000) for t in range(3000)]
     assert watched.drift.total_px == pytest.approx(MAX_TOTAL_PX, abs=0.1)
-    assert said[-1] is Skin.KNOCKED
+    assert said[-1] is SkinState.KNOCKED
 
 
 def warped(image, amount):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.estimator import TARE_FRAMES, Estimator
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.tare import TARE_FRAMES
 
 PRESS = (0.5, 0.8, 1.8)  # theta_rad, phi_rad, depth_mm
 

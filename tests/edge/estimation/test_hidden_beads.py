@@ -11,7 +11,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.vision.blob_detection import plane
+from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 HIDDEN = 25  # of 85

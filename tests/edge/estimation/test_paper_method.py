@@ -46,7 +46,7 @@ class HexagonMesh:
     def neighbours(self, point):
         return np.array([k for k in range(7) if k != point])
 
-    def beside(self, _point):
+    def ring_neighbours(self, _point):
         return 1, 4
 
 

@@ -11,7 +11,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
-from palpate_edge.estimation.slip import SlipWatch
+from palpate_edge.estimation.slip import SlipDetector
 
 FRAME_US = 33_333
 
@@ -30,8 +30,8 @@ def contact(number, theta_rad, across_N=1.2, normal_N=2.0, radius95_mm=0.3, nois
 
 
 def slips(contacts):
-    watch = SlipWatch()
-    return [watch.slips(one) for one in contacts]
+    watch = SlipDetector()
+    return [watch.detect(one) for one in contacts]
 
 
 def test_a_contact_that_travels_with_its_friction_slips():

@@ -194,7 +194,7 @@ def test_neighbours_of_the_apex_are_the_first_ring_and_beside_it_are_two_opposit
     places, ring_of = rings_px(LAYOUTS["1+6+12+18+24+24"])
     made = VirtualPointMesh(places, ring_of)
     assert made.neighbours(0).tolist() == [1, 2, 3, 4, 5, 6]
-    before, behind = made.beside(0)
+    before, behind = made.ring_neighbours(0)
     assert np.allclose((places[before] + places[behind]) / 2, places[0])
 
 
@@ -202,9 +202,9 @@ def test_beside_a_point_are_the_two_next_to_it_on_its_ring():
     places, ring_of = rings_px(LAYOUTS["1+6+12+18+24+24"])
     made = VirtualPointMesh(places, ring_of)
     first, last = 1 + 6 + 12 + 18, 1 + 6 + 12 + 18 + 23
-    assert made.beside(first) == (last, first + 1)
-    assert made.beside(last) == (last - 1, first)
-    assert made.beside(first + 5) == (first + 4, first + 6)
+    assert made.ring_neighbours(first) == (last, first + 1)
+    assert made.ring_neighbours(last) == (last - 1, first)
+    assert made.ring_neighbours(first + 5) == (first + 4, first + 6)
 
 
 def test_beads_without_a_ring_of_six_are_refused():

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate_edge.vision.blob_detection import Appearance, find_blobs, plane, unlit_grey
+from palpate_edge.vision.appearance import Appearance, plane, unlit_grey
+from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.unknown_layout import beads_without_layout
@@ -63,7 +64,7 @@ def test_refined_centres_lie_on_the_drawn_places(scattered, colours, appearance)
     start = places + np.random.default_rng(1).uniform(-2, 2, places.shape)
     refined = Refiner(np.full(40, 12.0)).refine(plane(draw(**colours), appearance), start)
     assert np.linalg.norm(refined.position_px - places, axis=1).max() < 0.1  # the shading pulls it a little
-    assert refined.settled.all()
+    assert refined.converged.all()
     assert (np.abs(refined.area - 1) < 0.2).all()
 
 
@@ -110,7 +111,7 @@ def test_exact_disks_are_found_to_a_twentieth_of_a_pixel(diameter_px, harm, limi
     start = places + random.uniform(-0.15, 0.15, places.shape) * diameter_px
     refined = Refiner(sizes, None, Shading(relative, None)).refine(picture, start)
     assert np.median(np.linalg.norm(refined.position_px - places, axis=1)) < limit_px
-    assert refined.settled.all()
+    assert refined.converged.all()
 
 
 @pytest.mark.parametrize(("skin", "bead"), [(140, 0.1), (140, 0.4), (60, 3.0), (90, 2.0)])

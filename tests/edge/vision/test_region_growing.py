@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.vision.region_growing import Growth
-from palpate_edge.vision.tracker import distances, spacing
+from palpate_edge.geometry.points import distances
+from palpate_edge.vision.neighbourhood import Neighbourhood
+from palpate_edge.vision.region_growing import RegionGrowing
 
 SPACING_PX = 17.0
 
@@ -40,33 +41,33 @@ def windows_on(blobs):
 
 
 @pytest.fixture(scope="module")
-def growth():
+def growing():
     assert len(REST) == 331
-    return Growth(REST, spacing(REST), distances(REST, REST))
+    return RegionGrowing(Neighbourhood(REST))
 
 
 @pytest.mark.parametrize(("depth", "width"), [(0.8, 3.0), (1.1, 4.0), (1.5, 5.0)])
-def test_a_dent_deeper_than_half_a_spacing_is_labelled_right(growth, depth, width):
+def test_a_dent_deeper_than_half_a_spacing_is_labelled_right(growing, depth, width):
     blobs = dent(depth, width)
     windows = windows_on(blobs)
     nearest, found = windows(REST, None)
     wrong = found & (np.linalg.norm(nearest - blobs, axis=1) > 1.0)
     assert wrong.any()
-    assert growth.is_torn(nearest, found)
-    grown, known = growth.grow(nearest, found, windows)
+    assert growing.is_torn(nearest, found)
+    grown, known = growing.grow(nearest, found, windows)
     assert known.mean() > 0.98
     assert np.abs(grown - blobs)[known].max() < 1e-9
-    assert not growth.is_torn(grown, known)
+    assert not growing.is_torn(grown, known)
 
 
-def test_a_shallow_dent_is_not_torn(growth):
-    assert not growth.is_torn(dent(0.4, 4.0), np.ones(len(REST), dtype=np.bool_))
+def test_a_shallow_dent_is_not_torn(growing):
+    assert not growing.is_torn(dent(0.4, 4.0), np.ones(len(REST), dtype=np.bool_))
 
 
-def test_without_quiet_skin_nothing_is_guessed(growth):
+def test_without_quiet_skin_nothing_is_guessed(growing):
     """The camera was knocked: all beads went as far."""
     moved = REST + np.array([0.45 * SPACING_PX, 0.0])
     found = np.ones(len(REST), dtype=np.bool_)
-    grown, known = growth.grow(moved, found, windows_on(moved))
+    grown, known = growing.grow(moved, found, windows_on(moved))
     assert (grown == moved).all()
     assert known.all()

@@ -8,8 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from palpate_edge.vision.blob_detection import Appearance, plane
-from palpate_edge.vision.tracker import NO_PARTNER, Reference, Tracker, assign, distances, spread
+from palpate_edge.geometry.points import distances
+from palpate_edge.vision.appearance import Appearance, plane
+from palpate_edge.vision.assignment import NO_PARTNER, assign
+from palpate_edge.vision.beads import Reference
+from palpate_edge.vision.neighbourhood import interpolate
+from palpate_edge.vision.tracker import Tracker
 
 SPACING_PX = 22.0
 
@@ -140,11 +144,11 @@ def test_without_candidates_nobody_has_a_partner():
     assert set(assign(grid(), np.zeros((0, 2)), np.full(49, SPACING_PX))) == {NO_PARTNER}
 
 
-def test_spread_of_a_constant_is_that_constant():
+def test_interpolating_a_constant_gives_that_constant():
     random = np.random.default_rng(2)
     known, wanted = random.uniform(0, 200, (30, 2)), random.uniform(-500, 500, (9, 2))
     value = np.tile([3.0, -4.0], (30, 1))
-    assert np.allclose(spread(known, value, wanted, np.full(9, 12.0)), [3.0, -4.0])
+    assert np.allclose(interpolate(distances(wanted, known) / 12.0, value), [3.0, -4.0])
 
 
 def test_labels_hold_from_one_touch_to_the_opposite_one(another_dome):

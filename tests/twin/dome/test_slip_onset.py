@@ -10,10 +10,11 @@ import pytest
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.common.contact import Contact
-from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
-from palpate_edge.estimation.slip import SlipWatch
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.slip import SlipDetector
+from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Markers, Ring, View, bead_layout_mm
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.vision.beads import Beads
 from palpate_twin.dome.dome_samples import CAMERA, LAYOUTS
 from palpate_twin.dome.equilibrium import ElasticDome
 from palpate_twin.dome.mesh import Resolution, dome_mesh
@@ -60,9 +61,9 @@ def slide(probe, friction, slide_mm):
         held_before = anchor
         place = view.project(beads_mm + sample(pressed.displacement_mm))
         place = place + NOISE_PX * random.standard_normal(place.shape)
-        field = reader.read(Beads.of(place, np.ones(len(place), dtype=np.bool_)))
+        field = reader.read(Beads.from_positions(place, np.ones(len(place), dtype=np.bool_)))
         direction, force, radius_mm = model.predict(field.values[None], np.zeros(1))
-        turn = about_z(field.azimuth_rad)
+        turn = rotation_about_z(field.azimuth_rad)
         position, force_N = 30 * turn @ direction[0], SHEAR_MODULUS * turn @ force[0]
         at_us = round(1e6 * number * SLIDE_MM / STEPS / SPEED_MM_S)
         contact = Contact(
@@ -76,8 +77,8 @@ def slide(probe, friction, slide_mm):
 @pytest.mark.fem
 def test_a_sphere_that_slides_over_the_dome_slips():
     steps = slide(Probe.SPHERE10, 0.6, SLIDE_MM)
-    watch = SlipWatch()
-    said = [watch.slips(step.contact) for step in steps]
+    watch = SlipDetector()
+    said = [watch.detect(step.contact) for step in steps]
     onset_mm = next(step.slide_mm for step in steps if step.slipping > 0.9)
     flagged_mm = next(step.slide_mm for step, slips in zip(steps, said, strict=True) if slips)
     assert onset_mm <= flagged_mm <= onset_mm + 2.0
@@ -88,14 +89,14 @@ def test_a_sphere_that_slides_over_the_dome_slips():
 def test_a_sphere_that_sticks_does_not():
     steps = slide(Probe.SPHERE10, 1.5, 1.0)
     assert max(step.slipping for step in steps[5:]) < 0.5
-    watch = SlipWatch()
-    assert not any(watch.slips(step.contact) for step in steps)
+    watch = SlipDetector()
+    assert not any(watch.detect(step.contact) for step in steps)
 
 
 @pytest.mark.fem
 def test_a_flat_face_that_slides_is_not_told():
     """The beads cannot see it: the limit that docs/calibrating.md states."""
     steps = slide(Probe.PLATE, 0.3, 0.8)
-    watch = SlipWatch()
-    assert not any(watch.slips(step.contact) for step in steps)
+    watch = SlipDetector()
+    assert not any(watch.detect(step.contact) for step in steps)
     assert steps[-5].slipping > 0.9

@@ -22,16 +22,16 @@ from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER
 from palpate_edge.calibration.training.kernel_ridge import SIZE_WEIGHT, Regression
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
+from palpate_edge.estimation.contact_validation import MAX_MISFIT
 from palpate_edge.estimation.correction_model import SENSOR_KEY, CorrectionModel
 from palpate_edge.estimation.displacement_field import CanonicalField
-from palpate_edge.estimation.estimator import MAX_MISFIT
 
 LEVEL = 0.25  # after each point, to multiply what is the same for all points; of their own size
 OPSET = 17
 IR_VERSION = 8
 PRECISIONS: dict[type[np.floating], int] = {np.float32: TensorProto.FLOAT, np.float64: TensorProto.DOUBLE}
 MAX_DIRECTION_ERROR = 1e-3  # 0.03 mm on the paper's dome; usual is a seventh of it
-MAX_MISFIT_ERROR = 0.02  # of estimator.MAX_MISFIT and the misfit together
+MAX_MISFIT_ERROR = 0.02  # of contact_validation.MAX_MISFIT and the misfit together
 MAX_FORCE_ERROR = 1e-2  # of the largest force; usual is an eighth of it
 
 

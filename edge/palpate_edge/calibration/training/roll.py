@@ -20,7 +20,8 @@ from palpate_edge.calibration.measurement import Measured
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import TrainingPress
-from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Sensor, View
 
 ROLL_SIGMA_RAD = 0.02  # of assembly, as in camera_fit.PRIOR_SIGMA
@@ -40,7 +41,7 @@ def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], do
     )
     along = across = 0.0
     for field, direction, press in zip(fields, given, presses, strict=True):
-        x, y, _ = about_z(field.azimuth_rad) @ direction
+        x, y, _ = rotation_about_z(field.azimuth_rad) @ direction
         along += float(x * press.direction[0] + y * press.direction[1])
         across += float(x * press.direction[1] - y * press.direction[0])
     told = max(0.0, along) / MODEL_SIGMA**2
@@ -49,12 +50,14 @@ def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], do
 
 def turned(measured: Measured, sensor: Sensor, roll_rad: float) -> Measured:
     """The same pictures with camera and layout turned about z."""
-    turn, pose = about_z(roll_rad), measured.sight.pose
+    turn, pose = rotation_about_z(roll_rad), measured.registration.pose
     rotation, _ = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
     rodrigues, _ = cv2.Rodrigues(turn @ rotation)
     nominal_mm = np.asarray(sensor.camera.position_mm)
     x, y, z = (turn @ (nominal_mm + pose.offset_mm) - nominal_mm).tolist()
     a, b, c = rodrigues.ravel().tolist()
     pose = msgspec.structs.replace(pose, offset_mm=(x, y, z), rotation_rad=(a, b, c))
-    sight = replace(measured.sight, pose=pose, layout_mm=measured.sight.layout_mm @ turn.T)
-    return replace(measured, sight=sight, view=View(sensor.camera, pose))
+    registration = replace(
+        measured.registration, pose=pose, layout_mm=measured.registration.layout_mm @ turn.T
+    )
+    return replace(measured, registration=registration, view=View(sensor.camera, pose))

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibration.measurement import Measured
 from palpate_edge.common.arrays import Array
-from palpate_edge.estimation.displacement_field import DisplacementReader, about_z, mirrored
+from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.vision.beads import Beads
 
 TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
 MAX_HIDDEN = 0.3
@@ -55,7 +56,7 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
             beads,
             np.array(press.position_mm) / np.linalg.norm(press.position_mm),
             np.array(press.force_N),
-            faintness(skin.read(beads).size_px, measured.threshold_px),
+            faintness(skin.measure(beads).size_px, measured.threshold_px),
         )
         for press, beads in measured.touches
         if press.position_mm is not None
@@ -82,7 +83,7 @@ def make_samples(
             if copy or vary_all:
                 beads, turn = _hide(press.beads, rng), float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
-            to_canonical = about_z(field.azimuth_rad).T
+            to_canonical = rotation_about_z(field.azimuth_rad).T
             direction, force = to_canonical @ press.direction, to_canonical @ press.force_N
             for values, sign in ((field.values, np.ones(3)), (mirrored(field.values), MIRROR)):
                 fields.append(values)
@@ -109,4 +110,4 @@ def _hide(beads: Beads, rng: np.random.Generator) -> Beads:
     lost = rng.permutation(count)[: int(rng.uniform(0.0, MAX_HIDDEN) * count)]
     found = beads.found.copy()
     found[lost] = False
-    return Beads.of(beads.position_px, found)
+    return Beads.from_positions(beads.position_px, found)

@@ -20,7 +20,7 @@ from palpate_edge.estimation.correction_model import CorrectionModel
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.estimator import Estimator
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.vision.beads import Beads
 from palpate_twin.dome.library import load_library
 
 HIDDEN_SHARE = 0.3
@@ -90,7 +90,8 @@ def test_hidden_beads_double_the_error_at_most(sample, sample_calibration):
         some = beads.found.copy()
         some[rng.permutation(len(some))[: round(HIDDEN_SHARE * len(some))]] = False
         answers = [
-            model.correct(reader.read(Beads.of(beads.position_px, found))) for found in (beads.found, some)
+            model.correct(reader.read(Beads.from_positions(beads.position_px, found)))
+            for found in (beads.found, some)
         ]
         errors_mm.append([30.0 * np.linalg.norm(a.direction - press.direction) for a in answers])
         radii_mm.append([a.radius95_mm for a in answers])

@@ -14,7 +14,8 @@ from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.calibration.training.roll import camera_roll, turned
 from palpate_edge.calibration.training.samples import training_presses
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.displacement_field import DisplacementReader, about_z
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.geometry.angles import rotation_about_z
 
 ROLL_RAD = 0.03
 PRESSES = 30
@@ -49,9 +50,9 @@ def test_a_camera_turned_by_hand_is_turned_back(sample, measured):
 
 
 def test_turning_changes_no_picture(sample, measured):
-    before = measured.view.project(measured.sight.layout_mm)
+    before = measured.view.project(measured.registration.layout_mm)
     after = turned(measured, sample.sensor, ROLL_RAD)
-    np.testing.assert_allclose(after.view.project(after.sight.layout_mm), before, atol=1e-9)
+    np.testing.assert_allclose(after.view.project(after.registration.layout_mm), before, atol=1e-9)
 
 
 def test_no_press_tells_no_roll(sample, measured):
@@ -60,7 +61,7 @@ def test_no_press_tells_no_roll(sample, measured):
 
 def test_a_calibration_with_a_learned_layout_has_the_roll_of_its_presses(sample):
     """The probe's frame is turned against the camera: without rings only the presses know it."""
-    turn = about_z(ROLL_RAD)
+    turn = rotation_about_z(ROLL_RAD)
     presses = tuple(
         replace(
             press,

@@ -19,7 +19,7 @@ from palpate_edge.calibration.training.samples import (
 from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.tracker import Beads
+from palpate_edge.vision.beads import Beads
 
 PRESSES = ((0.5, 0.4, 1.5), (0.9, -2.0, 0.8), (0.2, 3.0, 2.0))  # theta_rad, phi_rad, depth_mm
 
@@ -29,7 +29,7 @@ def press_at(dome, theta_rad, phi_rad, depth_mm):
     direction = np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
     at_px = dome.project(dome.pressed_mm(theta_rad, phi_rad, depth_mm))
     found = np.ones(len(at_px), dtype=np.bool_)
-    return TrainingPress(Beads.of(at_px, found), direction, -depth_mm * direction, 2.0)
+    return TrainingPress(Beads.from_positions(at_px, found), direction, -depth_mm * direction, 2.0)
 
 
 @pytest.fixture(scope="module")

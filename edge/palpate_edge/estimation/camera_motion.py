@@ -1,0 +1,67 @@
+"""Camera motion: the displacement of all beads that a moved camera makes, and the dent that remains.
+
+Warming and knocks move the camera against the dome, change its focal length or swell the silicone. All of it
+displaces the beads in the image by nearly the same six motions: two shifts, a rotation, a zoom and two tilts.
+No press does: at least a quarter of its displacement is a dent that these six cannot make.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_edge.vision.beads import Beads, Reference
+from palpate_edge.vision.neighbourhood import mean_over_found, rms, row_normalised
+
+MOTIONS = 6
+DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
+
+
+class SplitMotion(NamedTuple):
+    """A displacement (n, 2) as the sum of two: common_px, which a moved camera makes, and dent_px.
+
+    dent_px is 0 for beads that were not found.
+    """
+
+    common_px: Array
+    dent_px: Array
+
+
+class CameraMotion:
+    """Splits displacements of one sensor's beads by least squares."""
+
+    def __init__(self, reference: Reference) -> None:
+        modes = camera_modes(reference.position_px)
+        self._modes = modes
+        self._flat_modes = modes.reshape(-1, MOTIONS)  # NumPy multiplies a stack of small matrices slowly
+        self._fit = np.linalg.pinv(self._flat_modes)
+        self._averaging = reference.neighbourhood.weights(DENT_LENGTH)
+        self._averaging_all = row_normalised(self._averaging).astype(np.float32)
+
+    def split(self, displacement_px: Array, beads: Beads) -> SplitMotion:
+        """Split a displacement (n, 2); only found beads determine the common part."""
+        if not len(beads.lost):
+            common = (self._flat_modes @ (self._fit @ displacement_px.ravel())).reshape(-1, 2)
+            return SplitMotion(common, displacement_px - common)
+        found = beads.found
+        modes = self._modes[found].reshape(-1, MOTIONS)
+        amounts = np.linalg.solve(modes.T @ modes, modes.T @ displacement_px[found].ravel())
+        common = (self._flat_modes @ amounts).reshape(-1, 2)
+        return SplitMotion(common, np.where(found[:, None], displacement_px - common, 0.0))
+
+    def dent_size_px(self, dent_px: Array, beads: Beads) -> float:
+        """Return the root mean square, over the found beads, of the dent averaged over their neighbours."""
+        if not len(beads.lost):
+            return rms(self._averaging_all @ dent_px.astype(np.float32))
+        return rms(mean_over_found(self._averaging, dent_px, beads.found)[beads.found])
+
+
+def camera_modes(position_px: Array) -> Array:
+    """Return the displacements (n, 2, 6) by shifts in x and y, rotation, zoom, two tilts; beads at (n, 2)."""
+    centred = position_px - position_px.mean(axis=0)
+    x, y = (centred / np.abs(centred).max()).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    modes = (one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)
+    return np.stack([np.stack(mode, axis=1) for mode in modes], axis=2)

@@ -1,0 +1,44 @@
+"""The corrected method: canonical displacement field -> correction model -> contact position and force."""
+
+from __future__ import annotations
+
+from palpate_edge.common.errors import CalibrationError
+from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.estimation.correction_model import CorrectionModel
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.frame_record import FrameRecord, LocatedContact
+
+
+class CorrectedMethod:
+    """Locates contacts with the calibration's correction model."""
+
+    def __init__(self, calibration: Calibration, reader: DisplacementReader, model: CorrectionModel) -> None:
+        """reader: of the beads' reference."""
+        self._dome_radius_mm = calibration.sensor.dome.outer_radius_mm
+        self._gives_force = calibration.stiffness_scale is not None
+        self._reader = reader
+        self._model = model
+
+    def locate(self, record: FrameRecord) -> LocatedContact:
+        """Return the contact; the normal force is the force's component along the inward normal."""
+        result = self._model.correct(self._reader.read(record.beads, hidden=record.hidden))
+        (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
+        radius_mm = self._dome_radius_mm
+        position = radius_mm * x, radius_mm * y, radius_mm * z
+        if not self._gives_force:
+            return LocatedContact(position, None, None, result.radius95_mm, result.misfit)
+        normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
+        return LocatedContact(position, normal_N, result.force_N, result.radius95_mm, result.misfit)
+
+
+def load_model(calibration: Calibration) -> CorrectionModel:
+    """Load the calibration's correction model.
+
+    Raises CalibrationError when the calibration has none, or one that cannot be used.
+    """
+    if not calibration.model:
+        raise CalibrationError(
+            "the calibration holds no correction model: choose the method paper, or run palpate-edge "
+            "calibrate with presses"
+        )
+    return CorrectionModel(calibration.model, calibration.sensor.fingerprint())

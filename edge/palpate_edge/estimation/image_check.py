@@ -1,0 +1,43 @@
+"""Image check: frames that cannot show the beads are rejected before anything is searched in them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from palpate_edge.common.arrays import Image
+from palpate_edge.estimation.frame_record import FrameRejectedError
+
+MIN_DEVIATION = 2.0  # grey levels, standard deviation over the image; less is a blank frame
+BLANK_ROW_STEP = 40  # every 40th row is read for it
+
+
+class ImageCheck:
+    """Checks size and content of one camera's images, and that each differs from the one before."""
+
+    def __init__(self, image_size_px: tuple[int, int]) -> None:
+        """image_size_px: (width, height) of the calibration's images."""
+        self._size_px = image_size_px
+        self._last_image: Image | None = None
+
+    def check(self, image: Image) -> None:
+        """Raise FrameRejectedError for an image of another size, a repeated or a blank one."""
+        last, self._last_image = self._last_image, image
+        width, height = self._size_px
+        if image.shape[:2] != (height, width):
+            raise FrameRejectedError(
+                f"frame is {image.shape[1]}x{image.shape[0]}, the calibration is for {width}x{height}"
+            )
+        if last is not None and _is_same(last, image):
+            raise FrameRejectedError("frame is the same as the one before: the camera is frozen")
+        _, deviation = cv2.meanStdDev(image[::BLANK_ROW_STEP])
+        if max(deviation.ravel().tolist()) < MIN_DEVIATION:
+            raise FrameRejectedError("frame is blank")
+
+
+def _is_same(last: Image, image: Image) -> bool:
+    """Return whether two images are equal. Camera noise never repeats; most differ in the middle row."""
+    middle = len(image) // 2
+    if last.shape != image.shape:
+        return False
+    return last[middle].tobytes() == image[middle].tobytes() and np.array_equal(last, image)

@@ -1,0 +1,24 @@
+"""Plausibility of a frame's beads: whether they belong to this skin and show enough of it."""
+
+from __future__ import annotations
+
+from palpate_edge.common.contact import MIN_BEADS_SHARE
+from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
+from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS
+
+MAX_BLIND_SPOT = 0.65  # HiddenBeads.blind_spot; a contact in a larger one could not be seen
+
+
+def check_beads(record: FrameRecord) -> None:
+    """Raise ImplausibleBeadsError for too few beads, beads of another skin, or a hidden region."""
+    found, expected = record.found_count, len(record.beads.found)
+    if found < MIN_BEADS_SHARE * expected:
+        raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
+    if record.motion.roughness > MAX_ROUGHNESS:
+        raise ImplausibleBeadsError("beads do not move as one skin: another sensor, or no dome")
+    if record.hidden.blind_spot > MAX_BLIND_SPOT:
+        raise ImplausibleBeadsError("the beads of a whole region are hidden")
+
+
+class ImplausibleBeadsError(FrameRejectedError):
+    """Beads that may bear wrong numbers: the tracker has to start again from the reference."""

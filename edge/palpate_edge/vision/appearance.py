@@ -1,0 +1,49 @@
+"""Appearance of beads: the channel on which they stand out, and the plane that is read from an image."""
+
+from __future__ import annotations
+
+import cv2
+import msgspec
+import numpy as np
+
+from palpate_edge.common.arrays import Image, Plane
+
+CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R
+    "grey": (0.114, 0.587, 0.299),
+    "blue": (1.0, 0.0, 0.0),
+    "green": (0.0, 1.0, 0.0),
+    "red": (0.0, 0.0, 1.0),
+    "blue-red": (0.5, 0.0, -0.5),
+    "green-red": (0.0, 0.5, -0.5),
+    "blue-green": (0.5, -0.5, 0.0),
+}
+
+
+class Appearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How beads stand out: on which channel, and whether they are brighter than the skin there."""
+
+    channel: str = "grey"
+    bright: bool = False
+
+
+def plane(image: Image, appearance: Appearance) -> Plane:
+    """Return the image's channel (height, width), signed so that beads are dark.
+
+    The type is uint8 for grey, else float32.
+    """
+    if image.ndim == 2 or appearance.channel == "grey":
+        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        return np.asarray(cv2.bitwise_not(grey) if appearance.bright else grey, dtype=np.uint8)
+    sign = -1.0 if appearance.bright else 1.0
+    weights = np.asarray([CHANNELS[appearance.channel]], dtype=np.float32) * np.float32(sign)
+    return np.asarray(cv2.transform(image.astype(np.float32), weights), dtype=np.float32)
+
+
+def unlit_grey(appearance: Appearance) -> float | None:
+    """Return the plane's value where no light falls; None for a difference of two colours.
+
+    Such a difference is 0 in white light of any strength.
+    """
+    if "-" in appearance.channel:
+        return None
+    return 255.0 if appearance.bright and appearance.channel == "grey" else 0.0

@@ -1,0 +1,59 @@
+"""Numbered beads: those of the untouched sensor, and those of one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array, Indices, Mask
+from palpate_edge.vision.neighbourhood import Neighbourhood
+from palpate_edge.vision.shading import Shading
+
+NO_BEADS: Indices = np.empty(0, np.intp)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The n beads of the untouched sensor as its camera sees them.
+
+    position_px (n, 2); diameter_px, contrast, area (n,); shading: of the skin about the beads; unevenness
+    (n,): see subpixel.Refined. The last two are None where only one frame is known.
+    """
+
+    position_px: Array
+    diameter_px: Array
+    contrast: Array
+    area: Array
+    shading: Shading | None = None
+    unevenness: Array | None = None
+
+    @cached_property
+    def neighbourhood(self) -> Neighbourhood:
+        """Distances and weights between the beads, computed once."""
+        return Neighbourhood(self.position_px)
+
+
+@dataclass(frozen=True, slots=True)
+class Beads:
+    """The beads of one frame, in the reference's order.
+
+    position_px (n, 2): measured where `found` (n,), else predicted from the found neighbours; lost (m,):
+    the beads that were not found; searched: the whole image had to be searched.
+    """
+
+    position_px: Array
+    found: Mask
+    lost: Indices
+    searched: bool
+
+    @classmethod
+    def from_positions(cls, position_px: Array, found: Mask, *, searched: bool = False) -> Beads:
+        """Return the beads at `position_px` (n, 2), of which `found` (n,) were measured."""
+        return cls(position_px, found, NO_BEADS if found.all() else np.flatnonzero(~found), searched)
+
+    @property
+    def found_count(self) -> int:
+        """Number of beads that were found."""
+        return len(self.found) - len(self.lost)

@@ -1,0 +1,77 @@
+"""Checks of the beads' numbers: whether a bead may have been taken for its neighbour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array, Mask
+from palpate_edge.vision.beads import Reference
+
+Labelling = tuple[Array, Mask]
+"""One reading of a frame: places (n, 2) of the numbered beads, and which (n,) were found."""
+
+PAIR_RANGE = 3.0  # spacings: beads nearer than that can come to lie on each other
+JUMP = 0.2  # of the spacing, from one frame to the next
+LOST_DISPLACEMENT = 0.5  # spacings that a lost bead counts as displaced
+
+
+class LabelCheck:
+    """Compares the beads of a frame with each other and with the frame before."""
+
+    def __init__(self, reference: Reference) -> None:
+        neighbourhood = reference.neighbourhood
+        spacing_px, diameter_px = neighbourhood.spacing_px, reference.diameter_px
+        self._reference_px = reference.position_px
+        self._pairs = neighbourhood.pairs(PAIR_RANGE)
+        self._overlap_squared = (0.5 * diameter_px[self._pairs[0]]) ** 2
+        gap_px = spacing_px - 0.5 * diameter_px
+        self._min_overlap_squared = (float(gap_px.min()) / 2) ** 2  # two beads that approach each other
+        self._jump_squared = (JUMP * spacing_px) ** 2
+        self._min_jump_squared = float(self._jump_squared.min())
+        self._lost_disorder = float(np.median(LOST_DISPLACEMENT * spacing_px)) ** 2
+
+    def has_jumped(self, labelling: Labelling, last_px: Array) -> bool:
+        """Return whether a bead moved so far since `last_px` (n, 2) that it may be its neighbour.
+
+        That is another contact, not the same one a frame later.
+        """
+        position_px, found = labelling
+        step = position_px - last_px
+        squared = np.vecdot(step, step)
+        if squared.max() <= self._min_jump_squared:
+            return False
+        return bool(((squared > self._jump_squared) & found).any())
+
+    def more_ordered(self, one: Labelling, other: Labelling) -> Labelling:
+        """Return the labelling with the lower disorder; ties keep the first."""
+        return other if self._disorder(*other) < self._disorder(*one) else one
+
+    def _disorder(self, position_px: Array, found: Mask) -> float:
+        """Return the mean square difference of neighbours' displacements, px^2.
+
+        A bead taken for its neighbour makes it large.
+        """
+        displacement = position_px - self._reference_px
+        first, second = self._pairs
+        apart = ((displacement[first] - displacement[second]) ** 2).sum(axis=1)
+        lost = ~(found[first] & found[second])
+        return float(np.where(lost, self._lost_disorder, apart).mean())
+
+    def drop_doubles(self, labelling: Labelling, last_px: Array) -> Labelling:
+        """Clear `found` of beads that share a place with another one that came from nearer by.
+
+        Changes `found` in place and returns the labelling.
+        """
+        position_px, found = labelling
+        displacement = position_px - self._reference_px
+        if np.vecdot(displacement, displacement).max() < self._min_overlap_squared:
+            return labelling
+        first, second = self._pairs
+        apart = position_px[first] - position_px[second]
+        near = (apart**2).sum(axis=1) < self._overlap_squared
+        near &= found[first] & found[second]
+        if near.any():
+            step_px = np.linalg.norm(position_px - last_px, axis=1)
+            first, second = first[near], second[near]
+            found[np.where(step_px[first] > step_px[second], first, second)] = False
+        return labelling
