@@ -34,7 +34,7 @@ Locator = PaperMethod | CorrectedMethod
 
 
 class Method(Enum):
-    """How a contact is computed from the beads."""
+    """Method by which a contact is computed from the beads."""
 
     PAPER = "paper"
     CORRECTED = "corrected"

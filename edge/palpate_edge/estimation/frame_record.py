@@ -36,7 +36,7 @@ NO_CONTACT = LocatedContact(None, 0.0, (0.0, 0.0, 0.0), None)
 
 @dataclass(slots=True, eq=False, repr=False)
 class FrameRecord:
-    """What is known of one frame.
+    """One frame and the results of the stages that it has passed.
 
     A field is set by the stage that its comment names; to read it earlier raises AttributeError.
     """

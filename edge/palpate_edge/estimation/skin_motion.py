@@ -1,4 +1,4 @@
-"""Skin motion: how far the beads are displaced, the quantity that tells contact from no contact.
+"""Skin motion: how far the beads are displaced, and whether they move as one skin.
 
 A press displaces neighbouring beads alike; camera noise displaces each on its own. Displacements are
 therefore averaged over a neighbourhood of about two bead spacings before their size is taken. On the press
@@ -63,7 +63,7 @@ class SkinMotion:
 def faintness(motion_px: float, threshold_px: float) -> float:
     """Return the factor, at least 1, by which the position error grows for a faint contact.
 
-    A bead's place has an error of a few hundredths of a pixel whatever displaces it, so the error of the
+    A bead's place has an error of a few hundredths of a pixel at any displacement, so the error of the
     contact's position grows as 1 / motion. Motion up to the contact threshold may be no signal at all.
     """
     return math.hypot(1.0, FAINT * threshold_px / max(motion_px - threshold_px, 1e-3 * threshold_px))

@@ -1,10 +1,10 @@
-"""Rings of beads -> ellipses -> virtual points (Eq. 1) -> triangles -> area change (Figs. 4-7 of the paper).
+"""Virtual points: rings of beads -> ellipses -> points (Eq. 1) -> triangles -> area change (Figs. 4-7).
 
 Choices where the paper leaves a question open:
 
 - Eq. (1b) as printed is an ellipse whose axes are the image's. A fitted ellipse is rotated by an angle alpha,
   which is arbitrary for a near circle and jumps from frame to frame. The points are therefore taken at the
-  parameter theta_n - alpha and rotated by alpha: the virtual points keep their places whatever alpha is.
+  parameter theta_n - alpha and rotated by alpha: the virtual points keep their places for every alpha.
 - theta_1 is the azimuth of the ring's first bead in the reference frames (averaged over all beads of the
   ring, which are evenly spaced), t_n the ring's number of beads.
 - A ring of fewer than `MIN_ELLIPSE_BEADS` beads (the bead at the apex) has no ellipse; its beads are the

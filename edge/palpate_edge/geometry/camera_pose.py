@@ -1,4 +1,4 @@
-"""Where the camera really is: fits a CameraPose to beads whose places on the dome are known."""
+"""Camera pose: fit of a CameraPose to beads whose places on the dome are known."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
 
-# One-sigma spread of what assembly does to a camera; a bead's own place scatters by about a pixel.
-# They keep focal length and distance, which look alike from one view, near their nominal values.
+# Standard deviations of assembly tolerances; a bead's own place scatters by about a pixel. They keep focal
+# length and distance, which one view cannot distinguish, near their nominal values.
 PRIOR_SIGMA = np.array([0.5, 0.5, 0.5, 0.02, 0.02, 0.02, 0.02])  # mm, mm, mm, rad, rad, rad, 1
 BEAD_SIGMA_PX = 1.0
 ITERATIONS = 12
@@ -16,13 +16,13 @@ STEP = 1e-5
 
 
 def pose_from(parameters: Array) -> CameraPose:
-    """Seven numbers: offset x, y, z in mm, Rodrigues vector in rad, focal scale minus 1."""
+    """Return the pose of (7,) numbers: offset x, y, z, mm, Rodrigues vector, rad, focal scale minus 1."""
     x, y, z, a, b, c, scale = (float(value) for value in parameters)
     return CameraPose((x, y, z), (a, b, c), 1.0 + scale)
 
 
 def fit_pose(camera: Camera, layout_mm: Array, pixels: Array) -> CameraPose:
-    """The pose that projects `layout_mm` (n, 3) in F onto `pixels` (n, 2), robust to a few wrong pairs.
+    """Fit the pose that projects `layout_mm` (n, 3) in F onto `pixels` (n, 2), robust to a few wrong pairs.
 
     Gauss-Newton on Huber-weighted reprojection residuals with the assembly prior.
     """
@@ -47,4 +47,5 @@ def fit_pose(camera: Camera, layout_mm: Array, pixels: Array) -> CameraPose:
 
 
 def _residual(camera: Camera, parameters: Array, layout_mm: Array, pixels: Array) -> Array:
+    """Return the reprojection residuals (n, 2) in pixels."""
     return View(camera, pose_from(parameters)).project(layout_mm) - pixels

@@ -1,8 +1,8 @@
 """The sensor: dome, markers and camera; pixels to points on the dome and back, in the fingertip frame F.
 
 F has its origin at the common centre of the dome's spheres, +z from the base to the apex, +x to the image's
-right and +y to its bottom. The camera sits near ``position_mm`` on -z and looks along +z; what it really
-looks like (offset, tilt, focal length) is a :class:`CameraPose` that the calibration solves for.
+right and +y to its bottom. The camera lies near ``position_mm`` on -z and looks along +z; its deviations from
+that (offset, tilt, focal length) are a :class:`CameraPose` that the calibration fits.
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ from typing import Literal
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Indices
 
 
 class Dome(msgspec.Struct, frozen=True):
-    """Silicone hemisphere."""
+    """A silicone hemisphere."""
 
     outer_radius_mm: float
     wall_mm: float
 
 
 class Ring(msgspec.Struct, frozen=True):
-    """`count` beads at polar angle `theta_deg`, the first at azimuth `phi0_deg`, evenly spaced."""
+    """A ring of `count` evenly spaced beads at polar angle `theta_deg`, the first at azimuth `phi0_deg`."""
 
     theta_deg: float
     count: int
@@ -34,7 +33,7 @@ class Ring(msgspec.Struct, frozen=True):
 
 
 class Markers(msgspec.Struct, frozen=True):
-    """Beads on a sphere of `radius_mm`; `rings` is empty when the layout is to be learned."""
+    """Beads on a sphere of `radius_mm`; without `rings` the calibration learns the layout."""
 
     radius_mm: float
     diameter_mm: float
@@ -42,7 +41,7 @@ class Markers(msgspec.Struct, frozen=True):
 
 
 class Camera(msgspec.Struct, frozen=True):
-    """Nominal camera; `matrix` is fx, fy, cx, cy in pixels, `distortion` OpenCV's coefficients."""
+    """The nominal camera; `matrix` is fx, fy, cx, cy in pixels, `distortion` OpenCV's coefficients."""
 
     width: int
     height: int
@@ -54,9 +53,9 @@ class Camera(msgspec.Struct, frozen=True):
 
 
 class CameraPose(msgspec.Struct, frozen=True):
-    """What differs from the nominal camera.
+    """Deviations of a real camera from the nominal one.
 
-    offset_mm: added to the nominal position; rotation_rad: Rodrigues vector of the camera against F;
+    offset_mm: added to the nominal position; rotation_rad: Rodrigues vector of the camera in F;
     focal_scale: multiplies fx and fy.
     """
 
@@ -66,7 +65,7 @@ class CameraPose(msgspec.Struct, frozen=True):
 
 
 class Sensor(msgspec.Struct, frozen=True):
-    """All of a press dataset's ``sensor.toml``. Keys that are not named here are ignored."""
+    """The content of a press dataset's ``sensor.toml``; other keys are ignored."""
 
     dome: Dome
     markers: Markers
@@ -74,17 +73,17 @@ class Sensor(msgspec.Struct, frozen=True):
 
     @property
     def image_size_px(self) -> tuple[int, int]:
-        """(width, height)."""
+        """Width and height of the images."""
         return self.camera.width, self.camera.height
 
     def fingerprint(self) -> str:
-        """16 hex digits that change with every value of the description but the frame rate."""
+        """Return 16 hex digits that depend on every value of the description except the frame rate."""
         at_any_rate = msgspec.structs.replace(self, camera=msgspec.structs.replace(self.camera, fps=0.0))
         return hashlib.sha256(msgspec.json.encode(at_any_rate)).hexdigest()[:16]
 
 
-def bead_layout_mm(markers: Markers) -> tuple[Array, NDArray[np.intp]]:
-    """Bead centres on their sphere, (n, 3) in F, and each bead's ring index, (n,)."""
+def bead_layout_mm(markers: Markers) -> tuple[Array, Indices]:
+    """Return the bead centres on their sphere, (n, 3) in F, and each bead's ring index, (n,)."""
     points, ring_of = [], []
     for index, ring in enumerate(markers.rings):
         phi = np.radians(ring.phi0_deg) + 2 * np.pi * np.arange(ring.count) / ring.count
@@ -98,7 +97,7 @@ def bead_layout_mm(markers: Markers) -> tuple[Array, NDArray[np.intp]]:
 
 
 class View:
-    """The camera as it is: projects points of F to pixels and pixels to a sphere about F's origin."""
+    """A real camera: projects points of F to pixels, and pixels to a sphere about F's origin."""
 
     def __init__(self, camera: Camera, pose: CameraPose | None = None) -> None:
         pose = pose or CameraPose()
@@ -113,7 +112,7 @@ class View:
         self.position_mm: Array = np.asarray(camera.position_mm, dtype=np.float64) + pose.offset_mm
 
     def project(self, points_mm: Array) -> Array:
-        """(n, 3) points in F, mm -> (n, 2) pixels."""
+        """Return the pixels (n, 2) of points (n, 3) in F, mm."""
         in_camera = np.ascontiguousarray((points_mm - self.position_mm) @ self._rotation).reshape(-1, 1, 3)
         zero = np.zeros(3)
         project = cv2.fisheye.projectPoints if self._fisheye else cv2.projectPoints
@@ -121,7 +120,7 @@ class View:
         return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
     def rays(self, pixels: Array) -> Array:
-        """(n, 2) pixels -> (n, 3) unit directions in F, from the camera outwards."""
+        """Return the unit directions (n, 3) in F of the rays through pixels (n, 2)."""
         undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
         flat = undistort(np.ascontiguousarray(pixels).reshape(-1, 1, 2), self._matrix, self._distortion)
         flat = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
@@ -129,7 +128,7 @@ class View:
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
     def onto_sphere(self, pixels: Array, radius_mm: float) -> Array:
-        """(n, 2) pixels -> (n, 3) points in F where the ray leaves the sphere; nan where it misses."""
+        """Return the points (n, 3) in F where the rays of pixels (n, 2) leave the sphere; NaN for a miss."""
         ray = self.rays(pixels)
         along = -ray @ self.position_mm
         closest2 = float(self.position_mm @ self.position_mm) - along**2

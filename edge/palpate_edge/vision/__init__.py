@@ -9,5 +9,11 @@ from palpate_edge.common.lazy_exports import lazy_exports
 __all__ = ["Appearance", "Beads", "Blobs", "Reference", "Tracker", "find_blobs", "plane"]
 
 __getattr__ = lazy_exports(
-    __name__, {"blob_detection": "Appearance Blobs find_blobs plane", "tracker": "Beads Reference Tracker"}
+    __name__,
+    {
+        "appearance": "Appearance plane",
+        "beads": "Beads Reference",
+        "blob_detection": "Blobs find_blobs",
+        "tracker": "Tracker",
+    },
 )

@@ -20,7 +20,7 @@ CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R
 
 
 class Appearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How beads stand out: on which channel, and whether they are brighter than the skin there."""
+    """The channel on which beads stand out, and whether they are brighter than the skin there."""
 
     channel: str = "grey"
     bright: bool = False
