@@ -26,7 +26,7 @@ EDS = ("firmware/fingertip.eds", "edge/palpate_edge/node/fingertip.eds", PARSED)
 PRODUCERS = tuple(f"edge/palpate_edge/{room}/" for room in ("estimation", "calibration", "diagnostics"))
 """Rooms that make the quantity or draw its making; they do not carry it."""
 
-ALSO_NAMED = {"radius95_mm": {"edge/palpate_edge/cli/main.py"}}  # the help of `palpate-edge estimate`
+ALSO_NAMED = {"radius95_mm": {"edge/palpate_edge/cli/estimate.py"}}  # the help of `palpate-edge estimate`
 
 
 def row_of(quantity: Quantity) -> tuple[str, ...]:

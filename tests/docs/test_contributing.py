@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import configparser
+import dataclasses
 import importlib.util
+import json
+import os
 import re
+import shlex
+import shutil
+import subprocess
 import sys
+import threading
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import msgspec
+import numpy as np
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.daemon.config import read_config
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
 from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.operator.server import OperatorSocket
 from palpate_host.service.host_core import HostCore
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,7 +38,47 @@ PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 def example(title: str) -> dict[str, str]:
     """Return file name -> text of the code blocks below a heading; a block's first line names its file."""
     section = PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
-    return dict(re.findall(r"^```\w+\n# ([\w./-]+)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL))
+    return dict(re.findall(r"^```\w+\n# ([\w./ -]+)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL))
+
+
+def apply_diff(path: Path, diff: str) -> None:
+    """Insert the lines of `diff` that begin with + after the file's only line that begins as the one
+    before."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    place = 0
+    for edit in diff.splitlines():
+        if edit.startswith("+"):
+            place += 1
+            lines.insert(place, edit[1:])
+        else:
+            (place,) = (number for number, line in enumerate(lines) if line.startswith(edit[1:]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def copy_of_sources(folder: Path, *more: str) -> dict[str, str]:
+    """Copy the two programs and more paths; return an environment in which they are the installed ones."""
+    heavy = shutil.ignore_patterns("palpate_twin", "__pycache__", "*.npz")
+    for name in ("edge", "host", "firmware/fingertip.eds", "pyproject.toml", *more):
+        source, copy = ROOT / name, folder / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        if source.is_dir():
+            shutil.copytree(source, copy, symlinks=True, ignore=heavy)
+        else:
+            shutil.copy(source, copy)
+    return environment(folder / "edge", folder / "host")
+
+
+def environment(*folders: Path) -> dict[str, str]:
+    """The environment of a subprocess that finds packages in these folders first."""
+    return os.environ | {
+        "PYTHONPATH": os.pathsep.join([*map(str, folders), os.environ.get("PYTHONPATH", "")])
+    }
+
+
+def run(command: list[str], folder: Path, environ: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(  # noqa: PLW1510 - the exit status is checked by the caller
+        [sys.executable, *command], cwd=folder, env=environ, capture_output=True, text=True, timeout=120
+    )
 
 
 def install(folder: Path, modules: dict[str, str], pyproject: str) -> None:
@@ -179,3 +231,162 @@ def test_an_unknown_drive_is_refused_with_the_allowed_keys(packages, tmp_path):
     path.write_text(path.read_text().replace('"raw"', '"rwa"'))
     with pytest.raises(ConfigError, match="'rwa' of flexion_2 is not one of cia402, raw: "):
         DriveGroup(hand_config.load(path))
+
+
+FINGERTIP = """
+name = "finger-1"
+{capture}
+[estimator]
+calibration = "drawn.cal"
+[node]
+id = 0x10
+[bus]
+interface = "palpate"
+channel = "no-hub.sock"
+"""
+
+
+@pytest.fixture
+def npy_fingertip(packages, tmp_path, drawn_dataset, drawn_calibration_file):
+    """The example's source, installed, and a fingertip that captures by it."""
+    files = example("Add a capture source")
+    install(packages, {"npy_capture.py": files["npy_capture.py"]}, files["pyproject.toml"])
+    shutil.copy(drawn_calibration_file, tmp_path / "drawn.cal")
+    frames = tmp_path / tomllib.loads(files["finger-1.toml"])["capture"]["path"]
+    frames.mkdir()
+    for picture in sorted(drawn_dataset.rglob("*.png"))[:40]:
+        np.save(frames / f"{picture.stem}.npy", cv2.imread(str(picture)))
+    path = tmp_path / "finger-1.toml"
+    path.write_text(FINGERTIP.format(capture=files["finger-1.toml"]))
+    return path
+
+
+def test_a_capture_source_gives_frames_to_the_fingertip(npy_fingertip, packages):
+    environ = environment(packages)
+    done = run(
+        ["-m", "palpate_edge.cli.main", "check", "--config", str(npy_fingertip), "--json"], ROOT, environ
+    )
+    rows = {row["part"]: row for row in json.loads(done.stdout)}
+    assert rows["camera"]["verdict"] == "ok", rows["camera"]
+    assert rows["beads"]["verdict"] == "ok", rows["beads"]
+    assert rows["bus"]["verdict"] == "fail"  # there is no hub
+    for frame in (npy_fingertip.parent / "frames").iterdir():
+        frame.unlink()
+    done = run(
+        ["-m", "palpate_edge.cli.main", "check", "--config", str(npy_fingertip), "--json"], ROOT, environ
+    )
+    rows = {row["part"]: row for row in json.loads(done.stdout)}
+    assert rows["camera"]["verdict"] == "fail" and "no .npy file" in json.dumps(rows["camera"])
+
+
+def test_an_unknown_capture_source_is_refused_with_the_allowed_names(npy_fingertip, packages):
+    npy_fingertip.write_text(npy_fingertip.read_text().replace('"npy"', '"nyp"'))
+    with pytest.raises(ConfigError, match=r'"nyp" is not one of v4l2, recorded, shared_memory, npy$'):
+        read_config(npy_fingertip)
+
+
+def patch_eds(path: Path, changes: str) -> None:
+    """Set keys of existing sections, and insert new sections after the last one of their object."""
+    wanted = configparser.ConfigParser(interpolation=None)
+    wanted.optionxform = str  # type: ignore[assignment,method-assign]
+    wanted.read_string(changes)
+    sections = re.split(r"^(?=\[)", path.read_text(), flags=re.MULTILINE)
+    for name in wanted.sections():
+        keys = dict(wanted[name])
+        heads = [section.partition("]")[0][1:] for section in sections]
+        if name in heads:
+            index = heads.index(name)
+            for key, value in keys.items():
+                sections[index], count = re.subn(
+                    rf"^{key}=.*$", f"{key}={value}", sections[index], flags=re.MULTILINE
+                )
+                assert count == 1, (name, key)
+        else:
+            last = max(number for number, head in enumerate(heads) if head.startswith(name[:4]))
+            text = "".join(f"{key}={value}\n" for key, value in keys.items())
+            sections.insert(last + 1, f"[{name}]\n{text}\n")
+    path.write_text("".join(sections))
+
+
+def test_a_contact_quantity_is_a_row_and_a_channel(tmp_path):
+    files = example("Add a contact quantity")
+    tests = [
+        "tests/edge/node/test_contact_quantities.py",
+        "tests/docs/test_contact_quantities.py",
+        "docs/bus.md",
+    ]
+    environ = copy_of_sources(tmp_path, *tests)
+    table = "edge/palpate_edge/common/contact_quantities.py"
+    apply_diff(tmp_path / table, files[table])
+    head, end, tail = (tmp_path / table).read_text().partition('\n)\n"""Rows in the order')
+    (tmp_path / table).write_text(f"{head}\n{files['row of QUANTITIES'].rstrip()}{end}{tail}")
+    commands = [shlex.split(line) for line in files["commands"].splitlines()]
+    assert [command[0] for command in commands] == ["python", "python", "pytest"]
+    check = commands[2][1:]
+    before = run(["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *check], tmp_path, environ)
+    assert "Autozero indentation" in before.stdout  # the section that is missing, as the page promises
+    patch_eds(tmp_path / "firmware/fingertip.eds", files["firmware/fingertip.eds"])
+    for command in commands[:2]:
+        done = run(command[1:], tmp_path, environ)
+        assert done.returncode == 0, done.stderr
+    after = run(["-m", "pytest", "-q", "-p", "no:cacheprovider", *check], tmp_path, environ)
+    assert after.returncode == 0, after.stdout[-3000:]
+    assert (
+        "| indentation | 7130h:09 | 0.01 mm, 8000h not given | 5, place 3 |"
+        in (tmp_path / "docs/bus.md").read_text()
+    )
+
+
+def with_commands(folder: Path) -> dict[str, str]:
+    environ = copy_of_sources(folder)
+    for name, text in example("Add a command").items():
+        path = folder / name
+        if path.exists():
+            apply_diff(path, text)
+        else:
+            path.write_text(text)
+    return environ
+
+
+def test_a_command_of_the_host_is_a_file_and_a_line(tmp_path):
+    environ = with_commands(tmp_path)
+    shown = run(["-m", "palpate_host.cli.main", "--help"], tmp_path, environ)
+    assert re.search(r"counters\s+Print the counters of the running host", shown.stdout), shown.stderr
+    path = tmp_path / "s"
+    command = ["-m", "palpate_host.cli.main", "counters", "--socket", str(path)]
+    nobody = run(command, tmp_path, environ)
+    assert nobody.returncode == 9 and nobody.stderr.startswith("error: no hand is running")
+    bench = virtual_bench()
+    rig = bench.VirtualBench(*bench.load_table_4())
+    status = rig.run(0.1)
+    server, stopped = OperatorSocket(path), threading.Event()
+
+    def serve() -> None:
+        while not stopped.wait(0.01):
+            server.serve(lambda _command: None, status)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        done = run(command, tmp_path, environ)
+    finally:
+        stopped.set()
+        thread.join()
+        server.close()
+    expected = [f"{name} {count}" for name, count in dataclasses.asdict(status.counters).items()]
+    assert done.stdout.splitlines() == expected and status.counters.ticks > 0
+
+
+def test_a_command_of_the_edge_is_a_file_and_two_lines(tmp_path, drawn_calibration, drawn_calibration_file):
+    environ = with_commands(tmp_path)
+    shown = run(["-m", "palpate_edge.cli.main", "--help"], tmp_path, environ)
+    assert re.search(r"beads\s+Print the number of beads", shown.stdout), shown.stderr
+    done = run(["-m", "palpate_edge.cli.main", "beads", str(drawn_calibration_file)], tmp_path, environ)
+    counts = [int(line.split()[2]) for line in done.stdout.splitlines()]
+    assert sum(counts) == len(drawn_calibration.beads)
+
+
+def test_the_make_targets_of_the_page_exist():
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    named = set(re.findall(r"\bmake ([a-z-]+)", PAGE))
+    assert named and named <= targets

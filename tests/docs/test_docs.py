@@ -15,7 +15,10 @@ from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.config.hand_config import HandConfig
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 SOURCES = "\n".join(path.read_text() for part in ("edge", "host") for path in (ROOT / part).rglob("*.py"))
 
 
