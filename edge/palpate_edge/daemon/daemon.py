@@ -31,7 +31,7 @@ from palpate_edge.daemon.capture_factory import open_source
 from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
-from palpate_edge.daemon.health_report import FingertipParts
+from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.daemon.recording_control import RecordingControl
@@ -46,7 +46,7 @@ from palpate_edge.node.events import (
     StoreRequested,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import Health, MethodCode
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5
@@ -113,7 +113,7 @@ class _Daemon:
         stack.callback(self._bus.close)
         self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
         self._gate = WatchdogGate(notifier.watchdog_us)
-        parts = FingertipParts(
+        self._parts = FingertipParts(
             config=config,
             core=self._core,
             bus=self._bus,
@@ -122,7 +122,7 @@ class _Daemon:
             light=self._light,
             wanted_fps=config.capture.camera.fps or calibration.sensor.camera.fps,
         )
-        self._reporter = stack.enter_context(closing(HealthReporter(parts, notifier)))
+        self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
         self._camera_problem = ""
 
     def signal_handlers(self) -> dict[signal.Signals, Callable[[], None]]:
@@ -200,22 +200,8 @@ class _Daemon:
                 self._core.capture_failed(now_us, outcome)
             else:
                 self._bus.send(now_us, self._core.contact(now_us, outcome))
-                self._core.frame_seen(now_us, outcome, self._board_health())
+                self._core.frame_seen(now_us, outcome, board_health(self._parts))
                 self._log_camera("")
-
-    def _board_health(self) -> Health:
-        health, bus = self._capture.estimator.health, self._bus
-        light = self._light.latest if self._light else None
-        return Health(
-            temperature_degC=light.temperature_degC if light else None,
-            frames_dropped=self._capture.source.dropped,
-            led_level=light.level if light else 0,
-            skin_drift_px=health.drift_px,
-            whole_image_searches=health.searches,
-            transmit_retries=bus.retries,
-            bus_restarts=bus.restarts,
-            exposure_us=self._capture.source.exposure_us,
-        )
 
     def _update_light(self) -> None:
         """Pass the level of 2030h to the controller, and the controller's problems to the node."""

@@ -24,18 +24,13 @@ from palpate_edge.node.events import (
     TimeStampReceived,
 )
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import LATENCY_HISTOGRAM, BusClockState, Health
+from palpate_edge.node.fingertip_objects import LATENCY_HISTOGRAM, Health
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import SlaveOutput
 
 REPORT_EVERY_US = 1_000_000  # 2042h
 OVERRUN_CLEARS_AFTER_US = 1_000_000  # without another lost frame, EMCY 8110h is cleared
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
-BUS_CLOCK_STATES = {
-    ClockState.FREE: BusClockState.NONE,
-    ClockState.SYNCHRONISED: BusClockState.LOCKED,
-    ClockState.LOST: BusClockState.FREE_RUNNING,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +92,10 @@ class FingertipCore:
         self.emergencies.set(Emergency.CAMERA_STALLED, False)
         self.emergencies.set(Emergency.BEADS_LOST, self.monitor.beads_are_lost(now_us))
         self.emergencies.set(Emergency.OVERRUN, self.monitor.overruns())
+        self._node.report_health(health)
+
+    def report_health(self, health: Health) -> None:
+        """Set the board's health on the bus, also while no frame comes."""
         self._node.report_health(health)
 
     def capture_failed(self, now_us: int, error: CaptureError) -> None:
@@ -177,8 +176,8 @@ class FingertipCore:
         return self._node.slave.due_tpdos(now_us)
 
     def _report_clock(self, now_us: int) -> None:
-        state = BUS_CLOCK_STATES[self.clock.state(now_us)]
-        self._node.report_bus_clock(state, self.clock.drift_ppb, self.clock.error_us(now_us))
+        clock = self.clock
+        self._node.report_bus_clock(clock.state(now_us), clock.drift_ppb, clock.error_us(now_us))
 
     def _take(self, output: SlaveOutput) -> None:
         self._frames_out += output.frames_out

@@ -22,6 +22,7 @@ from palpate_edge.daemon.health import (
 from palpate_edge.daemon.recording_control import RecordingControl
 from palpate_edge.illumination.controller_thread import LightController, LightState
 from palpate_edge.illumination.registers import Fault
+from palpate_edge.node.fingertip_objects import Counter, Health
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +39,38 @@ class FingertipParts:
     recording: RecordingControl
     light: LightController | None
     wanted_fps: float
+
+
+def board_health(parts: FingertipParts) -> Health:
+    """Return the board's health as the node publishes it."""
+    source, bus, clock = parts.capture.source, parts.bus, parts.core.clock
+    estimator, counters = parts.capture.estimator.health, parts.bus.counters
+    light = parts.light.latest if parts.light else None
+    state = light.state if light else None
+    return Health(
+        temperature_degC=light.temperature_degC if light else None,
+        frames_dropped=source.dropped,
+        led_level=light.level if light else 0,
+        skin_drift_px=estimator.drift_px,
+        exposure_us=source.exposure_us,
+        counters={
+            Counter.WHOLE_IMAGE_SEARCHES: estimator.searches,
+            Counter.TRANSMIT_RETRIES: bus.retries,
+            Counter.BUS_RESTARTS: bus.restarts,
+            Counter.PDOS_DROPPED: bus.dropped,
+            Counter.RECEIVE_OVERRUNS: counters.receive_overruns,
+            Counter.BUS_ERROR_FRAMES: counters.error_frames,
+            Counter.FOREIGN_FRAMES: counters.foreign_frames,
+            Counter.FRAMES_DAMAGED: source.damaged,
+            Counter.BEADS_NOT_FOUND: estimator.beads_lost,
+            Counter.BUS_CLOCK_STEPS: clock.steps,
+            Counter.TIME_STAMPS_REJECTED: clock.rejected,
+            Counter.FRAMES_NOT_RECORDED: parts.recording.frames_left_out,
+            Counter.LIGHT_CONTROLLER_LOSSES: light.losses if light else 0,
+            Counter.LIGHT_CONTROLLER_PEC_ERRORS: state.pec_errors if state else 0,
+            Counter.CAMERA_TRIGGERS: state.triggers if state else 0,
+        },
+    )
 
 
 def health_report(

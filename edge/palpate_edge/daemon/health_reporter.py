@@ -6,7 +6,7 @@ import logging
 
 from palpate_edge.common.sd_notify import Notifier
 from palpate_edge.daemon.health import HealthFile, HealthReport, health_path
-from palpate_edge.daemon.health_report import FingertipParts, health_report
+from palpate_edge.daemon.health_report import FingertipParts, board_health, health_report
 from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.node.emergencies import Emergency, name_of
 
@@ -46,6 +46,7 @@ class HealthReporter:
         self._notifier.status(_status_line(report))
         self._log_emergencies(set(report.emergencies) - LOGGED_ELSEWHERE)
         self._file.write(report)
+        parts.core.report_health(board_health(parts))
 
     def close(self) -> None:
         """Remove the health file."""

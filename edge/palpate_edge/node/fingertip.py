@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import AI_AUTOZERO, CONTACT_TPDOS
 from palpate_edge.node.eds import load_eds
@@ -23,7 +24,6 @@ from palpate_edge.node.fingertip_objects import (
     SEQUENCE,
     UINT16_MAX,
     UINT32_MAX,
-    BusClockState,
     Counter,
     Health,
     MethodCode,
@@ -116,7 +116,7 @@ class FingertipNode:
         """Set the objects of TPDO 4, which its event timer sends."""
         self.slave.write_all(encode_health(health))
 
-    def report_bus_clock(self, state: BusClockState, drift_ppb: float, standard_error_us: float) -> None:
+    def report_bus_clock(self, state: ClockState, drift_ppb: float, standard_error_us: float) -> None:
         """Set the objects of the bus clock, 2042h."""
         self.slave.write_all(encode_bus_clock(state, drift_ppb, standard_error_us))
 

@@ -7,9 +7,11 @@ beyond its data type, clears the valid and the contact flag. The status of each 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 
+from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import AI_INPUT, AI_STATUS, QUANTITIES, Quantity, values_of
 from palpate_edge.node.object_dictionary import ObjectKey
@@ -42,14 +44,22 @@ class Counter(IntEnum):
     WHOLE_IMAGE_SEARCHES = 4
     TRANSMIT_RETRIES = 5
     BUS_RESTARTS = 6
+    PDOS_DROPPED = 7
+    RECEIVE_OVERRUNS = 8
+    BUS_ERROR_FRAMES = 9
+    FOREIGN_FRAMES = 10
+    FRAMES_DAMAGED = 11
+    BEADS_NOT_FOUND = 12
+    BUS_CLOCK_STEPS = 13
+    TIME_STAMPS_REJECTED = 14
+    FRAMES_NOT_RECORDED = 15
+    LIGHT_CONTROLLER_LOSSES = 16
+    LIGHT_CONTROLLER_PEC_ERRORS = 17
+    CAMERA_TRIGGERS = 18
 
 
-class BusClockState(IntEnum):
-    """Object 2042h:01."""
-
-    NONE = 0
-    LOCKED = 1
-    FREE_RUNNING = 2
+CLOCK_STATES = {ClockState.FREE: 0, ClockState.SYNCHRONISED: 1, ClockState.LOST: 2}
+"""Values of 2042h:01."""
 
 
 class ContactFlag(IntFlag):
@@ -81,26 +91,27 @@ NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(QUANTITIES)
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The board's state for TPDO 4, 2024h, 2031h and 2041h; counters since the start.
+    """The board's state for TPDO 4, 2024h, 2031h and 2041h.
 
-    led_level: 0 (off) to 255; skin_drift_px: how far the untouched skin has gone since the reference frames
-    or the last tare; exposure_us: 0 when the camera tells none.
+    frames_dropped: since the start. led_level: 0 (off) to 255. skin_drift_px: of the untouched skin since the
+    reference frames or the last tare. exposure_us: 0 when unknown. counters: for 2041h, since the start,
+    without those of frames.
     """
 
     temperature_degC: float | None
     frames_dropped: int
     led_level: int
     skin_drift_px: float = 0.0
-    whole_image_searches: int = 0
-    transmit_retries: int = 0
-    bus_restarts: int = 0
     exposure_us: int = 0
+    counters: Mapping[Counter, int] = field(default_factory=dict)
 
 
 def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
     """Return the raw values of the TPDOs of a contact, of 6150h and 2021h.
 
-    contact.exposed_at_us: on the bus's clock. latency_us: from exposure until now.
+    contact.exposed_at_us becomes 2012h as it is; `FingertipNode.publish` replaces it when it is not on the
+    bus clock.
+    latency_us: from exposure until now.
     """
     objects: dict[ObjectKey, int] = {}
     doubt = not contact.valid or not math.isfinite(contact.quality)
@@ -121,7 +132,8 @@ def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
 
 
 def encode_health(health: Health) -> dict[ObjectKey, int]:
-    """The objects of TPDO 4 (but 2021h, which goes with the contact), 2024h, 2031h, the health's in 2041h."""
+    """Return the objects of TPDO 4 (but 2021h, which belongs to the contact), 2024h, 2031h and the
+    counters."""
     temperature = TEMPERATURE_UNKNOWN
     if health.temperature_degC is not None and math.isfinite(health.temperature_degC):
         temperature = clamp(10 * health.temperature_degC, INT16_MIN, TEMPERATURE_UNKNOWN - 1)
@@ -132,18 +144,13 @@ def encode_health(health: Health) -> dict[ObjectKey, int]:
         (CAMERA_EXPOSURE, 0): clamp(health.exposure_us, 0, UINT32_MAX),
         (SKIN_DRIFT, 0): clamp(100 * health.skin_drift_px, 0, UINT16_MAX),
         (COUNTERS, Counter.FRAMES_DROPPED): health.frames_dropped & UINT32_MAX,
-        (COUNTERS, Counter.WHOLE_IMAGE_SEARCHES): health.whole_image_searches & UINT32_MAX,
-        (COUNTERS, Counter.TRANSMIT_RETRIES): health.transmit_retries & UINT32_MAX,
-        (COUNTERS, Counter.BUS_RESTARTS): health.bus_restarts & UINT32_MAX,
-    }
+    } | {(COUNTERS, int(counter)): count & UINT32_MAX for counter, count in health.counters.items()}
 
 
-def encode_bus_clock(
-    state: BusClockState, drift_ppb: float, standard_error_us: float
-) -> dict[ObjectKey, int]:
+def encode_bus_clock(state: ClockState, drift_ppb: float, standard_error_us: float) -> dict[ObjectKey, int]:
     """The objects of 2042h; drift against the board's own clock in 1e-9."""
     return {
-        (BUS_CLOCK, 1): state,
+        (BUS_CLOCK, 1): CLOCK_STATES[state],
         (BUS_CLOCK, 2): clamp(drift_ppb, INT32_MIN, INT32_MAX),
         (BUS_CLOCK, 3): clamp(standard_error_us, 0, UINT32_MAX),
     }

@@ -150,7 +150,7 @@ class Device:
 
     def _integer(self, key: Key, name: str, raw: int) -> Reading:
         unknown = unknown_text(self.product, *key, raw)
-        meaning = unknown or meaning_of(self.product, key[0], raw)
+        meaning = unknown or meaning_of(self.product, *key, raw)
         unit = self.unit(key)
         if unit is not None and not unknown:
             return Reading(name, raw * unit.factor, unit.name, raw, unit.text(raw))

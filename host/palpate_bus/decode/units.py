@@ -12,7 +12,14 @@ from dataclasses import dataclass
 
 from palpate_bus.eds.cia402 import state_of
 from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
-from palpate_edge.node.fingertip_objects import TEMPERATURE, TEMPERATURE_UNKNOWN, ContactFlag, MethodCode
+from palpate_edge.node.fingertip_objects import (
+    BUS_CLOCK,
+    CLOCK_STATES,
+    TEMPERATURE,
+    TEMPERATURE_UNKNOWN,
+    ContactFlag,
+    MethodCode,
+)
 
 FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
 
@@ -58,15 +65,23 @@ _COMMUNICATION: dict[tuple[int, int], Unit] = {
     (0x1015, 0): Unit("ms", 0.1, 1),
     (0x1017, 0): Unit("ms"),
 }
-_PRODUCT: dict[str, dict[int, Unit]] = {
-    FINGERTIP: {0x2012: Unit("us"), 0x2014: Unit("us"), 0x2020: Unit("degC", 0.1, 1)},
+_PRODUCT: dict[str, dict[tuple[int, int], Unit]] = {
+    FINGERTIP: {
+        (0x2012, 0): Unit("us"),
+        (0x2014, 0): Unit("us"),
+        (0x2020, 0): Unit("degC", 0.1, 1),
+        (0x2024, 0): Unit("px", 0.01, 2),
+        (0x2031, 0): Unit("us"),
+        (0x2042, 2): Unit("ppm", 0.001, 3),
+        (0x2042, 3): Unit("us"),
+    },
     JOINT_DRIVE: {
-        0x6064: Unit("deg", 0.001, 3),
-        0x606C: Unit("deg/s", 0.001, 3),
-        0x6071: Unit("%", 0.1, 1),
-        0x6072: Unit("%", 0.1, 1),
-        0x6076: Unit("mN m"),
-        0x6077: Unit("%", 0.1, 1),
+        (0x6064, 0): Unit("deg", 0.001, 3),
+        (0x606C, 0): Unit("deg/s", 0.001, 3),
+        (0x6071, 0): Unit("%", 0.1, 1),
+        (0x6072, 0): Unit("%", 0.1, 1),
+        (0x6076, 0): Unit("mN m"),
+        (0x6077, 0): Unit("%", 0.1, 1),
     },
 }
 
@@ -84,7 +99,7 @@ def unit_of(product: str, index: int, subindex: int) -> Unit | None:
     """Return the unit of an object without 6131h, None when it has none."""
     if index in range(0x1400, 0x1600) or index in range(0x1800, 0x1A00):
         return {3: Unit("ms", 0.1, 1), 5: Unit("ms")}.get(subindex)
-    return _COMMUNICATION.get((index, subindex)) or _PRODUCT.get(product, {}).get(index)
+    return _COMMUNICATION.get((index, subindex)) or _PRODUCT.get(product, {}).get((index, subindex))
 
 
 def _flags(raw: int) -> str:
@@ -93,6 +108,10 @@ def _flags(raw: int) -> str:
 
 def _method(raw: int) -> str:
     return next((method.name.lower() for method in MethodCode if method == raw), "")
+
+
+def _clock_state(raw: int) -> str:
+    return next((state.value for state, code in CLOCK_STATES.items() if code == raw), "")
 
 
 def _drive_state(raw: int) -> str:
@@ -120,9 +139,14 @@ def _controlword(raw: int) -> str:
     return next((text for mask, value, text in words if raw & mask == value), "")
 
 
-_MEANINGS: dict[str, dict[int, Callable[[int], str]]] = {
-    FINGERTIP: {0x2000: _method, 0x2010: _flags},
-    JOINT_DRIVE: {0x6040: _controlword, 0x6041: _drive_state, 0x6060: _mode, 0x6061: _mode},
+_MEANINGS: dict[str, dict[tuple[int, int], Callable[[int], str]]] = {
+    FINGERTIP: {(0x2000, 0): _method, (0x2010, 0): _flags, (BUS_CLOCK, 1): _clock_state},
+    JOINT_DRIVE: {
+        (0x6040, 0): _controlword,
+        (0x6041, 0): _drive_state,
+        (0x6060, 0): _mode,
+        (0x6061, 0): _mode,
+    },
 }
 
 
@@ -144,7 +168,7 @@ def unknown_text(product: str, index: int, subindex: int, raw: int) -> str:
     return known[1] if known is not None and known[0] == raw else ""
 
 
-def meaning_of(product: str, index: int, raw: int) -> str:
+def meaning_of(product: str, index: int, subindex: int, raw: int) -> str:
     """Return the meaning of a raw value as text; empty for a plain number."""
-    known = _MEANINGS.get(product, {}).get(index)
+    known = _MEANINGS.get(product, {}).get((index, subindex))
     return known(raw) if known else ""

@@ -9,8 +9,10 @@ import time
 
 import numpy as np
 
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.signals import IDENTIFY
 from palpate_edge.datasets.recording import all_frames, open_recording
+from palpate_edge.node.fingertip_objects import Counter
 
 EMCY, TPDO_2 = 0x090, 0x290
 
@@ -64,6 +66,33 @@ def test_lost_beads_are_logged_when_they_begin_and_when_they_are_over(rig):
     rig.camera.uncover()
     rig.until(lambda: "finger: beads lost: over\n" in log())
     assert json.loads((rig.folder / "finger.health").read_bytes())["beads"]["lost"] > 0
+
+
+def test_the_counters_of_the_health_report_are_on_the_bus(rig):
+    """2041h by SDO, also while the camera is frozen."""
+    bus = rig.listen()
+
+    def counter(sub):
+        bus.send([CanFrame(0x610, bytes((0x40, 0x41, 0x20, sub, 0, 0, 0, 0)))])
+        answer = rig.heard(bus, 0x590, lambda data: data[3] == sub)
+        assert answer[0] == 0x43
+        return int.from_bytes(answer[4:], "little")
+
+    rig.until((rig.folder / "finger.health").exists)
+    rig.camera.cover()
+    rig.until(lambda: counter(Counter.BEADS_NOT_FOUND) > 0)
+    rig.camera.freeze()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) == 0)
+    time.sleep(2.2)  # two reports later nothing of frames and beads changes any more
+    report = json.loads((rig.folder / "finger.health").read_bytes())
+    beads, sub_of = report["beads"], Counter
+    assert counter(sub_of.BEADS_NOT_FOUND) == beads["lost"]
+    assert counter(sub_of.WHOLE_IMAGE_SEARCHES) == beads["searches"]
+    assert counter(sub_of.FRAMES_DROPPED) == report["camera"]["dropped"]
+    assert counter(sub_of.FRAMES_ESTIMATED) + counter(sub_of.FRAMES_REFUSED) >= report["frames"]
+    assert counter(sub_of.TIME_STAMPS_REJECTED) == report["clock"]["rejected"] == 0
+    bus.send([CanFrame(0x1FF, bytes(4))])  # a time stamp without a SYNC
+    rig.until(lambda: counter(sub_of.TIME_STAMPS_REJECTED) == 1)
 
 
 def test_stopping_is_told_and_the_health_file_goes(rig):

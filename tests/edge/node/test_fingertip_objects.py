@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate_bus.decode.device import Device
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import (
     ChannelStatus,
     ContactFlag,
+    Counter,
     Health,
     encode_contact,
     encode_health,
@@ -171,7 +175,8 @@ def test_any_health_fits_the_objects(health: Health) -> None:
 
 
 def test_health_in_its_units() -> None:
-    health = Health(36.64, 70_000, 200, 1.234, 3, 4, 2**32 + 5, 4_900)
+    counters = {Counter.TRANSMIT_RETRIES: 4, Counter.RECEIVE_OVERRUNS: 2**32 + 5}
+    health = Health(36.64, 70_000, 200, 1.234, 4_900, counters)
     assert encode_health(health) == {
         (0x2020, 0): 366,
         (0x2022, 0): 65535,
@@ -179,9 +184,8 @@ def test_health_in_its_units() -> None:
         (0x2024, 0): 123,
         (0x2031, 0): 4_900,
         (0x2041, 3): 70_000,
-        (0x2041, 4): 3,
         (0x2041, 5): 4,
-        (0x2041, 6): 5,
+        (0x2041, 8): 5,
     }
     assert encode_health(Health(None, 0, 0))[0x2020, 0] == 0x7FFF
     assert encode_health(Health(1e9, 0, 0))[0x2020, 0] == 0x7FFE
@@ -199,3 +203,24 @@ def test_a_contact_goes_out_in_order_of_identifiers_and_health_every_second(fing
     )
     after_a_second = fingertip.process(1_000_000, ()).frames_out
     assert CanFrame(0x490, bytes.fromhex("fa 00 03 00 01 00 02")) in after_a_second
+
+
+def test_each_counter_has_its_sub_index_of_2041h() -> None:
+    names = {entry.subindex: entry.name for entry in OD.entries.values() if entry.index == 0x2041}
+    assert names.pop(0) == "Highest sub-index supported"
+    assert OD.entry(0x2041).default == len(names)
+    plain = {sub: name.upper().replace(" ", "_").replace("-", "_") for sub, name in names.items()}
+    assert plain == {int(counter): counter.name for counter in Counter}
+
+
+@pytest.mark.parametrize(
+    ("state", "raw"), [(ClockState.FREE, 0), (ClockState.SYNCHRONISED, 1), (ClockState.LOST, 2)]
+)
+def test_the_clock_state_has_one_name_on_both_sides_of_the_bus(
+    fingertip: FingertipNode, state: ClockState, raw: int
+) -> None:
+    fingertip.report_bus_clock(state, 1234.0, 5.0)
+    assert fingertip.slave.read(0x2042, 1) == raw
+    device = Device(0x10, "finger-1", FINGERTIP_EDS)
+    assert device.reading((0x2042, 1), bytes([raw])).text == f"{raw} ({state.value})"
+    assert device.reading((0x2042, 2), struct.pack("<i", 1234)).text == "1.234 ppm"
