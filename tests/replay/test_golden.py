@@ -93,7 +93,7 @@ def test_one_changed_byte_changes_the_answers(log, hand_and_config):
     [
         ("eds.fingertip", "0123456789abcdef", "the palpate version that made it"),
         ("eds.cia402", "0123456789abcdef", "the palpate version that made it"),
-        ("node.0x10", "drive:thumb", "the hand.toml it was recorded with"),
+        ("node.0x10", "drive:thumb", "the hand.toml that it was recorded with"),
         ("eds.fingertip", None, "its EDS and nodes are unknown"),
     ],
 )
