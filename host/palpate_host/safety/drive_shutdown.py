@@ -16,7 +16,7 @@ class DriveShutdown:
 
     @property
     def is_off(self) -> bool:
-        """Whether every drive is commanded off."""
+        """True once every drive is commanded off."""
         return self._off_us is not None
 
     def is_finished(self, now_us: int) -> bool:
