@@ -30,6 +30,8 @@ FEM_FILES = ("twin/dome/test_dome_solver.py", "twin/dome/test_dome_cli.py", "twi
 """Files whose tests solve finite elements."""
 
 LONG_FILES = (
+    "bad_input/test_files.py",
+    "edge/calibration/test_calibrate.py",
     "edge/calibration/training/test_calibrate_with_dome.py",
     "edge/calibration/training/test_pretrain.py",
     "edge/calibration/training/test_roll.py",
@@ -38,12 +40,13 @@ LONG_FILES = (
     "firmware/test_identify.py",
     "firmware/test_light.py",
     "firmware/test_wire.py",
+    "host/control/test_rates_and_fingers.py",
     "host/experiment/test_experiment.py",
     "twin/dome/test_dome_samples.py",
     "twin/paper/test_hand_loop.py",
     "twin/paper/test_hand_paper.py",
 )
-"""Files most of whose tests take more than half a second."""
+"""Files that take seconds each."""
 
 LONG_FIXTURES = {"sample_calibration"}
 """Fixtures that take seconds."""
