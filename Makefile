@@ -122,7 +122,7 @@ system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu,
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) $(DEPLOY) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/sensors demo/report.html
+	rm -rf $(VENV) $(DEPLOY) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/run.lock demo/sensors demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -14,6 +14,7 @@ import palpate_host
 from bench.timing import Row, table, time_each
 from palpate_bus.logs.candump import read_log
 from palpate_edge.common.gc_freeze import long_lived
+from palpate_host.config.hand_config import StartMode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import replay
@@ -44,7 +45,8 @@ def report() -> str:
 
 def rows() -> list[Row]:
     """The first row is the yardstick: MuJoCo's kinematics, Jacobians and gravity alone."""
-    config, hand = load_hand(TABLE_4)
+    loaded, hand = load_hand(TABLE_4)
+    config = loaded.starting(StartMode.AUTO)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "demo.log"
         path.write_bytes(gzip.decompress(LOG.read_bytes()))

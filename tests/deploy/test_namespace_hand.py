@@ -81,7 +81,7 @@ def hand(bare_board, drawn_dataset, drawn_calibration_file, tmp_path_factory):
         hand_toml, drives_toml = folder / "hand.toml", folder / "drives.toml"
         for file, socket in ((hand_toml, "/run/outside/hub.sock"), (drives_toml, hub)):
             text = BUS.sub(f'[bus]\ninterface = "palpate"\nchannel = "{socket}"\n\n', table_4)
-            file.write_text(text.replace('start = "auto"', 'start = "command"'))
+            file.write_text(text)
         drives = outside(HOST, "drives", "--config", str(drives_toml))
         for node in (0x11, 0x12):
             config = folder / f"{node}.toml"

@@ -18,7 +18,7 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.status import HostStatus
-from palpate_host.config.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host import load_hand
@@ -39,7 +39,9 @@ Filter = Callable[[int, CanFrame], Iterable[tuple[int, CanFrame]]]
 
 
 def load_table_4() -> tuple[HandConfig, HandKinematics]:
-    return load_hand(TABLE_4)
+    """The packaged hand, moving by itself: a bench without an operator has nobody to give commands."""
+    config, hand = load_hand(TABLE_4)
+    return config.starting(StartMode.AUTO), hand
 
 
 def apex_only(_finger: int, _time_us: int, _pose: HandPose) -> tuple[float, float, float]:

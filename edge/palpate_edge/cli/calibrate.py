@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate_edge.cli.options import INPUT, OUTPUT
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -82,12 +83,14 @@ def calibrate(
 
 
 def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:
+    from palpate_edge.common.picture_file import write_picture  # noqa: PLC0415
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
-    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
     from palpate_edge.diagnostics.figures import draw_residuals  # noqa: PLC0415
 
-    write_picture(picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration))
+    write_picture(
+        picture, draw_residuals(read_image(read_dataset(dataset).reference[0]), calibration), DatasetError
+    )
 
 
 def digest(calibration: Calibration) -> str:

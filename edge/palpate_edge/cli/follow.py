@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from palpate_edge.cli.options import INPUT, OUTPUT, diameter_option
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.progress import progress_bar
 
 
@@ -24,8 +25,8 @@ def follow(video: Path, output: Path, diameter: float | None) -> None:
     Example:
       palpate-edge follow demo/recording/finger-1/frames.webm -o tracks.png
     """
+    from palpate_edge.common.picture_file import write_picture  # noqa: PLC0415
     from palpate_edge.datasets.recording import open_recording  # noqa: PLC0415
-    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
     from palpate_edge.diagnostics.figures import draw_followed  # noqa: PLC0415
     from palpate_edge.diagnostics.video_tracking import HOME_PX, follow_video  # noqa: PLC0415
 
@@ -35,7 +36,7 @@ def follow(video: Path, output: Path, diameter: float | None) -> None:
             followed = follow_video(recording, progress, diameter)
     finally:
         recording.close()
-    write_picture(output, draw_followed(followed))
+    write_picture(output, draw_followed(followed), DatasetError)
     kind = "bright" if followed.appearance.bright else "dark"
     home, lost = followed.home, followed.lost
     click.echo(f"{output}: {len(lost)} frames, {len(home)} {kind} markers")

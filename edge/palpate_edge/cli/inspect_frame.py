@@ -31,8 +31,8 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
       palpate-edge inspect demo/recording/press/reference/000.jpg -o beads.png
       palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
     """
+    from palpate_edge.common.picture_file import write_picture  # noqa: PLC0415
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
-    from palpate_edge.diagnostics.canvas import write_picture  # noqa: PLC0415
 
     if calibration_path is not None and diameter is not None:
         raise click.UsageError("--diameter and --calibration exclude each other: remove one of them")
@@ -47,7 +47,7 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
         from palpate_edge.diagnostics.pipeline_steps import contact_text, take_steps  # noqa: PLC0415
 
         steps = take_steps(image, load_calibration(calibration_path), str(frame))
-        write_picture(output, draw_steps(steps))
+        write_picture(output, draw_steps(steps), DatasetError)
         click.echo(f"{output}: paper's method: {contact_text(steps.paper)}")
         if steps.corrected is not None:
             click.echo(f"  corrected: {contact_text(steps.corrected)}")
@@ -56,6 +56,6 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
     from palpate_edge.vision.unknown_layout import beads_without_layout  # noqa: PLC0415
 
     blobs, appearance, size_px = beads_without_layout(image, diameter)
-    write_picture(output, draw_beads(image, blobs.position_px, size_px))
+    write_picture(output, draw_beads(image, blobs.position_px, size_px), DatasetError)
     kind = "bright" if appearance.bright else "dark"
     click.echo(f"{output}: {len(blobs.strength)} {kind} beads of about {size_px:.0f} px")

@@ -12,11 +12,11 @@ import os
 import stat
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TextIO, cast
 
-from palpate_edge.common.errors import PalpateError, reason_of
+from palpate_edge.common.errors import DISK_ERRORS, PalpateError, reason_of
 
 STANDARD_OUTPUT = Path("-")
 
@@ -36,13 +36,15 @@ def atomic_path(path: Path, error: type[PalpateError], *, sync_folder: bool = Tr
     temporary = target.parent / f".{target.name}.{os.getpid()}.tmp"
     try:
         with refused_as(path, error):
+            temporary.touch()  # refused now, not after the work
             yield temporary
             _sync(temporary)
             temporary.replace(target)
             if sync_folder:
                 _sync(target.parent)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # renamed, or never made
+            temporary.unlink()
 
 
 @contextmanager
@@ -81,6 +83,15 @@ def write_atomically(path: Path, data: bytes, error: type[PalpateError], *, sync
         file.write(data)
 
 
+def make_folder(path: Path, error: type[PalpateError]) -> None:
+    """Make a folder and those above it where they are missing. Raises `error` when the system refuses."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as refusal:
+        reason = "is a file" if path.is_file() else reason_of(refusal)
+        raise error(f"folder {path} cannot be made: {reason}; give another path") from None
+
+
 @contextmanager
 def refused_as(path: Path, error: type[PalpateError]) -> Iterator[None]:
     """Turn an OSError of the block into `error`, which says that `path` cannot be written, and why."""
@@ -91,6 +102,17 @@ def refused_as(path: Path, error: type[PalpateError]) -> Iterator[None]:
         if refusal.errno == errno.ENOENT:
             reason = "its folder does not exist"
         raise error(f"{path} cannot be written: {reason}; give another path") from None
+
+
+@contextmanager
+def disk_refusal_as(folder: Path, error: type[PalpateError]) -> Iterator[None]:
+    """Turn a full, read-only or failing disk into `error`, for a block that writes many files to `folder`."""
+    try:
+        yield
+    except OSError as refusal:
+        if refusal.errno not in DISK_ERRORS:
+            raise
+        raise error(f"{folder} cannot be written: {reason_of(refusal)}; give another path") from None
 
 
 def _is_direct(path: Path) -> bool:

@@ -1,27 +1,42 @@
-"""How every command of ours is run."""
+"""Entry point of both command lines: errors become one line and an exit status."""
 
 from __future__ import annotations
 
 import logging
 import os
 import sys
+from typing import NoReturn
 
 import click
 
-from palpate_edge.common.errors import PalpateError
+from palpate_edge.common.errors import DISK_ERRORS, PalpateError, reason_of
 from palpate_edge.common.logs import with_priority
 
 
 def run_cli(command: click.Command) -> None:
     """Run a command line; PalpateError becomes ``error: ...`` and the class's exit status.
 
+    A full, read-only or failing disk, standard output included, becomes one line as well, with status 1.
+
     Matrices are multiplied in one thread, here where numpy is not loaded yet, and in every process that the
-    command starts: sums then do not depend on how many cores there are, and ours are too small to gain.
-    ``OPENBLAS_NUM_THREADS`` in the environment goes ahead of that.
+    command starts: sums then do not depend on the number of cores, and these matrices are too small to gain.
+    ``OPENBLAS_NUM_THREADS`` in the environment takes precedence.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         command.main(standalone_mode=True)
     except PalpateError as error:
-        click.echo(with_priority(f"error: {error}", logging.ERROR, sys.stderr), err=True)
-        sys.exit(error.exit_status)
+        _exit_with(str(error), error.exit_status)
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise
+        _exit_with(f"{error.filename or 'output'} cannot be written: {reason_of(error)}", 1)
+
+
+def _exit_with(message: str, status: int) -> NoReturn:
+    click.echo(with_priority(f"error: {message}", logging.ERROR, sys.stderr), err=True)
+    try:
+        sys.stdout.flush()
+    except OSError:  # the interpreter would try again at its end, and complain
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(status)

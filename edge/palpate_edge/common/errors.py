@@ -17,6 +17,9 @@ _REASONS = {
     errno.EROFS: "the disk is read-only",
 }
 
+DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG}
+"""A disk that is full, read-only or failing: nothing that the program could have checked before."""
+
 
 def reason_of(error: OSError) -> str:
     """Return why the operating system refused, in lower case, without its error number."""

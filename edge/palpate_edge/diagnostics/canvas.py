@@ -6,14 +6,12 @@ OpenCV only, so that a fingertip's board can do it. Places may lie between pixel
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array, Image
-from palpate_edge.common.errors import DatasetError
 
 Colour = tuple[int, int, int]  # blue, green, red
 
@@ -114,13 +112,3 @@ def rainbow(share: float) -> Colour:
     hue = np.array([[[round(179 * share), 200, 255]]], dtype=np.uint8)
     blue, green, red = (int(channel) for channel in cv2.cvtColor(hue, cv2.COLOR_HSV2BGR)[0, 0])
     return blue, green, red
-
-
-def write_picture(path: Path, picture: Image) -> None:
-    """Raises DatasetError when the file cannot be written or has no picture's name."""
-    try:
-        written = cv2.imwrite(str(path), picture)
-    except cv2.error:
-        written = False
-    if not written:
-        raise DatasetError(f"{path} cannot be written: give a .png or .jpg in a folder that exists")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE, chosen_bus
+from palpate_edge.common.atomic_write import STANDARD_OUTPUT, write_atomically
 from palpate_edge.common.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -150,9 +151,10 @@ def read(
     with master(chosen_bus(**bus), "sdo") as network:
         data = sdo_access.read(sdo_client(network, node, timeout_s), node, device, key, block)
     if output is not None:
-        output.write_bytes(data)
+        write_atomically(output, data, ConfigError)
     shown = f"{len(data)} bytes in {output}" if output else _shown(device, key, data)
-    click.echo(f"{device.name_of(key) if device else object_name} = {shown}")
+    name = device.name_of(key) if device else object_name
+    click.echo(f"{name} = {shown}", err=output == STANDARD_OUTPUT)
 
 
 @sdo.command()

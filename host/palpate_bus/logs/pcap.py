@@ -12,6 +12,7 @@ from pathlib import Path
 from struct import Struct
 
 from palpate_bus.logs.candump import LogError, LogRecord
+from palpate_edge.common.atomic_write import write_atomically
 
 LINKTYPE_CAN_SOCKETCAN = 227
 _REMOTE_FLAG = 0x4000_0000
@@ -35,7 +36,4 @@ def pcap_bytes(records: Iterable[LogRecord]) -> bytes:
 
 def write_pcap(path: Path, records: Iterable[LogRecord]) -> None:
     """Write the pcap file. Raises LogError when it cannot be written."""
-    try:
-        path.write_bytes(pcap_bytes(records))
-    except OSError as error:
-        raise LogError(f"pcap {path}: {error.strerror}: check the path") from error
+    write_atomically(path, pcap_bytes(records), LogError)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.plugins import SIMULATORS, load_plugin
 from palpate_host.config.packaged import MODELS
@@ -53,10 +54,7 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
         return
     packaged = MODELS / f"{config.hand}.toml"
     hand_toml = packaged if packaged.exists() else protocol.parent / config.hand
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as exc:
-        raise ConfigError(f"{output}: cannot be made ({exc.strerror}): give another -o") from exc
+    make_folder(output, ConfigError)
     results = []
     if config.on == "twin":
         run_twin_trial = load_plugin(SIMULATORS, "trial")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from palpate_edge.common.atomic_write import atomic_path
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.run import CONFIG
 from palpate_host.common.status import HostStatus
@@ -66,7 +67,8 @@ def _write(
     from palpate_host.recording.mcap import McapRecording  # noqa: PLC0415
 
     count = 0
-    with McapRecording(output, hand, [finger.name for finger in config.fingers]) as recording:
+    fingers = [finger.name for finger in config.fingers]
+    with atomic_path(output, ConfigError) as path, McapRecording(path, hand, fingers) as recording:
         for status in statuses:
             recording.write(status)
             count += 1

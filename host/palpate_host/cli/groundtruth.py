@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.picture_file import write_picture
 from palpate_edge.common.signals import stop_event
 from palpate_host.groundtruth.frames import camera_frames, is_camera, recorded_frames
 from palpate_host.groundtruth.intrinsics import Board, calibrate, read_intrinsics, write_intrinsics
@@ -62,7 +63,7 @@ def groundtruth() -> None:
 @click.option("-o", "--output", type=FILE, required=True, help="Picture to write (.png).")
 def board(board: tuple[int, int, float, float], output: Path) -> None:
     """Draw the ChArUco board to print and glue onto something flat. Measure its squares afterwards."""
-    _write_picture(output, _board(board).picture())
+    write_picture(output, _board(board).picture(), ConfigError)
     click.echo(f"{output}")
 
 
@@ -101,7 +102,7 @@ def calibrate_command(
         drawn = np.full((i.height_px, i.width_px, 3), 255, dtype=np.uint8)
         for x, y in found.corners_px:
             cv2.circle(drawn, (round(x), round(y)), 2, (180, 60, 0), -1)
-        _write_picture(picture, drawn)
+        write_picture(picture, drawn, ConfigError)
 
 
 @groundtruth.command()
@@ -147,7 +148,7 @@ def track(
         last = image
     write_csv(output, sights)
     if picture is not None and last is not None:
-        _write_picture(picture, draw(last, sights[-1], intrinsics, marker[1] * 1e-3))
+        write_picture(picture, draw(last, sights[-1], intrinsics, marker[1] * 1e-3), ConfigError)
     refused = refusals(sights)
     click.echo(f"{output}: {len(sights) - sum(refused.values())} of {len(sights)} pictures have a pose")
     for reason, count in refused.items():
@@ -179,12 +180,3 @@ def _marker(values: tuple[int, float]) -> Marker:
             f"marker {number} of {side_mm:g} mm: the dictionary 4x4_50 has 0 to 49, larger than 0"
         )
     return Marker(number, side_mm * 1e-3)
-
-
-def _write_picture(path: Path, picture: Image) -> None:
-    try:
-        written = cv2.imwrite(str(path), picture)
-    except cv2.error:
-        written = False
-    if not written:
-        raise ConfigError(f"{path}: cannot be written: give another folder, or a name that ends in .png")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
 
+from palpate_edge.common.atomic_write import refused_as
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.run import CONFIG
 from palpate_host.operator.server import default_control_socket
@@ -13,6 +18,7 @@ from palpate_host.recording.statuses import read_statuses
 from palpate_host.service.host import load_hand
 
 FILE = click.Path(path_type=Path, dir_okay=False)
+_OS_ERROR = re.compile(r"os error (\d+)")
 
 
 @click.command()
@@ -79,19 +85,35 @@ def view(
     pictures = [parse_camera(text) for text in cameras]
     stream = rr.RecordingStream(f"palpate {config_path.stem}")
     layout = blueprint([picture.name for picture in pictures])
-    if save_path is not None:
-        stream.save(save_path, default_blueprint=layout)
-    elif url is not None:
-        stream.connect_grpc(url, default_blueprint=layout)
-    else:
-        stream.spawn(default_blueprint=layout)
-    shown = HandView(stream, config, hand, scene_hz)
-    if source is not None:
-        ticks = show_recording(shown, read_statuses(source, config, hand), pictures)
-    else:
-        socket = socket_path or default_control_socket()
-        click.echo(f"view: live, host at {socket}", err=True)
-        ticks = show_live(shown, socket, pictures, duration_s)
-    stream.flush()
-    stream.disconnect()
+    with _viewer_errors(save_path, url):
+        if save_path is not None:
+            stream.save(save_path, default_blueprint=layout)
+        elif url is not None:
+            stream.connect_grpc(url, default_blueprint=layout)
+        else:
+            stream.spawn(default_blueprint=layout)
+        shown = HandView(stream, config, hand, scene_hz)
+        if source is not None:
+            ticks = show_recording(shown, read_statuses(source, config, hand), pictures)
+        else:
+            socket = socket_path or default_control_socket()
+            click.echo(f"view: live, host at {socket}", err=True)
+            ticks = show_live(shown, socket, pictures, duration_s)
+        stream.flush()
+        stream.disconnect()
     click.echo(f"view: {ticks} ticks" + (f" in {save_path}" if save_path is not None else ""))
+
+
+@contextmanager
+def _viewer_errors(save_path: Path | None, url: str | None) -> Iterator[None]:
+    """Turn Rerun's errors into ConfigError: it reports a refusal of the file system as ``(os error N)``."""
+    try:
+        yield
+    except (RuntimeError, ValueError) as exc:
+        number = _OS_ERROR.search(str(exc))
+        if save_path is not None and number is not None:
+            with refused_as(save_path, ConfigError):
+                raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
+        target = "the viewer cannot be started" if url is None else f"no viewer at {url}"
+        reason = " ".join(str(exc).split())
+        raise ConfigError(f"{target} ({reason}): use --save FILE.rrd and open that file later") from None

@@ -205,6 +205,10 @@ class HandConfig(Strict, frozen=True):
     geometry: GeometryConfig | None = None
     twin: TwinConfig | None = None
 
+    def starting(self, start: StartMode) -> HandConfig:
+        """Return the same hand with this value of run.start."""
+        return msgspec.structs.replace(self, run=msgspec.structs.replace(self.run, start=start))
+
     @property
     def joints(self) -> tuple[JointConfig, ...]:
         """Every joint, finger by finger: the order of q everywhere in the host."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.protocol import ExperimentConfig, ExternalCameraConfig, TrialCase
@@ -47,11 +48,10 @@ def run_hand_trial(
     Raises HandStoppedError or CommandError when the hand fails, CaptureError or ConfigError for the camera.
     """
     assert experiment.camera is not None  # `load` has checked it
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, ConfigError)
     config_path = hand_toml.with_name(f"{hand_toml.stem}.{case.law.value}.toml")
-    config_path.write_text(
-        with_law(hand_toml.read_text(encoding="utf-8"), case.law, experiment.integral_per_s)
-    )
+    text = with_law(hand_toml.read_text(encoding="utf-8"), case.law, experiment.integral_per_s)
+    write_atomically(config_path, text.encode(), ConfigError)
     watch = _TrialWatch(experiment.camera)
     with Hand.open(config_path, folder / "host.sock") as hand, _Recorder(config_path, hand, folder):
         hand.grasp()

@@ -12,6 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import ControlMode
 from palpate_host.experiment.protocol import ExperimentConfig
@@ -49,12 +50,9 @@ def write_report(folder: Path, experiment: ExperimentConfig, results: Sequence[T
     rows = [_row(result) for result in results]
     picture = draw(results)
     page = folder / "report.html"
-    try:
-        (folder / "turns.svg").write_bytes(picture)
-        (folder / "report.md").write_text(_markdown(experiment, rows), encoding="utf-8")
-        page.write_text(_html(experiment, rows, picture), encoding="utf-8")
-    except OSError as exc:
-        raise ConfigError(f"{folder}: cannot be written ({exc.strerror}): give another -o") from exc
+    write_atomically(folder / "turns.svg", picture, ConfigError)
+    write_atomically(folder / "report.md", _markdown(experiment, rows).encode(), ConfigError)
+    write_atomically(page, _html(experiment, rows, picture).encode(), ConfigError)
     return page
 
 

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.config_file import read_json
 from palpate_edge.common.errors import ConfigError
 from palpate_host.groundtruth.marker import DICTIONARY
@@ -193,7 +194,4 @@ def read_intrinsics(path: Path) -> Intrinsics:
 
 def write_intrinsics(path: Path, intrinsics: Intrinsics) -> None:
     """Write the intrinsics as JSON. Raises ConfigError when the file cannot be written."""
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(intrinsics)) + b"\n")
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(intrinsics)) + b"\n", ConfigError)

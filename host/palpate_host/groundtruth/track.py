@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common import rotation
 from palpate_host.groundtruth.intrinsics import Intrinsics
@@ -103,19 +104,16 @@ def write_csv(path: Path, sights: Sequence[ObjectSighting]) -> None:
 
     The turn is roll, pitch, yaw since the first pose. Raises ConfigError when writing fails.
     """
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            for sight, turn in turns(sights):
-                row: list[object] = [sight.time_us, int(turn is not None), *[""] * 7, sight.reason]
-                if turn is not None and sight.position_m is not None and sight.marker is not None:
-                    row[2:5] = [f"{1e3 * value:.3f}" for value in sight.position_m]
-                    row[5:8] = [f"{angle:.4f}" for angle in rotation.to_rpy_deg(turn)]
-                    row[8] = f"{sight.marker.reprojection_px:.3f}"
-                writer.writerow(row)
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
+    with atomic_text(path, ConfigError) as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for sight, turn in turns(sights):
+            row: list[object] = [sight.time_us, int(turn is not None), *[""] * 7, sight.reason]
+            if turn is not None and sight.position_m is not None and sight.marker is not None:
+                row[2:5] = [f"{1e3 * value:.3f}" for value in sight.position_m]
+                row[5:8] = [f"{angle:.4f}" for angle in rotation.to_rpy_deg(turn)]
+                row[8] = f"{sight.marker.reprojection_px:.3f}"
+            writer.writerow(row)
 
 
 def refusals(sights: Iterable[ObjectSighting]) -> dict[str, int]:

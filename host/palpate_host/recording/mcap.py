@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO, cast
 
 import foxglove
 import msgspec
@@ -31,9 +32,9 @@ from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import QUANTITIES
-from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.recording.mcap_file import McapFile
 from palpate_host.recording.mcap_reader import STATUS_TOPIC
 
 HAND_FRAME = "hand"
@@ -53,13 +54,11 @@ class McapRecording:
     """One MCAP file; close it, or use it as a context."""
 
     def __init__(self, path: Path, hand: HandKinematics, fingers: Iterable[str]) -> None:
-        """ConfigError when the file cannot be written."""
+        """Open the file and declare the channels. Raises ConfigError when it cannot be written."""
         self._hand = hand
         self._context = foxglove.Context()
-        try:
-            self._writer = foxglove.open_mcap(path, allow_overwrite=True, context=self._context)
-        except (OSError, RuntimeError) as exc:
-            raise ConfigError(f"{path}: cannot be written ({exc}): give another -o") from exc
+        self._file = McapFile(path)
+        self._writer = foxglove.open_mcap(cast(BinaryIO, self._file), context=self._context)
         context = self._context
         self._states = channels.JointStatesChannel("/joint_states", context=context)
         self._commands = channels.JointStatesChannel("/joint_commands", context=context)
@@ -85,25 +84,35 @@ class McapRecording:
     def __enter__(self) -> McapRecording:
         return self
 
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
+        """End the file. Raises ConfigError when anything could not be written."""
         self._writer.close()
+        self._file.close()
+        self._file.check()
 
     def flush(self) -> None:
-        """What was written so far is in the file, readable even if it is never closed."""
+        """End the chunk: what was written so far is readable even if the file is never closed.
+
+        Raises ConfigError when anything could not be written.
+        """
         self._writer.flush()
+        self._file.flush()
+        self._file.check()
 
     def attach(self, name: str, media_type: str, data: bytes, time_us: int) -> None:
-        """A file that belongs to the recording, such as its bus log."""
+        """Attach a file that belongs to the recording, such as its bus log."""
         time_ns = 1000 * time_us
         self._writer.attach(
             log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data
         )
 
     def write(self, status: HostStatus) -> None:
-        """One tick. A contact is written once, when its sequence number is new."""
+        """Write one tick. A contact is written once, when its sequence number is new."""
         time_ns = status.time_us * 1000
         stamp = fg.Timestamp(time_ns // 1_000_000_000, time_ns % 1_000_000_000)
         self._status.log(self._encoder.encode(status), log_time=time_ns)

@@ -15,6 +15,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.recording.table import Cell, rows
@@ -24,11 +25,11 @@ Row = dict[str, Cell | list[float]]
 
 
 def write_parquet(path: Path, statuses: Iterable[HostStatus]) -> int:
-    """The number of rows written; ConfigError when the file cannot be."""
+    """Write one row per status; return their number. Raises ConfigError when the file system refuses."""
     table = rows(statuses)
     first = next(table, None)
     if first is None:
-        raise ConfigError(f"{path}: nothing to write: the log holds no tick of the host")
+        raise ConfigError(f"{path}: nothing to write: the source has no tick: record while a host runs")
     vectors = vector_names(first)
     fields = [(name, _type(name)) for name in _packed(first, vectors)]
     fields = [
@@ -37,13 +38,10 @@ def write_parquet(path: Path, statuses: Iterable[HostStatus]) -> int:
     ]
     schema = pa.schema(fields, metadata={"names": msgspec.json.encode(vectors)})
     count = 0
-    try:
-        with pq.ParquetWriter(path, schema) as writer:
-            for group in _groups(itertools.chain([first], table)):
-                writer.write_table(pa.Table.from_pylist([_packed(row, vectors) for row in group], schema))
-                count += len(group)
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
+    with atomic_file(path, ConfigError) as file, pq.ParquetWriter(file, schema) as writer:
+        for group in _groups(itertools.chain([first], table)):
+            writer.write_table(pa.Table.from_pylist([_packed(row, vectors) for row in group], schema))
+            count += len(group)
     return count
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from palpate_bus.logs.candump import LogRecord, LogWriter
+from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
@@ -42,10 +43,7 @@ class SegmentedRecording:
         self._log: LogWriter | None = None
         self._mcap: McapRecording | None = None
         self._flushed_us: int | None = None
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as exc:
-            raise ConfigError(f"{folder}: cannot be made ({exc.strerror}): give another folder") from exc
+        make_folder(folder, ConfigError)
         if any(folder.glob("*.mcap")):
             raise ConfigError(f"{folder}: holds a recording already: give another folder or remove it")
         self._begin()

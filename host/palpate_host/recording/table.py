@@ -12,6 +12,7 @@ import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.contact_quantities import QUANTITIES, Quantity
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import FingerStatus, HostStatus
@@ -63,19 +64,16 @@ def _measured(finger: FingerStatus, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def write_csv(path: Path, statuses: Iterable[HostStatus]) -> int:
-    """The number of rows written; ConfigError when the file cannot be."""
+    """Write one row per status; return their number. Raises ConfigError when the file system refuses."""
     table = rows(statuses)
     count = 0
-    try:
-        with path.open("w", newline="") as file:
-            for first in table:
-                writer = csv.DictWriter(file, first)
-                writer.writeheader()
-                writer.writerow(first)
-                count = 1
-                for row in table:
-                    writer.writerow(row)
-                    count += 1
-    except OSError as exc:
-        raise ConfigError(f"{path}: cannot be written ({exc.strerror}): give another -o") from exc
+    with atomic_text(path, ConfigError) as file:
+        for first in table:
+            writer = csv.DictWriter(file, first)
+            writer.writeheader()
+            writer.writerow(first)
+            count = 1
+            for row in table:
+                writer.writerow(row)
+                count += 1
     return count

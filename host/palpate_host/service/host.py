@@ -14,8 +14,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import BusError
@@ -79,7 +77,7 @@ def run(config_path: Path, options: Options) -> None:
     """
     config, hand = load_hand(config_path)
     if options.start is not None:
-        config = msgspec.structs.replace(config, run=msgspec.structs.replace(config.run, start=options.start))
+        config = config.starting(options.start)
     now_us = bus_time(config.bus)
     core = HostCore(config, hand)
     with ExitStack() as stack:

@@ -23,7 +23,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
-from palpate_host.config.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
@@ -177,7 +177,7 @@ def steps(
     Frames before the host's first heartbeat are not passed to it; a log without a host is replayed from its
     beginning. before: called with the time of each call, before it.
     """
-    core = core or HostCore(config, hand)
+    core = core or HostCore(config.starting(StartMode.AUTO), hand)  # a log holds no operator's commands
     wanted = set(core.accept_ids)
     begin_us = first_beat_us(records, config)
     now_us = records[0].stamp_us if begin_us is None else begin_us

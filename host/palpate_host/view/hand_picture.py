@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.errors import ConfigError
+from palpate_host.common.figure_file import save_figure
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 
@@ -42,12 +42,7 @@ def draw_hand(config: HandConfig, q_rad: Array, path: Path, title: str) -> None:
     axes.set_ylabel("y (m)")
     axes.set_zlabel("z (m)")
     axes.set_aspect("equal")
-    try:
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as exc:
-        raise ConfigError(
-            f"{path}: cannot be written ({exc}): give a writable NAME.png, .svg or .pdf"
-        ) from exc
+    save_figure(figure, path)
 
 
 def _chain(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> list[Array]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.config_file import read_json
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import CameraPose, Sensor
@@ -71,7 +72,7 @@ class TwinSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def save_twin(twin: TwinSensor, path: Path) -> None:
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(twin)) + b"\n")
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(twin)) + b"\n", ConfigError)
 
 
 def load_twin(path: Path) -> TwinSensor:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 
 from palpate_edge.geometry.sensor import Camera, Sensor, bead_layout_mm
+from palpate_host.common.figure_file import save_figure
 
 SILICONE, BEAD, SIGHT = "#cfd8dc", "#bf360c", "#f9a825"
 
@@ -78,8 +79,7 @@ def draw_sensor(sensor: Sensor, path: Path) -> None:
         section, layout = figure.subplots(1, 2)
         _draw_section(section, sensor)
         _draw_layout(layout, sensor)
-        is_svg = path.suffix.lower() == ".svg"
-        figure.savefig(path, dpi=110, metadata={"Date": None} if is_svg else None)
+        save_figure(figure, path)
 
 
 def _draw_section(axes: Axes, sensor: Sensor) -> None:

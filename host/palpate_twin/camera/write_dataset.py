@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.errors import DatasetError, reason_of
 from palpate_edge.datasets.press_dataset import COLUMNS
 from palpate_edge.geometry.sensor import Sensor
 from palpate_twin.camera.deformation import ProbePress
@@ -106,7 +106,7 @@ def write_dataset(
                 progress()
         fresh.replace(folder)
     except OSError as error:
-        raise DatasetError(f"{folder} cannot be written: {error.strerror}") from None
+        raise DatasetError(f"{folder} cannot be written: {reason_of(error)}; give another path") from None
 
 
 def sensor_toml(sensor: Sensor) -> str:

@@ -12,6 +12,8 @@ import click
 from rich.console import Console
 from rich.live import Live
 
+from palpate_edge.common.atomic_write import disk_refusal_as, write_atomically
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.mode import Mode
 from palpate_twin.demo import orchestrator
@@ -21,7 +23,7 @@ from palpate_twin.demo.live_view import ViewScale, plain_line, render
 from palpate_twin.demo.lockstep import run as run_in_lockstep
 from palpate_twin.demo.monitor import MonitorSample
 from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample
-from palpate_twin.demo.run_folder import RunFolder, make_run_folder
+from palpate_twin.demo.run_folder import RunFolder, locked_output, make_run_folder
 
 FORCE_SCALE_N = 5.0  # full scale of the force bars in the live view
 CHECKOUT = Path(__file__).resolve().parents[3]
@@ -106,8 +108,9 @@ def demo(
     if lockstep and recording is not None:
         raise click.UsageError("--lockstep and --recording exclude each other: give one of them")
     if report_only:
-        folder = RunFolder((output / "run").resolve())
-    else:
+        _report(RunFolder((output / "run").resolve()), output / "report.html")
+        return
+    with locked_output(output), disk_refusal_as(output, ConfigError):
         folder = make_run_folder(output / "run", recording, bitrate)
         try:
             _run(
@@ -120,7 +123,7 @@ def demo(
         except DemoInterruptedError:
             click.echo("interrupted; for a report of the recorded part: palpate-host demo --report-only")
             sys.exit(INTERRUPTED_EXIT_STATUS)
-    _report(folder, output / "report.html")
+        _report(folder, output / "report.html")
 
 
 def _run(
@@ -179,7 +182,7 @@ class _Snapshot:
         console = Console(record=True, width=112, height=34, file=StringIO(), force_terminal=True)
         console.print(render(self._last[0], self._scale, self._last[1]))
         svg = console.export_svg(title="palpate-host demo")
-        path.write_text(WEB_FONT.sub("", svg), encoding="utf-8")
+        write_atomically(path, WEB_FONT.sub("", svg).encode(), ConfigError)
 
 
 class _PlainView:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from palpate_edge.common.atomic_write import make_folder, write_atomically
+from palpate_edge.common.errors import ConfigError
 from palpate_twin.cli.options import FILE, FOLDER, hand_file, hand_option
 
 CONTACT_NOISE_MM = 0.15
@@ -92,7 +94,7 @@ def paper(
     from palpate_twin.paper.trial import ENGINES  # noqa: PLC0415
 
     engines = list(ENGINES) if engine == "both" else [engine]
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output, ConfigError)
     cases = []
     for name in dict.fromkeys(hand_names):
         is_simulation = name == "table3"
@@ -107,7 +109,7 @@ def paper(
         draw_turns([result for result in results if result.case.hand_toml == path], picture)
         click.echo(f"{picture}")
     text = "\n\n".join(part for part in (table(results), engines_table(results)) if part)
-    (output / "results.md").write_text(text + "\n", encoding="utf-8")
+    write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)
     click.echo(text)
 
 
@@ -133,7 +135,7 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
     path = hand_file(hand_name)
     click.echo(describe(path))
     if write is not None:
-        write.write_text(mjcf(path), encoding="utf-8")
+        write_atomically(write, mjcf(path).encode(), ConfigError)
         click.echo(f"{write}")
     if picture is not None:
         draw(path, picture)
@@ -234,7 +236,7 @@ def loop(
     path = hand_file(hand_name)
     config = hand_config.load(path)
     radius_mm = 1e3 * config.control.tip_radius_m
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output, ConfigError)
     with Progress() as progress:
         task = progress.add_task("fingertips", total=len(turns))
         sensors = None
@@ -267,7 +269,7 @@ def loop(
             )
             progress.advance(task)
     text = loop_table(results)
-    (output / "results.md").write_text(text + "\n", encoding="utf-8")
+    write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)
     click.echo(text)
     for turn, result in zip(turns, results, strict=True) if with_film else ():
         picture = output / f"film-{turn}.png"

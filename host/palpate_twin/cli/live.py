@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from palpate_edge.common.atomic_write import make_folder
+from palpate_edge.common.errors import ConfigError
 from palpate_twin.cli.options import FILE, FOLDER, config_option, hand_file, hand_option
 
 seed_option = click.option(
@@ -36,7 +38,7 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
     config = hand_config.load(hand_file(hand_name))
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output, ConfigError)
     names = [finger.name for finger in config.fingers]
     radius_mm = 1e3 * config.control.tip_radius_m
     fingertip_sensors(output, names, radius_mm, seed, load_library(), lambda line: click.echo(line, err=True))
@@ -77,7 +79,6 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     """
     from palpate_edge.can_bus.bus import open_bus  # noqa: PLC0415 (as below: keeps --help fast)
     from palpate_edge.can_bus.simulated_clock import ClockKeeper  # noqa: PLC0415
-    from palpate_edge.common.errors import ConfigError  # noqa: PLC0415
     from palpate_edge.common.local_clock import monotonic_us, unix_ahead_us  # noqa: PLC0415
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
     from palpate_host.service.host import load_hand  # noqa: PLC0415
@@ -93,7 +94,7 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
         raise ConfigError(
             f"{len(rings)} --ring for {len(names)} fingers of the hand: give --ring once per finger"
         )
-    truth.mkdir(parents=True, exist_ok=True)
+    make_folder(truth, ConfigError)
     files = [
         CameraFiles(sensors / name / TWIN_FILE, ring, truth / f"{name}.csv")
         for name, ring in zip(names, rings, strict=True)

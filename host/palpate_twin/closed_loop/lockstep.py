@@ -21,7 +21,7 @@ from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
-from palpate_host.config.hand_config import HandConfig
+from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.network.nmt_master import SYNC
@@ -87,7 +87,7 @@ class LockstepLoop:
         self._hand, self._contact_source = hand, contact_source
         self._on_frame, self._on_step = on_frame, on_step
         self._radius_mm = 1e3 * config.control.tip_radius_m
-        self.host = HostCore(config, hand)
+        self.host = HostCore(config.starting(StartMode.AUTO), hand)
         self.status: HostStatus | None = None
         self._driven = DrivenHand(config, engine)
         self._tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_bus.logs.candump import read_log
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.mode import Mode
@@ -127,7 +128,7 @@ def analyse(folder: RunFolder) -> Analysis:
 
 def write_summary(path: Path, summary: Summary) -> None:
     """Write the summary as JSON."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n")
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n", DatasetError)
 
 
 def summary_lines(summary: Summary) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.mode import Mode
 from palpate_twin.demo import lockstep, plots
@@ -64,10 +65,7 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>palpate demo</title>'
         f"<style>{STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror}): give another --output") from error
+    write_atomically(path, page.encode(), ConfigError)
 
 
 def _header_table(summary: Summary, analysis: Analysis) -> str:

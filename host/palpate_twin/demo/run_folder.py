@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import re
 import shutil
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate_edge.common.atomic_write import make_folder, refused_as, write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import FingertipConfig, read_config
 from palpate_host.config import hand_config
@@ -18,6 +23,8 @@ from palpate_twin.demo.programme import TURNS_DEG
 
 MODEL = MODELS / "table4-wide.toml"
 SHARED_MEMORY = Path("/dev/shm")
+LOCK = "run.lock"
+RUN_KEYS = {"start": '"auto"'}  # nobody gives the demo's hand its first command
 TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # 4 mm away from the object: the hand has to grasp it first
     "rpy_deg": str(list(TURNS_DEG[0])),
@@ -113,6 +120,32 @@ class RunFolder:
         return tuple(read_config(self.finger_toml(finger.name)) for finger in self.hand().fingers)
 
 
+@contextmanager
+def locked_output(output: Path) -> Iterator[None]:
+    """Keep other demos out of `output` until the block ends, or this process does.
+
+    Raises ConfigError while another demo uses it, or when the folder cannot be made.
+    """
+    make_folder(output, ConfigError)
+    path = output / LOCK
+    with refused_as(path, ConfigError):
+        lock = path.open("a+", encoding="ascii")
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.seek(0)
+            holder = lock.read().strip() or "unknown"
+            raise ConfigError(
+                f"{output}: another demo runs there (pid {holder}): wait, or give another --output"
+            ) from None
+        with refused_as(path, ConfigError):
+            lock.truncate(0)
+            lock.write(f"{os.getpid()}\n")
+            lock.flush()
+        yield  # the lock file stays: to remove it would let two demos lock two files of this name
+
+
 def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFolder:
     """Create an empty folder at `path` with hand.toml and one TOML file per fingertip.
 
@@ -125,13 +158,11 @@ def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFold
             f"{folder.path}: path too long for a Unix socket ({MAX_SOCKET_PATH_BYTES} bytes): "
             "give a shorter --output"
         )
-    try:
+    with refused_as(path, ConfigError):
         if path.exists():
             shutil.rmtree(path)
-        path.mkdir(parents=True)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be replaced ({error.strerror}): give another --output") from error
-    folder.hand_toml.write_text(_hand_toml(folder, bitrate, is_twin=recording is None), encoding="utf-8")
+    make_folder(path, ConfigError)
+    _write(folder.hand_toml, _hand_toml(folder, bitrate, is_twin=recording is None))
     hand = folder.hand()
     if recording is not None:
         _check_recording(recording, hand)
@@ -150,8 +181,12 @@ def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFold
             f"[estimator]\ncalibration = {_quoted(calibration)}\n\n"
             f"[node]\nid = 0x{finger.fingertip_node:02X}\n\n{bus}\n"
         )
-        folder.finger_toml(finger.name).write_text(text, encoding="utf-8")
+        _write(folder.finger_toml(finger.name), text)
     return folder
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomically(path, text.encode(), ConfigError)
 
 
 def _check_recording(recording: Path, hand: HandConfig) -> None:
@@ -175,9 +210,9 @@ def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
     text, count = _BUS_SECTION.subn(lambda _match: section, MODEL.read_text(encoding="utf-8"))
     if count != 1:
         raise ConfigError(f"{MODEL}: {count} [bus] sections instead of one: reinstall palpate")
+    for key, value in (RUN_KEYS | (TWIN_KEYS if is_twin else {})).items():
+        text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
     if is_twin:
-        for key, value in TWIN_KEYS.items():
-            text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
         text = text.replace("[control]\n", f"[control]\n{TWIN_CONTROL}")
     return text
 

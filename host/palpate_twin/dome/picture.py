@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from palpate_host.common.figure_file import save_figure
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.mesh import DomeMesh
 from palpate_twin.dome.press import PressedDome
@@ -27,7 +28,7 @@ def draw_press(mesh: DomeMesh, pressed: PressedDome, path: Path) -> None:
             f"{pressed.probe.label}, contact angle {90 - np.degrees(pressed.theta_rad):.0f} deg, depth "
             f"{pressed.depth_mm:g} mm, slide {meridional_mm:g} and {azimuthal_mm:g} mm"
         )
-        figure.savefig(path, dpi=110)
+        save_figure(figure, path)
 
 
 def _section(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:

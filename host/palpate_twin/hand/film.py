@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.picture_file import write_picture
 from palpate_twin.hand.plain_drawing import draw_plainly
 from palpate_twin.hand.twin_model import TwinModel
 
@@ -70,8 +72,7 @@ def label(picture: Image, text: str) -> Image:
 
 def write_row(path: Path, pictures: Sequence[Image]) -> None:
     """Write images side by side. Raises ConfigError if `path` cannot be written."""
-    if not cv2.imwrite(str(path), np.hstack(pictures)):
-        raise ConfigError(f"{path}: cannot be written: give a writable folder and a name that ends in .png")
+    write_picture(path, np.hstack(pictures), ConfigError)
 
 
 def write_film(path: Path, pictures: Sequence[Image], period_ms: int) -> None:
@@ -79,8 +80,10 @@ def write_film(path: Path, pictures: Sequence[Image], period_ms: int) -> None:
     animation = cv2.Animation()
     animation.frames = list(pictures)
     animation.durations = [period_ms] * len(pictures)
-    if not cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, FILM_QUALITY]):
-        raise ConfigError(f"{path}: cannot be written: give a writable folder and a name that ends in .webp")
+    if path.suffix.lower() != ".webp":
+        raise ConfigError(f"{path} cannot be written: give a name that ends in .webp")
+    _, data = cv2.imencodeanimation(".webp", animation, [cv2.IMWRITE_WEBP_QUALITY, FILM_QUALITY])
+    write_atomically(path, data.tobytes(), ConfigError)
 
 
 def _bgr(picture: Image) -> Image:

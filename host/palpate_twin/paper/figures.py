@@ -9,6 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from palpate_host.common.figure_file import save_figure
 from palpate_twin.paper.figure_data import AXES, STEP_DEG, Law, Result
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green")
@@ -37,7 +38,7 @@ def draw_turns(results: Sequence[Result], path: Path) -> None:
         panels[0, 0].legend(loc="center right", fontsize=8)
         engines_text = ", ".join(f"{engine} {line}" for engine, line in zip(engines, LINES, strict=False))
         figure.suptitle(f"{results[0].case.hand_toml.stem}: turn of the object; engines: {engines_text}")
-        figure.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else None)
+        save_figure(figure, path)
 
 
 def _draw(axes: Axes, results: Sequence[Result], engines: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from palpate_bus.logs.candump import LogRecord, write_log
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
@@ -81,7 +82,7 @@ def run_twin_trial(
     loop = RecordedLoop(config, hand, engine, contacts)
     record = loop.run(experiment.settle_s + experiment.seconds + 1.0)
     turning = turning_samples(record)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, ConfigError)
     records = sorted(loop.bus_log, key=lambda one: one.stamp_us)
     write_log(folder / "bus.log", contract_header(config), records)
     _write_mcap(folder / "hand.mcap", records, config, hand)

@@ -73,7 +73,7 @@ def hub(tmp_path, processes):
 @pytest.fixture
 def config(tmp_path, hub, bench):
     """Table 4 on this hub, blind by choice: drives alone move it."""
-    text = bench.TABLE_4.read_text()
+    text = bench.TABLE_4.read_text().replace('start = "command"', 'start = "auto"')
     text = text.replace('interface = "palpate"', f'interface = "palpate"\nchannel = "{hub[0]}"')
     path = tmp_path / "hand.toml"
     path.write_text(text)

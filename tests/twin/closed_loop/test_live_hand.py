@@ -15,6 +15,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
+from palpate_host.config.hand_config import StartMode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.cli.options import PACKAGED
@@ -189,7 +190,7 @@ class Bench:
         self.motion = MotionFile(folder / "motion.csv", [joint.name for joint in config.joints])
         engine = make_engine(config, "mujoco", has_B=False)
         self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
-        self.host = HostCore(config, kinematics)
+        self.host = HostCore(config.starting(StartMode.AUTO), kinematics)
         self.tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
         self.late_ms, self.contact_ms, self.count_from = 0, 10, 0
         self.silent: set[int] = set()

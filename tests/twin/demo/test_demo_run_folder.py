@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from palpate_edge.common.errors import ConfigError
-from palpate_twin.demo.run_folder import MODEL, make_run_folder
+from palpate_twin.demo.run_folder import LOCK, MODEL, locked_output, make_run_folder
 
 RECORDING = Path(__file__).parents[3] / "demo" / "recording"
 
@@ -17,7 +21,7 @@ def test_the_hand_is_the_packaged_one_on_this_runs_bus(tmp_path):
     folder = make_run_folder(tmp_path / "run", RECORDING, 500_000)
     packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
     bus = {"interface": "palpate", "channel": str(folder.hub_socket), "bitrate": 500_000}
-    assert written == packaged | {"bus": bus}
+    assert written == packaged | {"bus": bus, "run": packaged["run"] | {"start": "auto"}}
     assert "geometry" in written  # no further model file is needed
 
 
@@ -74,3 +78,49 @@ def test_with_the_twin_the_hand_differs_where_the_docs_say(tmp_path):
     assert written["target"]["rpy_deg"] == [30.0, 0.0, 0.0]
     assert written["twin"]["start_pose_rad"] == [0.0, 0.06, 1.509]
     assert written["twin"]["object"] == packaged["twin"]["object"]
+
+
+def test_packaged_hands_do_not_move_by_themselves() -> None:
+    """A person copies them: a hand moves after a command, or where its file or --start says auto."""
+    for path in sorted(MODEL.parent.glob("table*.toml")):
+        table = tomllib.loads(path.read_text())
+        if "target" in table and path.name != "table3.toml":  # which is of the simulation alone
+            assert table["run"]["start"] == "command", path.name
+
+
+def test_one_demo_at_a_time_in_a_folder(tmp_path: Path) -> None:
+    output = tmp_path / "demo"
+    holder = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from pathlib import Path; from palpate_twin.demo.run_folder import locked_output\n"
+            "with locked_output(Path(sys.argv[1])):\n"
+            "    print('locked', flush=True)\n"
+            "    sys.stdin.read()",
+            str(output),
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "locked\n"
+    (output / "run").mkdir()
+    refused = subprocess.run(
+        [sys.executable, "-m", "palpate_host.cli.main", "demo", "--lockstep", "--output", str(output)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert refused.returncode == 2
+    assert refused.stderr == (
+        f"error: {output}: another demo runs there (pid {holder.pid}): wait, or give another --output\n"
+    )
+    assert (output / "run").is_dir()
+    holder.kill()  # even so, the folder is free afterwards
+    holder.communicate()
+    with locked_output(output):
+        assert (output / LOCK).read_text() == f"{os.getpid()}\n"
+        with (output / LOCK).open() as again, pytest.raises(BlockingIOError):
+            fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
