@@ -14,6 +14,7 @@ from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSo
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
+from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import Reference
 
@@ -76,7 +77,7 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
     places = np.array([press.position_mm for press, _ in firm], dtype=np.float64).reshape(-1, 3)
     return fit_paper_model(
         theta_raw=np.array([contact.theta_rad for contact in raw]),
-        theta_true=np.arctan2(np.hypot(places[:, 0], places[:, 1]), places[:, 2]),
+        theta_true=polar_angle(places),
         spread_px=np.array([contact.spread_px for contact in raw]),
         force_N=np.array([press.normal_force_N for press, _ in firm]),
     )

@@ -14,7 +14,7 @@ from palpate_edge.diagnostics.pipeline_steps import Steps, contact_text
 from palpate_edge.estimation.displacement_field import canonical_directions
 from palpate_edge.estimation.paper_method import on_dome
 from palpate_edge.estimation.virtual_points import ellipse_points
-from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 
 PANEL_WIDTH = 800
 COLUMNS = 3
@@ -218,6 +218,5 @@ def _circle_mm(contact: Contact, radius_mm: float) -> Array:
 
 def _flat(points: Array) -> Array:
     """(n, 3) of F or of the canonical frame -> (n, 2): polar angle in rad along the azimuth."""
-    theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
-    phi = np.arctan2(points[:, 1], points[:, 0])
+    theta, phi = polar_angle(points), azimuth(points)
     return np.stack([theta * np.cos(phi), theta * np.sin(phi)], axis=1)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats
+from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor, View
 from palpate_twin.camera.deformation import AZIMUTHS, skin_directions
 from palpate_twin.camera.look import Look
@@ -110,7 +111,7 @@ def _coarse_pixels(part: Part) -> tuple[Array, Array]:
 def _polar_coordinates(view: View, radius_mm: float, x: Array, y: Array) -> tuple[Array, Array]:
     """Polar angle and azimuth, each as x, of the inner skin behind pixels; beside the dome: its rim."""
     points = view.onto_sphere(np.stack([x.ravel(), y.ravel()], axis=1), radius_mm)
-    theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
+    theta = polar_angle(points)
     theta = np.where(np.isnan(theta), np.pi / 2, np.minimum(theta, np.pi / 2))
     phi = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]))
     return theta.reshape(x.shape), phi.reshape(x.shape)

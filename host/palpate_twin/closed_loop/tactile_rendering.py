@@ -14,6 +14,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import tangent_basis
 from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.geometry.angles import azimuth, polar_angle
 from palpate_host.control.kinematics import HandKinematics
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.frame_truth import FrameTruth
@@ -125,11 +126,11 @@ class RenderedContactSource:
 
 def press_for(view: CameraView, contact: DomeContact) -> ProbePress:
     """Return the press of a plate that reproduces a contact, within the limits of the field library."""
-    x, y, z = contact.centre_to_contact_mm
-    theta_rad = min(float(np.arctan2(np.hypot(x, y), z)), np.radians(LARGEST_THETA_DEG))
+    direction = contact.centre_to_contact_mm[None]
+    theta_rad = min(float(polar_angle(direction)[0]), np.radians(LARGEST_THETA_DEG))
     depth_mm = view.twin.sensor.dome.outer_radius_mm - float(np.linalg.norm(contact.centre_to_contact_mm))
     deepest_mm = view.dome.largest_depth_mm(theta_rad, Probe.PLATE)
-    press = ProbePress(theta_rad, float(np.arctan2(y, x)), min(depth_mm, deepest_mm))
+    press = ProbePress(theta_rad, float(azimuth(direction)[0]), min(depth_mm, deepest_mm))
     if contact.normal_force_N <= 0.0:
         return press
     along_face = np.concatenate(tangent_basis(press.outward[None]))

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.geometry.angles import polar_angle
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.probe import Probe
 
@@ -185,7 +186,7 @@ def ring_weights(directions: Array) -> Array:
 
     Raises ConfigError for a direction below it.
     """
-    theta_deg = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
+    theta_deg = np.degrees(polar_angle(directions))
     if not (theta_deg <= 90 + TOLERANCE).all():
         raise ConfigError(f"a point {theta_deg.max():.1f} deg from the pole is below the base: give 0 to 90")
     phi = np.arctan2(directions[:, 1], directions[:, 0])

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.common.arrays import Array
 
@@ -75,5 +76,4 @@ def fit_answer_field(
 
 
 def _gauss(a: Array, b: Array) -> Array:
-    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
-    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * LENGTH**2)))
+    return gaussian_kernel(a, b, LENGTH)

@@ -17,6 +17,7 @@ import numpy as np
 from palpate_edge.calibration.training.answer_field import AnswerField, fit_answer_field
 from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.calibration.training.spread import (
     Spread,
@@ -76,7 +77,7 @@ class Regression:
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
         points = self.projection.points(fields)
-        raw = gauss(points, self.centres, self.length) @ self.weights + self.offset
+        raw = gaussian_kernel(points, self.centres, self.length) @ self.weights + self.offset
         direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
         return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
@@ -100,7 +101,7 @@ class _Expansion:
     offset: Array
 
     def at(self, points: Array) -> Array:
-        return np.asarray(gauss(points, self.centres, self.length) @ self.weights + self.offset)
+        return np.asarray(gaussian_kernel(points, self.centres, self.length) @ self.weights + self.offset)
 
 
 def fit(
@@ -141,12 +142,6 @@ def fit(
     )
 
 
-def gauss(a: Array, b: Array, length: float) -> Array:
-    """Gaussian kernel (n, m) of points (n, p) and (m, p)."""
-    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
-    return np.asarray(np.exp(-np.maximum(0.0, squared) / (2 * length**2)))
-
-
 def _project(samples: Samples | None, dome: DomeModel | None) -> Projection:
     """Principal components of all shapes."""
     fields = np.concatenate([part.fields for part in (samples, dome) if part is not None])
@@ -161,7 +156,7 @@ def _fit_dome(projection: Projection, dome: DomeModel) -> _Expansion:
     points = projection.points(dome.fields)
     target = _targets(dome.fields, dome.directions, dome.forces)
     offset = np.asarray(target.mean(axis=0))
-    gram = gauss(points, points, DOME_LENGTH) + DOME_RIDGE * np.eye(len(points))
+    gram = gaussian_kernel(points, points, DOME_LENGTH) + DOME_RIDGE * np.eye(len(points))
     return _Expansion(points, DOME_LENGTH, np.linalg.solve(gram, target - offset), offset)
 
 
@@ -192,7 +187,7 @@ def _fit_own(
     noise = np.diag(samples.faintness**2)
     best: tuple[float, _Expansion, Array] | None = None
     for number, (length, ridge) in enumerate(SETTINGS, start=2):
-        gram = gauss(points, points, length) + ridge * noise
+        gram = gaussian_kernel(points, points, length) + ridge * noise
         inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
         weights = inverse @ (target - known)
         held_out = target - left_out_residuals(inverse, weights, groups)
@@ -203,7 +198,7 @@ def _fit_own(
         progress(number, len(SETTINGS) + 1)
     assert best is not None
     _, own, error_mm = best
-    return own, fit_spread(gauss(points, points, own.length), error_mm, samples, groups, radius_mm)
+    return own, fit_spread(gaussian_kernel(points, points, own.length), error_mm, samples, groups, radius_mm)
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:
@@ -240,12 +235,14 @@ def _joined(
     if len(parts) == 1 and len(parts[0].centres) <= MOST_CENTRES:
         return replace(parts[0], offset=offset)
     centres = np.concatenate([part.centres for part in parts])
-    values = np.sum([gauss(centres, part.centres, part.length) @ part.weights for part in parts], axis=0)
+    values = np.sum(
+        [gaussian_kernel(centres, part.centres, part.length) @ part.weights for part in parts], axis=0
+    )
     if strange is not None:
         values[: len(strange), 6] += np.log(strange)
     taught = 0 if own is None else len(own.centres)
     importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
     fewer, weights = compressed(
-        centres, values, lambda a, b: gauss(a, b, COMMON_LENGTH), MOST_CENTRES, importance
+        centres, values, lambda a, b: gaussian_kernel(a, b, COMMON_LENGTH), MOST_CENTRES, importance
     )
     return _Expansion(fewer, COMMON_LENGTH, weights, offset)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg.lapack import dpstrf
 
 from palpate_edge.calibration.training.compress import compressed, pivoted_cholesky
-from palpate_edge.calibration.training.kernel_ridge import gauss
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 
 
 def points(count=120, seed=3):
@@ -14,7 +14,7 @@ def points(count=120, seed=3):
 
 
 def kernel(a, b):
-    return gauss(a, b, 1.5)
+    return gaussian_kernel(a, b, 1.5)
 
 
 def test_the_pivots_and_the_factor_are_lapacks():

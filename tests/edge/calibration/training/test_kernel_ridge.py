@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES, SIZE_WEIGHT, fit, gauss
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
+from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES, SIZE_WEIGHT, fit
 
 RADIUS_MM = 30.0
 
@@ -43,8 +44,10 @@ def test_the_kernel_is_gaussian():
     rng = np.random.default_rng(1)
     a, b = rng.standard_normal((40, 7)), rng.standard_normal((30, 7))
     by_scipy = np.exp(-cdist(a, b, "sqeuclidean") / (2 * 0.8**2))
-    assert gauss(a, b, 0.8) == pytest.approx(by_scipy, rel=1e-10)
-    assert gauss(a, a, 1.7) == pytest.approx(np.exp(-cdist(a, a, "sqeuclidean") / (2 * 1.7**2)), rel=1e-10)
+    assert gaussian_kernel(a, b, 0.8) == pytest.approx(by_scipy, rel=1e-10)
+    assert gaussian_kernel(a, a, 1.7) == pytest.approx(
+        np.exp(-cdist(a, a, "sqeuclidean") / (2 * 1.7**2)), rel=1e-10
+    )
 
 
 def test_a_prediction_is_the_formula(problem):
