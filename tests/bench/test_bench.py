@@ -11,6 +11,8 @@ from bench.tick import disagreement
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_host.config.hand_config import load
+from palpate_host.config.packaged import MODELS
 
 
 def test_one_tick_is_the_same_by_the_host_by_numpy_and_by_pinocchio() -> None:
@@ -18,9 +20,9 @@ def test_one_tick_is_the_same_by_the_host_by_numpy_and_by_pinocchio() -> None:
     assert disagreement() < 1e-12
 
 
-def test_latency_is_cut_where_the_log_says(table_4) -> None:
+def test_latency_is_cut_where_the_log_says() -> None:
     """Exposed at 1 ms, published at 4 ms, on the wire at 5 ms, SYNC at 9 ms, last command at 9.5 ms."""
-    config, _ = table_4
+    config = load(MODELS / "table4.toml")
     contact = CanFrame(0x380 + config.fingers[0].fingertip_node, pack("<IHH", 1_000, 7, 3_000))
     drive = CanFrame(0x200 + config.joints[0].drive_node, bytes(4))
     last = CanFrame(0x200 + config.joints[8].drive_node, bytes(4))
