@@ -82,7 +82,7 @@ def test_a_bus_interface_that_does_not_exist(run_refused):
 
 def test_no_hub(run_refused, tmp_path):
     said = run_refused()
-    says(said, tmp_path / "hub.sock", "finger", "palpate-host bus hub")
+    says(said, tmp_path / "hub.sock", "palpate-host bus hub", "bus.interface")
 
 
 def test_frames_that_are_not_there(run_refused, drawn_dataset, tmp_path):
