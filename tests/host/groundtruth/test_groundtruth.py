@@ -212,7 +212,7 @@ def test_pictures_without_a_pose_say_why() -> None:
         ),
         Marker(7, 0.03),
     )
-    assert tracker.look(0, seen).reason == "picture of 1280x720, the intrinsics are of 640x480"
+    assert tracker.look(0, seen).reason == "picture of 1280x720, the intrinsics are for 640x480"
 
 
 def test_a_marker_seen_from_straight_above_and_far_is_ambiguous_not_wrong() -> None:
