@@ -1,4 +1,4 @@
-"""The tables of the benchmarks by name, on standard output."""
+"""Run benchmarks by name and print their tables."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ TABLES = {
 @click.command()
 @click.argument("tables", nargs=-1, type=click.Choice(list(TABLES)))
 def main(tables: tuple[str, ...]) -> None:
-    """Print the tables of the benchmarks, each on one core: all of them, or those that are named.
+    """Run benchmarks on one core and print their tables. Without TABLES, run all.
 
     \b
     Examples:
-      python -m bench                   all, about two minutes
-      python -m bench camera hand       the twin's camera; its hand and object
+      python -m bench                   # all, about two minutes
+      python -m bench camera hand       # the twin's camera; its hand and object
       make bench TABLES="tick latency"
     """
     cv2.setNumThreads(1)

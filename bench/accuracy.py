@@ -1,4 +1,4 @@
-"""Write docs/accuracy.md, all figures of the estimator: ``python -m bench.accuracy`` or ``make accuracy``."""
+"""Measure the estimator's errors and write docs/accuracy.md: ``python -m bench.accuracy``."""
 
 from __future__ import annotations
 
@@ -35,45 +35,47 @@ FINGERS = ("finger-1", "finger-2", "finger-3")
     "-o", "--output", type=click.Path(path_type=Path), default=Path("docs/accuracy.md"), show_default=True
 )
 def main(data: Path, output: Path) -> None:
-    """Measure position, force and contact errors on the press sample and sequences in DATA; write the report
-    OUTPUT and beside it its picture."""
+    """Measure position, force and contact errors on the press sample and sequences in DATA.
+
+    Writes the report OUTPUT and its picture next to it.
+    """
     cv2.setNumThreads(1)
     begin = time.monotonic()
 
-    def say(what: str) -> None:
+    def report_progress(what: str) -> None:
         click.echo(f"{time.monotonic() - begin:4.0f} s  {what}", err=True)
 
     picture = output.with_name(f"{output.stem}-presses.svg")
     sample = read_dataset(data / "press-sample")
     moving = [read_dataset(data / "press-sequences" / finger) for finger in FINGERS]
-    sections, points = measure(sample, moving, picture.name, say)
+    sections, points = measure(sample, moving, picture.name, report_progress)
     try:
         output.write_text(report(sections), encoding="utf-8")
         presses.draw(points, picture)
     except OSError as error:
         raise DatasetError(f"{output} cannot be written: {error.strerror}") from None
-    say(f"{output} and {picture} written")
+    report_progress(f"{output} and {picture} written")
 
 
 def measure(
-    sample: PressDataset, moving: Sequence[PressDataset], picture: str, say: Callable[[str], None]
+    sample: PressDataset, moving: Sequence[PressDataset], picture: str, report_progress: Callable[[str], None]
 ) -> tuple[list[Section], list[presses.Point]]:
-    """All sections of the report, and the points of its picture."""
-    say("calibrating with all train presses")
+    """Return all sections of the report, and the points of its picture."""
+    report_progress("calibrating with all train presses")
     dome = load_dome_model()
     whole = calibrate(sample, dome=dome)
     corrected, paper = (
         evaluate_dataset(sample.folder, "test", whole, sample.folder, method)
         for method in (Method.CORRECTED, Method.PAPER)
     )
-    say("press sequences")
+    report_progress("press sequences")
     sequence_figures = [evaluate_dataset(d.folder, "test", whole, d.folder, None) for d in moving]
     motions = detection.measure([sample, *moving], whole)
     with tempfile.TemporaryDirectory() as work:
-        stressed = stress.measure(sample, whole, Path(work), lambda name: say(f"stress: {name}"))
-        say("beads")
-        places = beads.measure(sample, Path(work))
-    points = presses.measure(sample, dome, whole, say)
+        stressed = stress.measure(sample, whole, Path(work), lambda name: report_progress(f"stress: {name}"))
+        report_progress("beads")
+        bead_errors = beads.measure(sample, Path(work))
+    points = presses.measure(sample, dome, whole, report_progress)
     covered = [(figures.dataset, figures) for figures in (corrected, *sequence_figures)]
     sections = [
         regions.goals(
@@ -83,7 +85,7 @@ def measure(
         presses.section(points, picture),
         sequences.section(sequence_figures),
         stress.section(stressed),
-        beads.section(places),
+        beads.section(bead_errors),
         detection.section(motions, whole),
         sequences.coverage(covered),
     ]
@@ -91,21 +93,22 @@ def measure(
 
 
 def report(sections: list[Section]) -> str:
-    """The whole page: introduction, what falls short, and the sections."""
+    """Return the page: introduction, goals, limitations, and the other sections."""
     dome = hashlib.sha256(SHIPPED.read_bytes()).hexdigest()[:16]
     shortcomings = "\n".join(f"- {line}" for section in sections for line in section.shortcomings)
     goals, *others = (section.text for section in sections)
     head = paragraph(f"""
-        Made by `make accuracy` (`python -m bench.accuracy`) from the press sample and the press
-        sequences: pictures of a finite-element twin of one sensor, 640x480, 85 beads, not of a real
-        dome. `palpate-edge calibrate press-sample -o sample.cal` makes the calibration from the
-        train split; all figures but those of the smallest force are of frames that no calibration
-        has seen, by the code of `palpate-edge evaluate`. Position errors are straight lines between
-        two points on the outer sphere (radius 30 mm), of the corrected method where no other is
-        named. The dome model is the shipped one (sha256 {dome}...). Random choices have fixed
-        seeds: the same code gives the same page. Times are not here: `make bench`.
+        `make accuracy` (`python -m bench.accuracy`) writes this page from the press sample and the
+        press sequences. Their images show a finite-element model of one sensor (640x480, 85 beads),
+        not a real dome. The calibration is made from the train split by `palpate-edge calibrate
+        press-sample -o sample.cal`. All figures except those of the smallest force are computed by
+        the code of `palpate-edge evaluate` from frames that were not used for calibration. Position
+        errors are straight distances between two points on the outer sphere (radius 30 mm). They
+        apply to the corrected method unless another is named. The dome model is the packaged one
+        (sha256 {dome}...). Random seeds are fixed: the same code gives the same page. For computing
+        times see `make bench`.
         """)
-    return "\n\n".join(["# Accuracy", head, goals, f"## What falls short\n\n{shortcomings}", *others]) + "\n"
+    return "\n\n".join(["# Accuracy", head, goals, f"## Limitations\n\n{shortcomings}", *others]) + "\n"
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Where the tracker finds beads against where they really are, on the sample's sensor as the twin draws it.
+"""Errors of the tracker's bead positions on rendered frames of the press sample's sensor.
 
-The press sample does not tell its beads' true places. The twin renders sensors of the same sensor.toml, with
-tolerances and looks of their own, and knows each bead's outline.
+The press sample does not contain the true bead positions. The twin renders sensors of the same sensor.toml,
+with different tolerances and appearance, and provides each bead's outline.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.accuracy_report import Section, number, paragraph, table
-from bench.accuracy_stress import HARMS, Harm
-from palpate_edge.calibration.measurement import measure as look
+from bench.accuracy_stress import DEGRADATIONS, Degradation
+from palpate_edge.calibration.measurement import measure as measure_dataset
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
@@ -26,13 +26,13 @@ from palpate_twin.dome.library import load_library
 
 SEEDS = (200, 201, 202, 203)
 PLAN = Plan(train=0, test=30)
-SHOWN = tuple(name for name in HARMS if not name.startswith("25 beads") or name.endswith("draw 1"))
+SHOWN = tuple(name for name in DEGRADATIONS if not name.startswith("25 beads") or name.endswith("draw 1"))
 CLEAN = SHOWN[0]
 GOAL_PX, STRESS_GOAL_PX = 0.05, 0.1
 
 
 def measure(sample: PressDataset, work: Path) -> dict[str, Array]:
-    """Distances in px of all beads found from their true places, by harm."""
+    """Return the distances in px of all found beads from their true positions, by degradation."""
     parts: dict[str, list[Array]] = {name: [] for name in SHOWN}
     for seed in SEEDS:
         view = CameraView(with_tolerances(sample.sensor, seed), load_library())
@@ -42,23 +42,23 @@ def measure(sample: PressDataset, work: Path) -> dict[str, Array]:
         dataset = read_dataset(folder)
         true_px = [view.outlines(view.dome.press(shot.press) if shot.press else None)[0] for shot in shots]
         for name in SHOWN:
-            parts[name].append(_distances(dataset, view.outlines(None)[0], true_px, HARMS[name], seed))
+            parts[name].append(_distances(dataset, view.outlines(None)[0], true_px, DEGRADATIONS[name], seed))
     return {name: np.concatenate(found) for name, found in parts.items()}
 
 
 def _distances(
-    dataset: PressDataset, rest_px: Array, true_px: Sequence[Array], harm: Harm, seed: int
+    dataset: PressDataset, reference_px: Array, true_px: Sequence[Array], degrade: Degradation, seed: int
 ) -> Array:
-    """Of one sensor's frames, each made worse and tracked from the untouched dome."""
-    sight = look(dataset, ())
-    reference, tracker, random = sight.reference, Tracker(sight.reference), np.random.default_rng(seed)
-    bead_of = np.linalg.norm(reference.position_px[:, None] - rest_px[None], axis=2).argmin(axis=1)
+    """Return the errors of one sensor's frames, each degraded and tracked from the untouched dome."""
+    measured = measure_dataset(dataset, ())
+    reference, tracker, random = measured.reference, Tracker(measured.reference), np.random.default_rng(seed)
+    bead_of = np.linalg.norm(reference.position_px[:, None] - reference_px[None], axis=2).argmin(axis=1)
     found = []
     for press, places in zip(dataset.presses, true_px, strict=True):
         shown = np.column_stack([places[bead_of], reference.diameter_px])
-        image = harm(read_image(dataset.path(press)), shown, random)
+        image = degrade(read_image(dataset.path(press)), shown, random)
         tracker.reset()
-        beads = tracker.follow(plane(image, sight.registration.appearance))
+        beads = tracker.follow(plane(image, measured.registration.appearance))
         found.append(np.linalg.norm(beads.position_px - places[bead_of], axis=1)[beads.found])
     return np.concatenate(found)
 
@@ -74,14 +74,15 @@ def section(found: dict[str, Array]) -> Section:
         for name, off_px in found.items()
     ]
     text = paragraph(f"""
-        The press sample does not tell where its beads really are. These are {len(SEEDS)} sensors of the
-        sample's sensor.toml as the twin renders them (tolerances, silicone and looks from the seeds
-        {SEEDS[0]} to {SEEDS[-1]}: also coloured beads, glare, print), {PLAN.test} presses each: distance in
-        px from each bead that was found to the middle of its outline as drawn. `make accuracy`.
+        The press sample does not contain the true bead positions. The twin therefore renders
+        {len(SEEDS)} sensors with the sample's sensor.toml and tolerances, silicone and appearance from
+        the seeds {SEEDS[0]} to {SEEDS[-1]} (among them coloured beads, glare and print), with {PLAN.test}
+        presses each. The error is the distance of a found bead from the centre of its rendered outline,
+        in px. Command: `make accuracy`.
         """)
     head = ("frames", "beads found", "median px", "p95", "p99", "goal, median")
     missed = tuple(
-        f"Beads under {name}: median error {np.median(off_px):.3f} px, not {_goal_px(name):g}."
+        f"Beads with {name}: median error {np.median(off_px):.3f} px, goal {_goal_px(name):g} px."
         for name, off_px in found.items()
         if np.median(off_px) > _goal_px(name)
     )

@@ -1,4 +1,4 @@
-"""Error against the number of own presses: calibrations from random subsets of the sample's train split."""
+"""Errors by number of presses: calibrations from random subsets of the sample's train split."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COMMAND = "`palpate-edge calibrate SUBSET -o subset.cal`, then `palpate-edge eva
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One number of presses: the test split's figures of each subset, by method."""
+    """Figures of the test split for one number of presses: one entry per subset, by method."""
 
     presses: int
     corrected: tuple[Band, ...]
@@ -33,24 +33,24 @@ class Point:
 
 
 def measure(
-    dataset: PressDataset, dome: DomeModel, whole: Calibration, say: Callable[[str], None]
+    dataset: PressDataset, dome: DomeModel, whole: Calibration, report_progress: Callable[[str], None]
 ) -> list[Point]:
-    """All points; `whole` is the calibration with the whole train split."""
-    touches = [press for press in dataset.split("train") if press.position_mm is not None]
+    """Return all points. whole: calibration with the whole train split."""
+    touched = [press for press in dataset.split("train") if press.position_mm is not None]
     points = []
     for count in COUNTS:
-        say(f"{count} presses")
-        orders = [np.random.default_rng(seed).permutation(len(touches)) for seed in range(SUBSETS)]
+        report_progress(f"{count} presses")
+        orders = [np.random.default_rng(seed).permutation(len(touched)) for seed in range(SUBSETS)]
         calibrations = [
-            calibrate(replace(dataset, presses=tuple(touches[i] for i in sorted(order[:count]))), dome=dome)
+            calibrate(replace(dataset, presses=tuple(touched[i] for i in sorted(order[:count]))), dome=dome)
             for order in (orders if count else orders[:1])
         ]
         points.append(_point(count, dataset.folder, calibrations))
-    return [*points, _point(len(touches), dataset.folder, [whole])]
+    return [*points, _point(len(touched), dataset.folder, [whole])]
 
 
 def overall(points: Sequence[Point], presses: int) -> Band:
-    """The corrected method's figures with so many presses, means over the subsets."""
+    """Return the corrected method's figures for a number of presses, averaged over the subsets."""
     (point,) = (point for point in points if point.presses == presses)
     return _mean(point.corrected)
 
@@ -61,12 +61,12 @@ def section(points: Sequence[Point], picture: str) -> Section:
     for point in points:
         ours, theirs = _mean(point.corrected), _mean(point.paper)
         means = [band.mean_mm for band in point.corrected if band.mean_mm is not None]
-        spread = f"{min(means):.2f} to {max(means):.2f}" if len(means) > 1 else "-"
+        extent = f"{min(means):.2f} to {max(means):.2f}" if len(means) > 1 else "-"
         rows.append(
             (
                 str(point.presses),
                 number(ours.mean_mm),
-                spread,
+                extent,
                 number(ours.p95_mm),
                 number(ours.force_rmse_percent),
                 number(ours.direction_deg),
@@ -90,18 +90,19 @@ def section(points: Sequence[Point], picture: str) -> Section:
         "paper's force %",
     )
     text = paragraph(f"""
-        Means over {SUBSETS} random subsets of the train presses (0 and {points[-1].presses}: there
-        is only one); "subsets" is the least and the largest of their means. Without presses the
-        correction is the dome model that is shipped, which knows no sensor's stiffness, so that
-        there is no force. "covered" is the share of presses within their 95 % radius. {COMMAND}.
+        Means over {SUBSETS} random subsets of the train presses (one subset for 0 and
+        {points[-1].presses}); "subsets" gives the smallest and the largest of their means. Without
+        presses, the correction model is the packaged dome model. It contains no sensor's stiffness,
+        so there is no force. "covered" is the share of presses within their 95 % radius. Command:
+        {COMMAND}.
         """)
-    curve = f"![mean error against the number of own presses]({picture})"
-    parts = ["## Error and the number of own presses", text, table(head, rows), curve]
+    curve = f"![mean error by number of presses]({picture})"
+    parts = ["## Error by number of presses", text, table(head, rows), curve]
     return Section("\n\n".join(parts), tuple(shortcomings))
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """The curve as a small SVG picture, the same bytes for the same figures."""
+    """Draw the curve as an SVG picture; the same figures give the same bytes."""
     mpl.rcParams["svg.hashsalt"] = "palpate"
     mpl.rcParams["svg.fonttype"] = "none"
     figure = Figure(figsize=(5.5, 3.2), layout="constrained")
@@ -134,7 +135,7 @@ def _point(presses: int, folder: Path, calibrations: Sequence[Calibration]) -> P
 
 
 def _mean(bands: Sequence[Band]) -> Band:
-    """Figure by figure."""
+    """Return the mean of each figure."""
 
     def mean(name: str) -> float | None:
         values = [getattr(band, name) for band in bands]

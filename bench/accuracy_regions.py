@@ -1,4 +1,4 @@
-"""The press sample by region and by force, both methods, beside the paper's Table 1; and the goals."""
+"""Errors on the press sample by region and force, for both methods and the paper's Table 1; the goals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.accuracy_report import (
     lighter_missed,
     number,
     paragraph,
-    refused,
+    rejected,
     table,
     wrong_flags,
 )
@@ -22,7 +22,7 @@ FORCE_HEAD = ("", "presses", "corrected N", "%", "deg", "paper's method N", "%",
 
 
 def section(corrected: Figures, paper: Figures) -> Section:
-    """Tables of one calibration's two methods."""
+    """Return the tables of both methods with one calibration."""
     regions = zip(corrected.regions, paper.regions, PAPER_ERRORS_MM, strict=True)
     rows = [
         (ours.name, str(ours.count), number(printed, 3), number(theirs.mean_mm, 3), *_position(ours))
@@ -32,22 +32,23 @@ def section(corrected: Figures, paper: Figures) -> Section:
     overall = corrected.overall
     rows.append(("all", str(overall.count), *(number(mean, 3) for mean in means), *_position(overall)))
     where = paragraph(f"""
-        The press sample's test split, calibrated with all of its train presses. Regions are those
-        of the paper's Fig. 8b, degrees above the base plane. "Table 1" is what the paper printed
-        for its own sensor ("all" is the mean of the five); "paper's method" is the same method
-        here, on this sensor. Errors are in mm. {COMMAND}.
+        Test split of the press sample; the calibration uses all train presses. The regions are those of
+        the paper's Fig. 8b, in degrees above the base plane. "Table 1" gives the paper's errors on its
+        own sensor ("all" is the mean of the five regions), "paper's method" those of the same method on
+        this sensor. Errors are in mm. Command: {COMMAND}.
         """)
     force = paragraph(f"""
         Force errors of the same run: root mean square of the force vector's error, in N and in per
         cent of the largest force ({corrected.largest_force_N:.2f} N), and the mean angle between
-        the given and the true force where that is above a quarter of the largest. The paper's
-        method knows no shear.
+        estimated and true force for forces above a quarter of the largest. The paper's method does not
+        estimate shear.
         """)
     flags = paragraph(f"""
-        Contact flag wrong: corrected {wrong_flags(corrected)}, paper's method {wrong_flags(paper)} of
-        {corrected.confusion.judged} and {paper.confusion.judged} frames without touch or with one of
-        {corrected.confusion.threshold_N:.3f} N or more; lighter ones missed: {lighter_missed(corrected)} and
-        {lighter_missed(paper)}. Refused: {refused(corrected)} and {refused(paper)}.
+        Wrong contact flags: corrected {wrong_flags(corrected)} of {corrected.confusion.judged}, paper's
+        method {wrong_flags(paper)} of {paper.confusion.judged} frames (without contact, or with a force
+        of at least {corrected.confusion.threshold_N:.3f} N). Missed contacts below that force:
+        {lighter_missed(corrected)} and {lighter_missed(paper)}. Rejected frames: {rejected(corrected)} and
+        {rejected(paper)}.
         """)
     parts = ["## By region", where, table(REGION_HEAD, rows), force]
     parts += [table(FORCE_HEAD, _forces(corrected, paper)), flags]
@@ -55,8 +56,10 @@ def section(corrected: Figures, paper: Figures) -> Section:
 
 
 def goals(corrected: Figures, moving: Sequence[Figures], twenty: Band, hard: Band) -> Section:
-    """The goals set beforehand beside the figures; `moving`: of the sequences; `hard`: flicker, hidden beads
-    and JPEG 60 together."""
+    """Compare the figures with the goals.
+
+    moving: figures of the sequences; twenty: with 20 presses; hard: with flicker, hidden beads and JPEG 60.
+    """
     overall = corrected.overall
     flags = [figures.confusion for figures in (corrected, *moving)]
     lighter = sum(flag.touches_below for flag in flags)
@@ -70,13 +73,13 @@ def goals(corrected: Figures, moving: Sequence[Figures], twenty: Band, hard: Ban
         ("force direction, mean, deg", overall.direction_deg, 5.0),
         ("position, flicker, up to 12 beads hidden and JPEG 60, mean, mm", hard.mean_mm, 0.9),
         (
-            f"contact flag wrong, {judged} frames without touch or with one of at least "
+            f"wrong contact flags, {judged} frames without contact or with at least "
             f"{corrected.confusion.threshold_N:.3f} N, %",
             100 * wrong / judged,
             1.0,
         ),
         (
-            f"the same with the {lighter} lighter touches, %",
+            f"wrong contact flags including {lighter} lighter contacts, %",
             100 * (wrong + missed_below) / (judged + lighter),
             1.0,
         ),
@@ -86,9 +89,7 @@ def goals(corrected: Figures, moving: Sequence[Figures], twenty: Band, hard: Ban
         for name, value, goal in figures
     ]
     missed = tuple(
-        f"The goal for {name} is missed: {value}, not {goal}."
-        for name, goal, value, met in rows
-        if met == "no"
+        f"Goal not met: {name}: {value}, goal {goal}." for name, goal, value, met in rows if met == "no"
     )
     return Section("## Goals\n\n" + table(("", "goal", "figure", "met"), rows), missed)
 
@@ -109,14 +110,14 @@ def _force(band: Band) -> tuple[str, ...]:
 def _shortcomings(corrected: Figures, paper: Figures) -> tuple[str, ...]:
     pairs = list(zip(paper.regions, PAPER_ERRORS_MM, strict=True))
     worse = [
-        f"region {region}: {band.mean_mm:.2f} mm against {printed:.2f}"
+        f"region {region} {band.mean_mm:.2f} mm instead of {printed:.2f}"
         for region, (band, printed) in enumerate(pairs, start=1)
         if band.mean_mm is not None and band.mean_mm > printed
     ]
-    text = f"The paper's method is worse here than the paper printed for its sensor in {'; '.join(worse)}."
+    text = f"The paper's method has larger errors on this sensor than in the paper: {'; '.join(worse)}."
     few = min(band.count for band in corrected.regions)
     return (
         *((text,) if worse else ()),
-        f"The sample's test split is small: the smallest region holds {few} presses.",
+        f"The sample's test split is small: the smallest region contains {few} presses.",
         *coverage_shortcoming("Press sample", corrected.overall.covered_percent, corrected.overall.count),
     )

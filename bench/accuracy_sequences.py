@@ -1,4 +1,4 @@
-"""The press sequences: the sample's sensor touched by a moving plate, frame after frame."""
+"""Errors on the press sequences: recordings of the sample's sensor under a moving plate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.accuracy_report import (
     lighter_missed,
     number,
     paragraph,
-    refused,
+    rejected,
     table,
     wrong_flags,
 )
@@ -32,14 +32,14 @@ def section(found: Sequence[Figures]) -> Section:
                 number(band.force_rmse_percent),
                 number(band.direction_deg),
                 number(band.covered_percent, 1),
-                str(refused(figures)),
+                str(rejected(figures)),
                 f"{wrong_flags(figures)} of {figures.confusion.judged}",
                 lighter_missed(figures),
             )
         )
     head = (
         "",
-        "touches",
+        "contacts",
         "mean mm",
         "median",
         "p95",
@@ -47,43 +47,43 @@ def section(found: Sequence[Figures]) -> Section:
         "force %",
         "deg",
         "covered %",
-        "refused",
-        "flag wrong",
+        "rejected",
+        "wrong flags",
         "lighter missed",
     )
     text = paragraph(f"""
-        Recordings of the same sensor that no calibration has seen: touching, pressing and leaving,
-        {found[0].frames} frames each. "flag wrong" is of frames without touch or with one of the
-        contact threshold in newtons or more, "lighter missed" of the lighter ones. {COMMAND}.
+        Recordings of the same sensor that were not used for calibration: a plate touches, presses and
+        leaves, {found[0].frames} frames each. "wrong flags" counts frames without contact or with a
+        force of at least the contact threshold, "lighter missed" contacts below it. Command: {COMMAND}.
         """)
-    light = "The lightest and the heaviest third of each: where the large errors are."
-    by_force = table(("force, N", "touches", "mean mm", "max mm"), _by_force(found))
+    light = "Large errors occur in the lightest third of each sequence. For comparison, the heaviest third:"
+    by_force = table(("force, N", "contacts", "mean mm", "max mm"), _by_force(found))
     parts = ["## Press sequences", text, table(head, rows), light, by_force]
     return Section("\n\n".join(parts), _shortcomings(found))
 
 
 def coverage(found: Sequence[tuple[str, Figures]]) -> Section:
-    """The share of contacts inside their 95 % radius, wherever a radius was given."""
+    """Return the section on the share of contacts within their 95 % radius."""
     rows = [
         (name, str(figures.overall.count), number(figures.overall.covered_percent, 1))
         for name, figures in found
     ]
     bands = [figures.overall for _, figures in found]
-    touches = sum(band.count for band in bands)
-    pooled = sum(band.count * (band.covered_percent or 0.0) for band in bands) / touches
-    rows.append(("all of these", str(touches), number(pooled, 1)))
+    contacts = sum(band.count for band in bands)
+    pooled = sum(band.count * (band.covered_percent or 0.0) for band in bands) / contacts
+    rows.append(("all of these", str(contacts), number(pooled, 1)))
     text = paragraph("""
-        Share of contacts no farther from the given position than the radius given with it; the goal
-        is 93 to 97 %. Frames of a sequence follow one another, so that they are fewer independent
-        trials than it seems. The share under stress stands in the stress table. `palpate-edge
-        evaluate` as above, column "in 95% radius".
+        Share of contacts whose true position is within the estimated radius of the estimated position;
+        the goal is 93 to 97 %. Successive frames of a sequence are not independent, so the number of
+        independent trials is smaller than the number of contacts. The shares under stress are in the
+        stress table. Command: `palpate-edge evaluate` as above, column "in 95% radius".
         """)
-    parts = ["## The 95 % radius", text, table(("", "touches", "covered %"), rows)]
-    return Section("\n\n".join(parts), coverage_shortcoming("All of these together", pooled, touches))
+    parts = ["## The 95 % radius", text, table(("", "contacts", "covered %"), rows)]
+    return Section("\n\n".join(parts), coverage_shortcoming("All of these together", pooled, contacts))
 
 
 def _by_force(found: Sequence[Figures]) -> list[tuple[str, ...]]:
-    """Each sequence's lightest third beside its heaviest: where the large errors are."""
+    """Return the rows of each sequence's lightest and heaviest third."""
     rows: list[tuple[str, ...]] = []
     for figures in found:
         third_N = figures.largest_force_N / 3
@@ -98,8 +98,8 @@ def _shortcomings(found: Sequence[Figures]) -> tuple[str, ...]:
     for figures in found:
         worst, light = figures.overall.max_mm or 0.0, figures.forces[0].max_mm or 0.0
         if worst > FAR_MM:
-            when = "while the touch is light" if light == worst else "under load"
-            sentences.append(f"{figures.dataset}: single frames are up to {worst:.1f} mm off, {when}.")
+            when = "at light contact" if light == worst else "under load"
+            sentences.append(f"{figures.dataset}: errors of single frames are up to {worst:.1f} mm {when}.")
         sentences += coverage_shortcoming(
             figures.dataset, figures.overall.covered_percent, figures.overall.count
         )

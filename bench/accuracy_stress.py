@@ -1,4 +1,4 @@
-"""The test split's frames made worse: JPEG, flicker, blur, noise, beads painted over, glare."""
+"""Errors on degraded frames of the test split: JPEG, flicker, blur, noise, hidden beads, glare."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.accuracy_report import Section, number, paragraph, refused, table, wrong_flags
+from bench.accuracy_report import Section, number, paragraph, rejected, table, wrong_flags
 from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.datasets.images import read_image
@@ -20,9 +20,9 @@ from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 Random = np.random.Generator
-Harm = Callable[[Image, Array, Random], Image]  # the image and its beads (n, 3): place and diameter, px
+Degradation = Callable[[Image, Array, Random], Image]  # image, beads (n, 3) with position and diameter in px
 
-PAINTED = 0.75  # radius of what is painted over a bead, in bead diameters
+PAINTED = 0.75  # radius of the disc painted over a bead, in bead diameters
 GLARE_PX = 60
 LEAST_COVERED_PERCENT = 90.0
 COMMAND = "`palpate-edge evaluate STRESSED --calibration sample.cal`"
@@ -34,7 +34,7 @@ def jpeg60(image: Image, _beads: Array, _random: Random) -> Image:
 
 
 def flicker(image: Image, _beads: Array, random: Random) -> Image:
-    """Brightness of each frame 15 % up or down at most."""
+    """Change the brightness by a random factor of up to 15 %."""
     return _to_image(image * random.uniform(0.85, 1.15))
 
 
@@ -46,8 +46,8 @@ def noise(image: Image, _beads: Array, random: Random) -> Image:
     return _to_image(image + 8.0 * random.standard_normal(image.shape))
 
 
-def hide(count: int) -> Harm:
-    """Paint `count` random beads over with the grey of the skin around each."""
+def hide(count: int) -> Degradation:
+    """Return a degradation that paints `count` random beads over with the colour of the skin around them."""
 
     def painted(image: Image, beads: Array, random: Random) -> Image:
         image = image.copy()
@@ -63,7 +63,7 @@ def hide(count: int) -> Harm:
 
 
 def glare(image: Image, beads: Array, random: Random) -> Image:
-    """A white blob, saturated in the middle and `GLARE_PX` across at half its height, near some bead."""
+    """Add a white spot near a random bead, saturated in the middle, with a half-width of `GLARE_PX`."""
     x, y = beads[random.integers(len(beads)), :2] + random.uniform(-10, 10, 2)
     rows, columns = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
     squared = (columns - x) ** 2 + (rows - y) ** 2
@@ -72,13 +72,13 @@ def glare(image: Image, beads: Array, random: Random) -> Image:
 
 
 def all_together(image: Image, beads: Array, random: Random) -> Image:
-    """Flicker, up to 12 beads hidden, JPEG 60."""
+    """Apply flicker, hide up to 12 beads, and compress with JPEG 60."""
     hidden = hide(int(random.integers(13)))(image, beads, random)
     return jpeg60(flicker(hidden, beads, random), beads, random)
 
 
 TOGETHER = "flicker, 0 to 12 beads hidden and JPEG 60"
-HARMS: dict[str, Harm] = {
+DEGRADATIONS: dict[str, Degradation] = {
     "as recorded": lambda image, _beads, _random: image,
     "JPEG 60": jpeg60,
     "brightness flicker of 15 %": flicker,
@@ -93,16 +93,16 @@ HARMS: dict[str, Harm] = {
 
 
 def measure(
-    dataset: PressDataset, calibration: Calibration, work: Path, say: Callable[[str], None]
+    dataset: PressDataset, calibration: Calibration, work: Path, report_progress: Callable[[str], None]
 ) -> dict[str, Figures]:
-    """The figures of each harm, by its name."""
+    """Return the figures of each degradation by name."""
     clean = [read_image(dataset.path(press)) for press in dataset.split("test")]
     beads = _beads(clean, calibration)
     found = {}
-    for number_, (name, harm) in enumerate(HARMS.items()):
-        say(name)
+    for number_, (name, degrade) in enumerate(DEGRADATIONS.items()):
+        report_progress(name)
         random = np.random.default_rng(number_)
-        images = [harm(image, places, random) for image, places in zip(clean, beads, strict=True)]
+        images = [degrade(image, places, random) for image, places in zip(clean, beads, strict=True)]
         folder = _write(dataset, images, work / str(number_))
         found[name] = evaluate_dataset(folder, "test", calibration, folder, None)
     return found
@@ -114,15 +114,15 @@ def section(found: dict[str, Figures]) -> Section:
         overall = figures.overall
         cells = (overall.mean_mm, overall.p95_mm, overall.force_rmse_percent, overall.covered_percent)
         rows.append(
-            (name, *(number(cell) for cell in cells), str(refused(figures)), str(wrong_flags(figures)))
+            (name, *(number(cell) for cell in cells), str(rejected(figures)), str(wrong_flags(figures)))
         )
-    head = ("frames", "mean mm", "p95 mm", "force %", "covered %", "refused", "contact flag wrong")
+    head = ("frames", "mean mm", "p95 mm", "force %", "covered %", "rejected", "wrong contact flags")
     frames = next(iter(found.values())).frames
     text = paragraph(f"""
-        The press sample's {frames} test frames made worse, the calibration made from clean ones.
-        "refused" and "contact flag wrong" count frames, the latter but for touches below the contact
-        threshold in newtons; a refused frame counts in nothing else.
-        {COMMAND}, STRESSED being the dataset with the changed frames.
+        The {frames} test frames of the press sample, degraded; the calibration uses clean frames.
+        "rejected" and "wrong contact flags" are numbers of frames. Rejected frames are excluded from all
+        other columns, contacts below the contact threshold from the wrong flags. Command: {COMMAND},
+        where STRESSED is the dataset with the degraded frames.
         """)
     return Section("\n\n".join(["## Stress", text, table(head, rows)]), _shortcomings(found))
 
@@ -134,21 +134,21 @@ def _shortcomings(found: dict[str, Figures]) -> tuple[str, ...]:
         faults = []
         growth = (figures.overall.mean_mm or 0.0) / clean_mm
         if growth > 2:
-            faults.append(f"the mean error grows {growth:.1f} times")
-        if refused(figures):
-            faults.append(f"{refused(figures)} of {figures.frames} frames are refused")
+            faults.append(f"the mean error is {growth:.1f} times as large")
+        if rejected(figures):
+            faults.append(f"{rejected(figures)} of {figures.frames} frames are rejected")
         if wrong_flags(figures):
             faults.append(f"the contact flag is wrong in {wrong_flags(figures)} frames")
         covered = figures.overall.covered_percent
         if covered is not None and covered < LEAST_COVERED_PERCENT:
-            faults.append(f"the 95 % radius holds only {covered:.0f} %")
+            faults.append(f"the 95 % radius contains only {covered:.0f} % of the contacts")
         if faults:
-            sentences.append(f"Under {name}: {', '.join(faults)}.")
+            sentences.append(f"With {name}: {', '.join(faults)}.")
     return tuple(sentences)
 
 
 def _beads(images: Sequence[Image], calibration: Calibration) -> list[Array]:
-    """Place and diameter (n, 3) of every bead in each image."""
+    """Return position and diameter (n, 3) of every bead in each image."""
     reference = calibration.reference()
     tracker = Tracker(reference)
     places = [tracker.follow(plane(image, calibration.appearance)).position_px for image in images]
@@ -156,7 +156,7 @@ def _beads(images: Sequence[Image], calibration: Calibration) -> list[Array]:
 
 
 def _write(dataset: PressDataset, images: Sequence[Image], folder: Path) -> Path:
-    """A dataset of the test split with other images, stored without loss."""
+    """Write a dataset of the test split with other images, stored without loss."""
     (folder / "frames").mkdir(parents=True)
     shutil.copy(dataset.folder / "sensor.toml", folder)
     shutil.copytree(dataset.folder / "reference", folder / "reference")

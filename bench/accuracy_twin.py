@@ -1,4 +1,7 @@
-"""Write docs/accuracy-twin.md, the estimator on sensors of the twin: ``python -m bench.accuracy_twin``."""
+"""Measure the estimator's errors on simulated sensors: ``python -m bench.accuracy_twin``.
+
+It writes docs/accuracy-twin.md.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import click
 import cv2
 import numpy as np
 
-from bench.accuracy_report import number, paragraph, refused, table, wrong_flags
+from bench.accuracy_report import number, paragraph, rejected, table, wrong_flags
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
 from palpate_edge.calibration.measurement import Measured, measure
@@ -34,31 +37,37 @@ from palpate_twin.dome.library import load_library
 SENSORS = 10
 PLAN = Plan(train=200, test=60)
 COUNTS = (0, 20, PLAN.train)
-MISLABELLED_PX = 3.0  # a found bead farther from its true place is another one, or none
+MISLABELLED_PX = 3.0  # a found bead with a larger error counts as mislabelled
 PROCESSES = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Beads:
-    """Found beads against the twin's own: median error, and test frames with a mislabelled bead, following
-    on from the frame before, and each from the untouched dome."""
+    """Bead positions of the tracker compared with the truth.
+
+    median_px: median error. tracked, single: number of test frames with a mislabelled bead if the tracker
+    continues from the frame before, or starts from the untouched dome.
+    """
 
     median_px: float
-    following: int
-    apart: int
+    tracked: int
+    single: int
     frames: int
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One sensor: what it is, figures of its test split by number of presses, None where it cannot be
-    calibrated."""
+    """Results of one sensor.
+
+    figures: of the test split by number of presses, None if the sensor could not be calibrated; problem: the
+    reason.
+    """
 
     name: str
-    looks: str
+    appearance: str
     figures: dict[int, Figures | None]
     beads: Beads | None
-    trouble: str = ""
+    problem: str = ""
 
 
 @click.command()
@@ -66,25 +75,27 @@ class Line:
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("docs/accuracy-twin.md"))
 @click.option("--sensors", type=click.IntRange(1), default=SENSORS, show_default=True)
 def main(data: Path, output: Path, sensors: int) -> None:
-    """Make datasets of simulated sensors, calibrate and evaluate each, and set the press sample beside them
-    (5 to 20 minutes of two busy cores); OUTPUT is written anew after each."""
+    """Calibrate and evaluate simulated sensors, and the press sample for comparison.
+
+    It takes 5 to 20 minutes on two cores. OUTPUT is written after each sensor.
+    """
     begin = time.monotonic()
 
-    def say(what: str) -> None:
+    def report_progress(what: str) -> None:
         click.echo(f"{time.monotonic() - begin:4.0f} s  {what}", err=True)
 
     with tempfile.TemporaryDirectory() as work, ProcessPoolExecutor(PROCESSES) as pool:
         tasks = {pool.submit(_sample, data / "press-sample"): -1}
-        # The hexagonal layouts, which have the most beads, last.
+        # The hexagonal layouts have the most beads and come last.
         for seed in sorted(range(sensors), key=lambda seed: (seed % len(NAMES), seed)):
             tasks[pool.submit(_sensor, seed, Path(work) / str(seed))] = seed
         lines: dict[int, Line] = {}
         for task in as_completed(tasks):
             lines[tasks[task]] = task.result()
-            say(lines[tasks[task]].name)
+            report_progress(lines[tasks[task]].name)
             missing = [seed for seed in range(sensors) if seed not in lines]
             _write(output, report([lines[seed] for seed in sorted(lines)], missing))
-    say(f"{output} written")
+    report_progress(f"{output} written")
 
 
 def _write(output: Path, text: str) -> None:
@@ -95,21 +106,22 @@ def _write(output: Path, text: str) -> None:
 
 
 def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
-    """The page; missing: seeds whose sensors are not done yet."""
+    """Return the page. missing: seeds whose sensors are not done yet."""
     head = paragraph(f"""
-        Made by `python -m bench.accuracy_twin`: sensors that the twin makes up, each from
-        the seed before its name (`palpate-host simulate dataset -o dome --random-seed SEED`), each calibrated
-        with none, 20 and all {PLAN.train} of its train presses and evaluated on {PLAN.test} others, as
-        `palpate-edge calibrate` and `evaluate` do. Beside them the press sample, an independent twin's
-        sensor: where the two differ, the twin is not yet like it, or has what the sample has not
-        (layouts, colours, glare, print). Errors on smaller domes are smaller: see the radius.
+        `python -m bench.accuracy_twin` writes this page. It evaluates random sensors of the twin; the number
+        before a sensor's name is its seed (`palpate-host simulate dataset -o dome --random-seed SEED`). Each
+        sensor is calibrated with 0, 20 and all {PLAN.train} of its train presses and evaluated on {PLAN.test}
+        others, as by `palpate-edge calibrate` and `evaluate`. The press sample, which comes from an
+        independent simulation, is listed for comparison. Differences have two causes: the twin differs from
+        that simulation, and it has properties that the sample lacks (layouts, colours, glare, print). Errors
+        on smaller domes are smaller; the radius is given.
         """)
     position = table(
-        ("sensor", "looks", "0 presses: mean mm", "20", "all", "all: p95", "covered %"),
+        ("sensor", "appearance", "0 presses: mean mm", "20", "all", "all: p95", "covered %"),
         [
             (
                 line.name,
-                line.looks,
+                line.appearance,
                 *(_mean(line, count) for count in COUNTS),
                 _all(line, "p95_mm"),
                 _all(line, "covered_percent", 1),
@@ -118,7 +130,7 @@ def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
         ],
     )
     force = table(
-        ("sensor", "20 presses: %", "all: %", "deg", "flag wrong", "refused", "of"),
+        ("sensor", "20 presses: %", "all: %", "deg", "wrong flags", "rejected", "frames"),
         [
             (
                 line.name,
@@ -131,25 +143,25 @@ def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
         ],
     )
     beads = table(
-        ("sensor", "median px", "mislabelled, following", "mislabelled, each apart", "of frames"),
+        ("sensor", "median px", "mislabelled, tracked", "mislabelled, single", "frames"),
         [
             (
                 line.name,
                 number(line.beads.median_px, 3),
-                str(line.beads.following),
-                str(line.beads.apart),
+                str(line.beads.tracked),
+                str(line.beads.single),
                 str(line.beads.frames),
             )
             for line in lines
             if line.beads
         ],
     )
-    notes = [f"- {line.name}: {line.trouble}." for line in lines if line.trouble]
+    notes = [f"- {line.name}: {line.problem}." for line in lines if line.problem]
     parts = [
         "# Accuracy on the twin",
         head,
         *(
-            [f"Not done when this was written: the sensors {', '.join(map(str, missing))}."]
+            [f"Not finished when this page was written: sensors {', '.join(map(str, missing))}."]
             if missing
             else []
         ),
@@ -158,12 +170,13 @@ def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
         *notes,
         "## Force and contact",
         paragraph("""Force errors are root mean squares in per cent of the largest force of the sensor's test
-        presses; deg, flags and refusals are those with all presses."""),
+        presses. Angles, wrong flags and rejected frames are those with all presses."""),
         force,
         "## Beads",
-        paragraph(f"""What the tracker finds against where the twin drew it, over the test frames. A bead more
-        than {MISLABELLED_PX:g} px off is taken for another one: single presses are far apart, so that a
-        tracker which follows on from the frame before meets jumps that a moving contact does not make."""),
+        paragraph(f"""Errors of the tracker's bead positions over the test frames. A frame is mislabelled if
+        an error exceeds {MISLABELLED_PX:g} px. "tracked": the tracker continues from the frame before; as the
+        presses are independent, it meets jumps that a moving contact does not make. "single": the tracker
+        starts from the untouched dome for each frame."""),
         beads,
     ]
     return "\n\n".join(parts) + "\n"
@@ -184,29 +197,29 @@ def _sensor(seed: int, folder: Path) -> Line:
     name = f"{seed}: {NAMES[seed % len(NAMES)]}"
     try:
         found = _beads(view, shots, dataset, measure(dataset, ()))
-        return Line(name, _looks(twin), _figures(dataset), found)
+        return Line(name, _appearance(twin), _figures(dataset), found)
     except CalibrationError as error:
-        return Line(name, _looks(twin), dict.fromkeys(COUNTS), None, str(error))
+        return Line(name, _appearance(twin), dict.fromkeys(COUNTS), None, str(error))
 
 
 def _figures(dataset: PressDataset) -> dict[int, Figures | None]:
-    """Of the test split, by number of train presses; the last count stands for all there are."""
+    """Return the figures of the test split by number of train presses; the last count means all."""
     dome = load_dome_model()
     train = dataset.split("train")
-    touches = tuple(press for press in train if press.position_mm is not None)
+    touched = tuple(press for press in train if press.position_mm is not None)
     found: dict[int, Figures | None] = {}
     for count in COUNTS:
-        own = train if count == COUNTS[-1] else touches[:count]
-        calibration = calibrate(replace(dataset, presses=own), dome=dome)
+        used = train if count == COUNTS[-1] else touched[:count]
+        calibration = calibrate(replace(dataset, presses=used), dome=dome)
         found[count] = evaluate_dataset(dataset.folder, "test", calibration, dataset.folder, None)
     return found
 
 
 def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measured: Measured) -> Beads:
-    at_rest, _ = view.outlines(None)
-    start = measured.reference.position_px
-    bead_of = np.linalg.norm(start[:, None] - at_rest[None], axis=2).argmin(axis=1)
-    tracker, lone = Tracker(measured.reference), Tracker(measured.reference)
+    true_reference_px, _ = view.outlines(None)
+    reference_px = measured.reference.position_px
+    bead_of = np.linalg.norm(reference_px[:, None] - true_reference_px[None], axis=2).argmin(axis=1)
+    tracker, single = Tracker(measured.reference), Tracker(measured.reference)
     errors, wrong, frames = [], [0, 0], 0
     for shot, press in zip(shots, dataset.presses, strict=True):
         if shot.split != "test":
@@ -214,9 +227,9 @@ def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measu
         deformation = view.dome.press(shot.press) if shot.press else None
         true_px = view.outlines(deformation)[0][bead_of]
         dark = plane(read_image(dataset.path(press)), measured.registration.appearance)
-        lone.reset()
+        single.reset()
         frames += 1
-        for which, beads in enumerate((tracker.follow(dark), lone.follow(dark))):
+        for which, beads in enumerate((tracker.follow(dark), single.follow(dark))):
             off_px = np.linalg.norm(beads.position_px - true_px, axis=1)[beads.found]
             wrong[which] += bool((off_px > MISLABELLED_PX).any())
             if which:
@@ -224,7 +237,7 @@ def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measu
     return Beads(float(np.median(np.concatenate(errors))), *wrong, frames)
 
 
-def _looks(twin: TwinSensor) -> str:
+def _appearance(twin: TwinSensor) -> str:
     bead, skin = np.array(twin.look.bead_bgr), np.array(twin.look.skin_bgr)
     kind = "coloured" if np.ptp(bead) > 60 else "light" if bead.mean() > skin.mean() else "dark"
     more = [twin.sensor.camera.model]
@@ -249,11 +262,11 @@ def _all(line: Line, name: str, digits: int = 2) -> str:
 
 
 def _counts(line: Line) -> tuple[str, str, str]:
-    """Wrong contact flags, refused frames, all frames."""
+    """Return wrong contact flags, rejected frames and all frames."""
     figures = line.figures[COUNTS[-1]]
     if figures is None:
         return "-", "-", "-"
-    return str(wrong_flags(figures)), str(refused(figures)), str(figures.frames)
+    return str(wrong_flags(figures)), str(rejected(figures)), str(figures.frames)
 
 
 if __name__ == "__main__":

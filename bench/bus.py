@@ -1,4 +1,4 @@
-"""A contact's way onto the bus, and a frame's way through the hub beside python-can's in-process bus."""
+"""Time of publishing a contact, and of sending a frame through the hub or python-can's in-process bus."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.nmt import NMT_ID
 
 ROUND_TRIPS = 1000
-DRAINED_S = 0.002  # a burst's frames have left the hub's queue
+DRAINED_S = 0.002  # time in which the hub sends a burst's frames
 BURST = [CanFrame(0x200 + node, bytes(8)) for node in range(1, 10)] + [CanFrame(0x080)]  # a host's tick
 CONTACT = Contact(1, 0, True, True, (1.0, 2.0, 29.9), 1.0, (0.0, 0.1, -1.0), 1.0, "", 85, 85)
 
 
 def report() -> str:
-    """The table."""
+    """Return the table."""
     return table("Fingertip node and hub", rows())
 
 
 def rows() -> list[Row]:
-    """The first row is the yardstick."""
+    """Return the rows; the first one is the reference for the ratios."""
     return [*_round_trips(), _node()]
 
 
@@ -50,7 +50,7 @@ def _node() -> Row:
 def _round_trips() -> list[Row]:
     virtual = [can.Bus(interface="virtual", channel="bench") for _ in range(2)]
     try:
-        plain = Row("frame and answer, python-can virtual (one process)", _ping(*virtual))
+        plain = Row("frame and reply, python-can virtual (one process)", _ping(*virtual))
     finally:
         for bus in virtual:
             bus.shutdown()
@@ -61,7 +61,7 @@ def _round_trips() -> list[Row]:
         thread.start()
         buses = [can.Bus(interface="palpate", channel=str(path), name=name) for name in ("a", "b")]
         try:
-            through = Row("frame and answer through the hub", _ping(*buses))
+            through = Row("frame and reply through the hub", _ping(*buses))
             burst = Row("a tick's ten frames to the hub, processor time", _bursts(path))
         finally:
             for bus in buses:

@@ -1,9 +1,9 @@
-"""How well three fingertips keep the bus's time: `python -m bench.bus_clock`.
+"""Measure the clock synchronisation of three fingertips: `python -m bench.bus_clock`.
 
-Three real daemons on the hub, each with an oscillator of its own: offset and drift are put on its clock. SYNC
-and 1013h come from the host's `TimeStampProducer`; the hub holds each back for up to 1 ms at random (so they
-also change order), and each daemon stamps what arrives up to 1 ms late at random, as a loaded board without
-stamps of its kernel would. The truth is this machine's one clock.
+Three real daemons run on the hub, each with a simulated clock offset and drift. SYNC and 1013h come from the
+host's `TimeStampProducer`. The hub delays each frame by up to 1 ms at random, which also changes their order,
+and each daemon's time stamps of received frames are up to 1 ms late at random, as on a loaded board without
+kernel time stamps. The truth is this machine's clock.
 """
 
 from __future__ import annotations
@@ -42,16 +42,14 @@ from palpate_host.network.nmt_master import SYNC, TimeStampProducer
 
 RECORDING = Path(__file__).parent.parent / "demo" / "recording"
 TICK_S = 0.01
-SETTLE_S = 10.0  # starting processes takes half of it
+SETTLE_S = 10.0  # half of it is needed to start the processes
 HUB = "from palpate_bus.cli.main import bus; bus()"
-
-
 DELAY_US = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Oscillator:
-    """What a board's clock is off by."""
+    """Clock offset and drift of a board."""
 
     offset_us: int
     drift: float
@@ -61,7 +59,7 @@ OSCILLATORS = (Oscillator(0, 0.0), Oscillator(3_600_000_000, 40e-6), Oscillator(
 
 
 class SkewedClock(LocalClock):
-    """A LocalClock with another oscillator, and stamps of frames that are late at random."""
+    """A LocalClock with offset and drift, and with random delays of received frames' time stamps."""
 
     def __init__(self, oscillator: Oscillator) -> None:
         super().__init__()
@@ -81,20 +79,21 @@ class SkewedClock(LocalClock):
 
 
 class Truth(msgspec.Struct):
-    """From a reading of a skewed clock back to CLOCK_MONOTONIC: the inverse of `at_monotonic_us`."""
+    """Parameters to convert a reading of a skewed clock to CLOCK_MONOTONIC."""
 
     unix_offset_us: int
     begin_us: int
     oscillator: Oscillator
 
     def monotonic_us(self, local_us: int) -> float:
+        """Return CLOCK_MONOTONIC of a local time: the inverse of `at_monotonic_us`."""
         drift = self.oscillator.drift
         unskewed_us = local_us - self.unix_offset_us - self.oscillator.offset_us - self.begin_us
         return self.begin_us + unskewed_us / (1 + drift)
 
 
 def unix_offset_us() -> float:
-    """Unix time minus CLOCK_MONOTONIC, read without being interrupted in between."""
+    """Return Unix time minus CLOCK_MONOTONIC, from the pair of readings with the shortest interval."""
     readings = []
     for _ in range(1000):
         before_ns, unix_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
@@ -103,7 +102,7 @@ def unix_offset_us() -> float:
 
 
 def daemon(folder: Path, number: int, bus: BusConfig) -> None:
-    """One fingertip of the demo; it leaves behind what its clock is truly like."""
+    """Run one fingertip of the demo; its true clock parameters are written to a file."""
     clock = SkewedClock(OSCILLATORS[number])
     name = f"finger-{number + 1}"
     config = FingertipConfig(
@@ -120,7 +119,7 @@ def daemon(folder: Path, number: int, bus: BusConfig) -> None:
 
 @contextmanager
 def running(folder: Path, bus: BusConfig) -> Iterator[None]:
-    """Hub and daemons."""
+    """Run hub and daemons."""
     hub = subprocess.Popen(
         [sys.executable, "-c", HUB, "hub", "--socket", bus.channel], stderr=subprocess.PIPE, text=True
     )
@@ -142,7 +141,7 @@ def running(folder: Path, bus: BusConfig) -> Iterator[None]:
 
 
 def master(bus: Bus, seconds: float, folder: Path) -> dict[tuple[str, int], float]:
-    """SYNC every 10 ms, and what the boards say meanwhile: (name, moment) -> error in us."""
+    """Send SYNC every 10 ms and return the daemons' clock errors in us by name and local time."""
     producer = TimeStampProducer()
     errors: dict[tuple[str, int], float] = {}
     begin_s = time.monotonic()
@@ -155,12 +154,12 @@ def master(bus: Bus, seconds: float, folder: Path) -> dict[tuple[str, int], floa
         if tick % 100 == 50:
             bus.send([CanFrame(0x000, b"\x01\x00")])
             if tick * TICK_S > SETTLE_S:
-                errors |= told(folder)
+                errors |= clock_errors(folder)
     return errors
 
 
-def told(folder: Path) -> dict[tuple[str, int], float]:
-    """What each daemon's health file says of the bus's time, against the truth."""
+def clock_errors(folder: Path) -> dict[tuple[str, int], float]:
+    """Return the error of the bus time in each daemon's health file."""
     found = {}
     offset_us = unix_offset_us()
     for path in folder.glob("*.health"):
@@ -172,9 +171,9 @@ def told(folder: Path) -> dict[tuple[str, int], float]:
 
 
 @click.command()
-@click.option("--seconds", default=60.0, show_default=True, help="How long to measure.")
+@click.option("--seconds", default=60.0, show_default=True, help="Duration of the measurement.")
 def main(seconds: float) -> None:
-    """Print each daemon's clock error in us against the host's clock, and that between any two."""
+    """Print the clock errors in us of each daemon against the host, and between any two daemons."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         save_calibration(calibrate(read_dataset(RECORDING / "press")), folder / "finger.cal")

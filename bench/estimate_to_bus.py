@@ -1,4 +1,4 @@
-"""From a finished estimate until its TPDOs are sent: the daemon's own threads, core and link on the hub.
+"""Time from a finished estimate until its TPDOs are sent, with the daemon's threads, core and bus link.
 
 python -m bench estimate-to-bus
 """
@@ -41,7 +41,7 @@ HEALTH = Health(None, 0, 0)
 
 
 class Camera:
-    """Decodes the next JPEG every `PERIOD_S`; `FRAMES` of them."""
+    """Camera that decodes a JPEG frame every `PERIOD_S`, `FRAMES` in total."""
 
     dropped = damaged = 0
     exposure_us = 0
@@ -60,11 +60,11 @@ class Camera:
         return Frame(decode(next(self._jpegs)), _now_us(), self._frames, "")
 
     def close(self) -> None:
-        """It holds nothing."""
+        """Do nothing: there is no resource to release."""
 
 
 class TimedEstimator(Estimator):
-    """Remembers when each estimate was there."""
+    """Estimator that stores the time of each finished estimate."""
 
     given_s: list[float]
 
@@ -75,7 +75,7 @@ class TimedEstimator(Estimator):
 
 
 def rows(material: Material, name: str, scheduling: AbstractContextManager[None]) -> list[Row]:
-    """Seconds from an estimate until TPDO 1 to 3 are sent. scheduling: of the fingertip, not of the hub."""
+    """Return the times from an estimate until TPDO 1 to 3 are sent. scheduling: of the fingertip."""
     estimator = TimedEstimator(material.calibration)
     estimator.given_s = []
     with _hub() as channel:
@@ -94,7 +94,7 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
 
 
 def _publish(link: ReconnectingBus, pixels: CaptureThread) -> tuple[list[float], list[float]]:
-    """As the daemon's loop; when each set was sent, and the processor time for it."""
+    """Run the daemon's loop; return when each contact was sent, and the processor time used for it."""
     core = FingertipCore(
         FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us()
     )
@@ -125,7 +125,7 @@ def _publish(link: ReconnectingBus, pixels: CaptureThread) -> tuple[list[float],
 
 @contextmanager
 def _hub() -> Iterator[str]:
-    """A hub process; gives its socket."""
+    """Run a hub process and yield the path of its socket."""
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "hub.sock")
         start = "from palpate_bus.cli.main import bus; bus()"
@@ -142,11 +142,11 @@ def _hub() -> Iterator[str]:
 
 @contextmanager
 def _as_on_four_cores() -> Iterator[None]:
-    """This thread, and those that it starts, as the service's on a board with four cores.
+    """Schedule this thread and those it starts as the service does on a board with four cores.
 
-    PermissionError where not allowed.
+    Raises PermissionError if real-time scheduling is not permitted.
     """
-    usual = os.sched_getscheduler(0), os.sched_getparam(0)
+    previous = os.sched_getscheduler(0), os.sched_getparam(0)
     cores = os.sched_getaffinity(0)
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(SERVICE_PRIORITY))
     os.sched_setaffinity(0, {max(cores)})
@@ -154,7 +154,7 @@ def _as_on_four_cores() -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, cores)
-        os.sched_setscheduler(0, *usual)
+        os.sched_setscheduler(0, *previous)
 
 
 def _now_us() -> int:
@@ -162,9 +162,9 @@ def _now_us() -> int:
 
 
 def report() -> str:
-    """The table; without the right to the real-time class only its first half."""
+    """Return the table; without permission for real-time scheduling, only its first half."""
     material = demo_material()
-    found = rows(material, "as any process", nullcontext())
+    found = rows(material, "normal scheduling", nullcontext())
     with suppress(PermissionError):
         found += rows(material, "on the service's own core", _as_on_four_cores())
     return table(f"From the estimate to the bus, {FRAMES} at 120 a second, hub at 1 Mbit/s", found)

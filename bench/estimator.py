@@ -1,4 +1,4 @@
-"""Milliseconds a frame of the estimator's stages, beside what others would use for the same work."""
+"""Processor time per frame of the estimator's stages, compared with common alternatives."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from palpate_edge.vision.tracker import Tracker
 Seconds = NDArray[np.float64]
 
 FRAME_US = 33_333
-ALTERNATIVE_FRAMES = 60  # it is slow
+ALTERNATIVE_FRAMES = 60  # fewer frames because the alternative is slow
 
 
 def report() -> str:
-    """A table for each recording: every stage works on a frame that has just been decoded."""
+    """Return a table for each recording; every stage is timed on a frame that has just been decoded."""
     return "\n\n".join(map(_report, materials()))
 
 
@@ -40,7 +40,7 @@ def _report(material: Material) -> str:
 
 
 def rows(material: Material) -> list[Row]:
-    """All rows of the estimator's table; the first is the yardstick (b), the last the alternative (a)."""
+    """Return all rows; the first is the reference (b) for the ratios, the last the alternative (a)."""
     calibration, jpegs = material.calibration, material.jpegs
     reference = calibration.reference()
     planes = [plane(decode(jpeg), calibration.appearance) for jpeg in jpegs]
@@ -61,7 +61,7 @@ def rows(material: Material) -> list[Row]:
         return Frame(image, index * FRAME_US, index, "")
 
     def after(things: Sequence[Item], call: Callable[[Item], object]) -> Seconds:
-        """Of a stage on what the stage before made of the frame that has just been decoded."""
+        """Time a stage on the output of the stage before, right after decoding the frame."""
         pairs = list(zip(jpegs, things, strict=True))
         return time_both(lambda pair: (decode(pair[0]), pair[1])[1], call, pairs)[1]
 
@@ -90,10 +90,10 @@ def decode(jpeg: Image) -> Image:
 
 
 class OpenCvAlternative:
-    """What most visual-tactile software does: a blob detector, an ellipse a ring, a fresh triangulation.
+    """Common approach of visual-tactile software: blob detector, one ellipse per ring, new triangulation.
 
-    The detector works on the whole frame with OpenCV's default parameters, which find all beads of both
-    recordings; `lenient` leaves out its two costliest filters and bounds the area.
+    The detector processes the whole frame with OpenCV's default parameters, which find all beads of both
+    recordings. lenient: without its two slowest filters, and with limits on the area.
     """
 
     def __init__(self, ring_of: NDArray[np.intp], reference_px: Array, *, lenient: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""What the estimator is timed on: a calibration, and a moving contact's frames as JPEG files."""
+"""Material for timing the estimator: a calibration, and frames of a moving contact as JPEG files."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from palpate_edge.estimation.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDING = ROOT / "demo" / "recording"
-SHARED = ROOT.parent / "shared" / "data"  # beside the project where its data were handed out
+SHARED = ROOT.parent / "shared" / "data"  # optional data next to the project's folder
 JPEG_QUALITY = 90
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """name for the table's title; calibration; the frames of a moving contact as JPEG files' bytes."""
+    """Calibration and frames of a moving contact as JPEG data. name: for the table's title."""
 
     name: str
     calibration: Calibration
@@ -36,7 +36,7 @@ class Material:
 
 @cache
 def demo_material() -> Material:
-    """The demo's first finger, its video as grey JPEG frames."""
+    """Return the recording of the demo's first finger as grey JPEG frames."""
     calibration = _calibrated(RECORDING / "press")
     recording = open_recording(RECORDING / "finger-1")
     jpegs = tuple(_grey_jpeg(frame.image) for frame in all_frames(recording))
@@ -45,7 +45,7 @@ def demo_material() -> Material:
 
 
 def materials() -> Iterator[Material]:
-    """The demo's, and the press sequences' first finger where it is."""
+    """Yield the demo's material and, if available, that of the first press sequence."""
     yield demo_material()
     sequence = SHARED / "press-sequences" / "finger-1"
     if sequence.is_dir():
@@ -55,7 +55,7 @@ def materials() -> Iterator[Material]:
 
 
 def _calibrated(presses: Path) -> Calibration:
-    """With the model as it is read from a file."""
+    """Return a calibration that was written to a file and read again, as in use."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.cal"
         save_calibration(calibrate(read_dataset(presses), dome=load_dome_model()), path)

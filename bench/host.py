@@ -1,4 +1,4 @@
-"""One tick of the host on a recorded demo: everything between frames in and torques out."""
+"""Time of one host tick on a recorded demo, from received frames to torques."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COLLECTIONS = 20
 
 
 class TimedCore(HostCore):
-    """HostCore with the seconds of each call that ended a tick."""
+    """HostCore that stores the duration of each call that ended a tick."""
 
     seconds: list[float] = []  # noqa: RUF012 - collected over the whole replay
 
@@ -39,12 +39,12 @@ class TimedCore(HostCore):
 
 
 def report() -> str:
-    """The table."""
+    """Return the table."""
     return table("Host, 3 fingers x 3 joints", rows())
 
 
 def rows() -> list[Row]:
-    """The first row is the yardstick: MuJoCo's kinematics, Jacobians and gravity alone."""
+    """Return the rows; the reference is the first: MuJoCo's kinematics, Jacobians and gravity."""
     loaded, hand = load_hand(TABLE_4)
     config = loaded.starting(StartMode.AUTO)
     with tempfile.TemporaryDirectory() as folder:
@@ -53,12 +53,12 @@ def rows() -> list[Row]:
         records = read_log(path).records
     replay(records, config, hand, core=TimedCore(config, hand))
     angles = np.random.default_rng(0).uniform(-0.3, 0.3, (500, hand.joint_count))
-    walked_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
+    full_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
     with long_lived():
-        passed_over_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
+        frozen_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
     return [
-        Row("hand: tip places, Jacobians, gravity (MuJoCo)", time_each(hand.pose, list(angles))),
+        Row("hand: tip positions, Jacobians, gravity (MuJoCo)", time_each(hand.pose, list(angles))),
         Row("whole tick with supervisor, frames and status", np.array(TimedCore.seconds)),
-        Row("full garbage collection that walks what start-up built", walked_s),
-        Row("full garbage collection in the loop (long_lived.py)", passed_over_s),
+        Row("full garbage collection, start-up objects included", full_s),
+        Row("full garbage collection in the loop (gc_freeze.py)", frozen_s),
     ]

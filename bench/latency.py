@@ -1,11 +1,11 @@
-"""From a frame's exposure to the torque that it moved, part by part, by the bus log of a run.
+"""Time from a frame's exposure to the resulting torque command, in parts, from the bus log of a run.
 
-python -m bench.latency                  # of a demo beside its recording, run now for this
-python -m bench.latency demo/run/bus.log # of a run that was
+python -m bench.latency                  # runs a demo with recorded frames
+python -m bench.latency demo/run/bus.log # evaluates an existing log
 
-Of every contact that made a whole triple: processing (exposure to publication, as TPDO 3 tells), bus (to TPDO
-3 on the wire), wait for the host's tick (its next SYNC), and the tick with its commands on the wire (to the
-last one). Stamps are the interface's, exposures the bus clock's.
+The parts of each complete contact are: processing (exposure to publication, from TPDO 3), bus (to TPDO 3 on
+the bus), wait for the host's tick (its next SYNC), and tick with commands (to the last command on the bus).
+Time stamps are those of the interface, exposures those of the bus clock.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ DURATION_S = 20
 
 
 def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
-    """(n, 4) seconds: processing, bus, wait for the tick, tick and commands; a row a contact."""
+    """Return the parts (n, 4) in s of each contact: processing, bus, wait for the tick, tick and commands."""
     contacts = {TPDO_3_ID + finger.fingertip_node for finger in config.fingers}
     commands = {RPDO_1_ID + joint.drive_node for joint in config.joints}
     found: list[tuple[int, int, int, int]] = []
-    waiting: list[tuple[int, int, int]] = []  # exposed, published, on the wire
-    answered: list[tuple[int, int, int]] = []
+    waiting: list[tuple[int, int, int]] = []  # exposed, published, on the bus
+    used: list[tuple[int, int, int]] = []  # in the current tick
     tick_us = last_us = 0
     for record in records:
         stamp_us, frame = record.stamp_us, record.frame
@@ -48,8 +48,8 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
             exposed_us = unwrap_us(exposed_us, stamp_us)
             waiting.append((exposed_us, exposed_us + latency_us, stamp_us))
         elif frame == SYNC:
-            found += [(*times, tick_us, last_us) for times in answered if last_us]
-            answered, waiting, tick_us, last_us = waiting, [], stamp_us, 0
+            found += [(*times, tick_us, last_us) for times in used if last_us]
+            used, waiting, tick_us, last_us = waiting, [], stamp_us, 0
         elif frame.can_id in commands:
             last_us = stamp_us
     times = np.array(found, dtype=np.float64)
@@ -57,7 +57,7 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
 
 
 def report_of_a_demo() -> str:
-    """The table of a run of `DURATION_S`: three fingertips' daemons, hub, drives and host, in real time."""
+    """Run a demo for `DURATION_S` with three fingertips, hub, drives and host, and return its table."""
     with tempfile.TemporaryDirectory() as name:
         command = [
             sys.executable,
@@ -74,13 +74,13 @@ def report_of_a_demo() -> str:
 
 
 def report(log: Path, hand_toml: Path = TABLE_4) -> str:
-    """A table of the parts, and of processing and bus together."""
+    """Return a table of the parts, and of processing and bus together."""
     config, _ = load_hand(hand_toml)
     processing, bus, wait, tick = parts(read_bound_log(log, config), config).T
     rows = [
         Row("exposure to torque", processing + bus + wait + tick),
         Row("of it: processing and bus together", processing + bus + tick),
-        Row("  processing, as the fingertip tells", processing),
+        Row("  processing, as published by the fingertip", processing),
         Row("  contact on the bus", bus),
         Row(f"  wait for the host's tick at {config.control.tick_Hz} Hz", wait),
         Row("  tick and commands on the bus", tick),
@@ -89,5 +89,5 @@ def report(log: Path, hand_toml: Path = TABLE_4) -> str:
 
 
 if __name__ == "__main__":
-    given = [Path(argument) for argument in sys.argv[1:]]
-    print(report(*given) if given else report_of_a_demo())
+    paths = [Path(argument) for argument in sys.argv[1:]]
+    print(report(*paths) if paths else report_of_a_demo())

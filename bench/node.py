@@ -1,4 +1,4 @@
-"""The slave core: cost of a frame beside the `canopen` package's slave.
+"""Time per frame of the slave core, compared with a slave of the `canopen` package.
 
 python -m bench node
 """
@@ -26,7 +26,7 @@ START = CanFrame(0x000, b"\x01\x10")
 
 
 def rows() -> list[Row]:
-    """Costs of one frame; the yardstick is a slave of the `canopen` package at the same request."""
+    """Return the times per frame; the reference is a slave of the `canopen` package with the same request."""
     return [
         Row("canopen LocalNode: SDO upload", time_each(_local_node(), range(CALLS))),
         Row("slave: SDO upload", time_each(_requests([CanFrame(0x610, READ_DEVICE_TYPE)]), range(CALLS))),
@@ -55,7 +55,7 @@ def _local_node() -> Callable[[int], object]:
 
 
 def _hand_traffic() -> list[CanFrame]:
-    """What a fingertip of a hand sees without a filter: SYNC, time stamp, others' PDOs and heartbeats."""
+    """Return the traffic of a hand without acceptance filter: SYNC, time stamp, PDOs and heartbeats."""
     others = [CanFrame(base + node, bytes(8)) for base in (0x180, 0x200, 0x280) for node in range(1, 10)]
     others += [CanFrame(base + node, bytes(8)) for base in (0x180, 0x280, 0x380) for node in (0x11, 0x12)]
     heartbeats = [CanFrame(0x700 + node, b"\x05") for node in range(1, 10)]
@@ -64,7 +64,7 @@ def _hand_traffic() -> list[CanFrame]:
 
 
 def _hostile_frames() -> list[CanFrame]:
-    """Half SDO requests to the objects of the EDS, then NMT, SYNC, LSS, RPDOs and noise."""
+    """Return random frames: half SDO requests to objects of the EDS, then NMT, SYNC, LSS, RPDOs and noise."""
     rng = random.Random(0)
     indices = sorted(load_eds(FINGERTIP_EDS, 0x10).indices)
     first_bytes = bytes.fromhex("40 22 23 2b 2f 21 60 70 00 11 a4 a3 a2 c6 c1")
@@ -84,7 +84,7 @@ def _hostile_frames() -> list[CanFrame]:
 
 
 def hostile_rate() -> str:
-    """Frames a second of processor time, four frames a call."""
+    """Return the rate of random frames per second of processor time, with four frames per call."""
     frames = _hostile_frames()
     node = FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16)
     begin = time.process_time()
@@ -97,5 +97,5 @@ def hostile_rate() -> str:
 
 
 def report() -> str:
-    """The table and the rate."""
+    """Return the table and the rate."""
     return f"{table('Slave core, one frame, one core', rows())}\n{hostile_rate()}"

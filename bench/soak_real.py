@@ -1,4 +1,4 @@
-"""Minutes of the demo in real time: the memory of each of its processes, the host's ticks by its SYNCs."""
+"""Run the demo in real time and record the memory of its processes and the times of the host's SYNCs."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from palpate_bus.logs.candump import read_log
 from palpate_host.network.nmt_master import SYNC
 from palpate_twin.hand.motion import read_motion
 
-LOOK_S = 10.0
+SAMPLE_PERIOD_S = 10.0
 
 
 def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarray]:
-    """(seconds since the start, resident bytes) of each process by its name and pid; the host's SYNCs in
-    seconds of the machine: what the hand's clock was held back is counted. Raises CalledProcessError when the
-    demo fails, which has said why."""
+    """Run the demo; return the memory of each process over time, and the times of the host's SYNCs.
+
+    Memory: (seconds since the start, resident bytes) by name and pid. SYNC times are in seconds of the
+    machine's clock. Raises CalledProcessError if the demo fails; its message is on stderr.
+    """
     with tempfile.TemporaryDirectory() as name:
         words = ["demo", "--no-view", "--duration", str(duration_s), "--output", name]
         command = [sys.executable, "-m", "palpate_host.cli.main", *words]
@@ -35,7 +37,7 @@ def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarr
                         memory[f"{part} {pid}"].append((time.monotonic() - begin_s, resident_bytes(pid)))
                     except OSError:  # it has just ended
                         continue
-                time.sleep(LOOK_S)
+                time.sleep(SAMPLE_PERIOD_S)
         if demo.returncode:
             raise subprocess.CalledProcessError(demo.returncode, command)
         records = read_log(Path(name) / "run" / "bus.log").records
@@ -45,7 +47,7 @@ def run(duration_s: float) -> tuple[dict[str, list[tuple[float, int]]], np.ndarr
 
 
 def _descendants(root: int) -> dict[int, str]:
-    """pid -> what it is, of all processes below `root`."""
+    """Return the programs of all child processes of `root` by pid."""
     parents = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -64,9 +66,9 @@ def _descendants(root: int) -> dict[int, str]:
 
 
 def _part(pid: int) -> str:
-    """The program and its command: "palpate_edge run", "palpate_host bus"."""
+    """Return program and command of a process, such as "palpate_edge run" or "palpate_host bus"."""
     try:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
     except OSError:
         return "ended"
-    return " ".join(words[2:4]).replace(".cli", "") if words[1] == "-m" else "helper of its parent"
+    return " ".join(words[2:4]).replace(".cli.main", "") if words[1] == "-m" else "helper process"

@@ -1,6 +1,6 @@
-"""The closed loop on a virtual clock, for long: one process, its memory and ticks looked at each minute.
+"""Run the closed loop in simulated time in one process, and measure memory and ticks each minute.
 
-Hand, object, drives and nodes are those of `palpate-host simulate loop --direct`; the object is turned by 30
+Hand, object, drives and nodes are those of `palpate-host simulate loop --direct`. The object is turned by 30
 deg and back, about one axis after the other, as in the demo.
 """
 
@@ -26,19 +26,22 @@ from palpate_twin.demo.programme import Programme
 from palpate_twin.demo.run_folder import make_run_folder
 from palpate_twin.paper.trial import make_engine
 
-LOOK_S = 0.1
-YARDSTICK_TURNS = 5000
+POLL_PERIOD_S = 0.1
+REFERENCE_LOOPS = 5000
 
 
 @dataclass(frozen=True, slots=True)
 class Minute:
-    """Virtual time since the start; the host's ticks in processor time, and an empty loop beside them, which
-    tells how fast the processor was; the process's memory; how far the hand is from its target as the host
-    feels it, None while it does not turn; frames on the bus."""
+    """Measurements of one minute.
+
+    end_s: simulated time since the start. tick_s: processor time of the host's ticks. reference_s: processor
+    time of an empty loop, which shows the processor's speed. orientation_error_deg: error estimated by the
+    host, None while it does not turn the object. bus_frames: number of CAN frames.
+    """
 
     end_s: float
     tick_s: np.ndarray
-    yardstick_s: np.ndarray
+    reference_s: np.ndarray
     resident_bytes: int
     orientation_error_deg: float | None
     bus_frames: int
@@ -46,7 +49,7 @@ class Minute:
 
 
 class TimedHost:
-    """The host's core; keeps the processor time of every tick."""
+    """Host core that stores the processor time of every tick."""
 
     def __init__(self, core: HostCore) -> None:
         self._core = core
@@ -64,7 +67,7 @@ class TimedHost:
 
 
 def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator[Minute]:
-    """Each minute, or `every_s`, of `duration_s`. Ends early when the host has stopped the hand."""
+    """Yield the measurements of each `every_s` within `duration_s`; ends early if the host stops the hand."""
     with tempfile.TemporaryDirectory() as name:
         folder = make_run_folder(Path(name) / "run", None, 1_000_000)
         config, hand = load_hand(folder.hand_toml)
@@ -72,34 +75,34 @@ def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator
         loop = LockstepLoop(config, hand, make_engine(config, "mujoco", has_B=False), contacts)
         host = loop.host = TimedHost(loop.host)  # type: ignore[assignment]
 
-        def ask(rotate: Rotate) -> HostStatus | None:
+        def send_command(rotate: Rotate) -> HostStatus | None:
             host.command(rotate)
             return loop.status
 
-        programme = Programme(ask, folder.commands, duration_s)
-        yardstick_s: list[float] = []
-        looks, every = round(duration_s / LOOK_S), round(every_s / LOOK_S)
-        for look in range(1, looks + 1):
-            loop.run(LOOK_S)
+        programme = Programme(send_command, folder.commands, duration_s)
+        reference_s: list[float] = []
+        polls, every = round(duration_s / POLL_PERIOD_S), round(every_s / POLL_PERIOD_S)
+        for poll in range(1, polls + 1):
+            loop.run(POLL_PERIOD_S)
             programme.update(loop.status)
-            yardstick_s.append(_yardstick_s())
-            if look % every == 0 or look == looks or loop.is_over:
-                yield _minute(loop, host, yardstick_s, look * LOOK_S)
-                yardstick_s.clear()
+            reference_s.append(_reference_s())
+            if poll % every == 0 or poll == polls or loop.is_over:
+                yield _minute(loop, host, reference_s, poll * POLL_PERIOD_S)
+                reference_s.clear()
             if loop.is_over:
                 return
 
 
-def _yardstick_s() -> float:
-    """Processor time of an empty loop."""
+def _reference_s() -> float:
+    """Return the processor time of an empty loop."""
     begin_s = time.thread_time()
-    for _ in range(YARDSTICK_TURNS):
+    for _ in range(REFERENCE_LOOPS):
         pass
     return time.thread_time() - begin_s
 
 
-def _minute(loop: LockstepLoop, host: TimedHost, yardstick_s: list[float], end_s: float) -> Minute:
-    """What the minute was like; what the loop records of a run is let go, which an hour would pile up."""
+def _minute(loop: LockstepLoop, host: TimedHost, reference_s: list[float], end_s: float) -> Minute:
+    """Return the measurements of the minute, and clear the loop's records, which would grow over an hour."""
     ticks_s, host.tick_s = np.array(host.tick_s), []
     record, status = loop.record, loop.status
     frames, record.bus_frames = record.bus_frames, 0
@@ -109,7 +112,7 @@ def _minute(loop: LockstepLoop, host: TimedHost, yardstick_s: list[float], end_s
     return Minute(
         end_s,
         ticks_s,
-        np.array(yardstick_s),
+        np.array(reference_s),
         resident_bytes(os.getpid()),
         None if status is None else status.orientation_error_deg,
         frames,
@@ -118,6 +121,6 @@ def _minute(loop: LockstepLoop, host: TimedHost, yardstick_s: list[float], end_s
 
 
 def resident_bytes(pid: int) -> int:
-    """Physical memory of a process, its shared pages with it."""
+    """Return the physical memory of a process, including shared pages."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")

@@ -1,7 +1,7 @@
-"""How long a fingertip's daemon takes to its first estimate, and how much memory it holds: fresh processes.
+"""Measure the time from a fingertip's start to its first estimate, and its memory, in new processes.
 
-Start-up is that of a new Python which imports what the daemon imports, reads the calibration with its model
-and the first frame of a recording, and estimates it. Memory is that of `palpate-edge run` on that recording.
+Start-up time: a new Python process imports the daemon's modules, reads the calibration with its model and the
+first frame of a recording, and estimates a contact. Memory: `palpate-edge run` with that recording.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import numpy as np
 from bench.frames import RECORDING, demo_material
 from palpate_edge.calibration.calibration_file import save_calibration
 
-MOST_S, MOST_MB = 1.5, 150.0  # the limits set beforehand
+MOST_S, MOST_MB = 1.5, 150.0  # limits
 STARTS = 7
-HUB_S, RUN_S = 1.0, 8.0  # the hub runs before the daemon
+HUB_S, RUN_S = 1.0, 8.0  # time to start the hub, duration of the run
 FINGER = RECORDING / "finger-1"
 FIRST_ESTIMATE = """
 import sys
 from pathlib import Path
 import palpate_edge.daemon.daemon
-from palpate_edge.estimation.calibration import load_calibration
+from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.datasets.recording import all_frames, open_recording
 from palpate_edge.estimation.estimator import Estimator
 
@@ -58,7 +58,7 @@ channel = "{folder}/hub"
 
 
 def report() -> str:
-    """Lines of figures beside their limits."""
+    """Return the figures with their limits as text."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
         save_calibration(demo_material().calibration, folder / "bench.cal")
@@ -76,7 +76,7 @@ def report() -> str:
 
 
 def _start_s(calibration: Path) -> float:
-    """Seconds from the process's start until it has estimated a frame."""
+    """Return the time in s from the process's start to its first estimate."""
     begin = time.monotonic()
     command = [sys.executable, "-c", FIRST_ESTIMATE, str(calibration), str(FINGER)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
@@ -89,7 +89,7 @@ def _start_s(calibration: Path) -> float:
 
 
 def _memory_mb(folder: Path) -> tuple[float, float]:
-    """Resident memory of the daemon at the end of `RUN_S`, and at most, in 10^6 bytes."""
+    """Return the daemon's resident memory after `RUN_S` and its maximum, in 10^6 bytes."""
     config = folder / "fingertip.toml"
     config.write_text(DAEMON.format(path=FINGER, folder=folder), encoding="utf-8")
     with _running(HUB, "bus", "hub", "--socket", str(folder / "hub")):

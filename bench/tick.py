@@ -1,7 +1,7 @@
-"""One tick of the control law on Table 3's hand (3 x 5 joints): by the host, by plain numpy, by Pinocchio.
+"""Time of one tick of the control law on Table 3's hand (3 x 5 joints): host, plain numpy and Pinocchio.
 
-A tick is kinematics, Jacobians and gravity, then Eqs. (9)-(16) and the limits. The law is the same code in
-all three; what differs is who computes the hand's terms. `disagreement` says that they compute the same.
+A tick computes kinematics, Jacobians and gravity, then Eqs. (9)-(16) and the limits. The law is the same code
+in all three; the hand's terms come from different implementations. `disagreement` compares their results.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ Terms = Callable[[Array], HandPose]
 
 
 def base(geometry: GeometryConfig, azimuth_deg: float) -> tuple[Array, Array]:
-    """Axes (3, 3) and place (3,) of a finger's base: +x looks at the hand's axis."""
+    """Return axes (3, 3) and position (3,) of a finger's base; +x points to the hand's axis."""
     a = np.radians(azimuth_deg)
     place_m = geometry.base_circle_m * np.array([np.cos(a), np.sin(a), 0.0])
     return rotation.exp(np.array([0.0, 0.0, a + np.pi])), place_m
 
 
 class NumpyHand:
-    """The hand of a [geometry], link by link in plain numpy."""
+    """The hand of a [geometry], computed link by link in plain numpy."""
 
     def __init__(self, config: HandConfig) -> None:
         geometry = config.geometry
@@ -49,7 +49,7 @@ class NumpyHand:
         self._bases = [base(geometry, azimuth_deg) for azimuth_deg in geometry.base_azimuth_deg]
 
     def pose(self, q_rad: Array) -> HandPose:
-        """As `Hand.pose`."""
+        """Return the pose, as `HandKinematics.pose` does."""
         joints = len(q_rad) // len(self._bases)
         centre, turn = np.zeros((3, 3)), np.zeros((3, 3, 3))
         jacobian, gravity = np.zeros((3, 3, len(q_rad))), np.zeros(len(q_rad))
@@ -74,7 +74,7 @@ class NumpyHand:
 
 
 class PinocchioHand:
-    """The same hand in Pinocchio, built joint by joint: its MJCF reader takes the first finger only."""
+    """The same hand in Pinocchio, built joint by joint, as its MJCF reader supports only one finger."""
 
     def __init__(self, config: HandConfig) -> None:
         geometry = config.geometry
@@ -98,7 +98,7 @@ class PinocchioHand:
         self._model, self._data = model, model.createData()
 
     def pose(self, q_rad: Array) -> HandPose:
-        """As `Hand.pose`."""
+        """Return the pose, as `HandKinematics.pose` does."""
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q_rad)
         pin.updateFramePlacements(model, data)
@@ -113,7 +113,7 @@ class PinocchioHand:
 
 
 def law(terms: Terms, gains: Gains, normals: Array, R_d: Array, q_rad: Array, qdot_rad_s: Array) -> Array:
-    """One tick: the hand's terms, R_vir, R_c, R_d_vir, u and its limits."""
+    """Compute one tick: the hand's terms, R_vir, R_c, R_d_vir, u and its limits."""
     pose = terms(q_rad)
     R_vir = virtual_frame(pose.tip_centre_m)
     R_d_vir = desired_virtual_frame(R_d, R_vir.T.dot(contact_frame(normals)))
@@ -121,7 +121,7 @@ def law(terms: Terms, gains: Gains, normals: Array, R_d: Array, q_rad: Array, qd
 
 
 def hands() -> dict[str, Terms]:
-    """Who computes the hand's terms; plain numpy first: the yardstick."""
+    """Return the implementations of the hand's terms; plain numpy is first and the reference."""
     config, hand = load_hand(TABLE_3)
     return {
         "plain numpy": NumpyHand(config).pose,
@@ -131,7 +131,7 @@ def hands() -> dict[str, Terms]:
 
 
 def cases() -> tuple[Gains, Array, Array, list[tuple[Array, Array]]]:
-    """Gains, contact normals (3, 3), the target (3, 3), and joint angles with velocities."""
+    """Return gains, contact normals (3, 3), target (3, 3), and joint angles with velocities."""
     config, _ = load_hand(TABLE_3)
     assert config.twin is not None
     rng = np.random.default_rng(0)
@@ -144,26 +144,26 @@ def cases() -> tuple[Gains, Array, Array, list[tuple[Array, Array]]]:
 
 
 def disagreement() -> float:
-    """Largest difference of a torque between any of the three and the first, N m."""
+    """Return the largest difference of a torque from the first implementation, in N m."""
     gains, normals, R_d, moved = cases()
     found = [np.array([law(terms, gains, normals, R_d, *one) for one in moved]) for terms in hands().values()]
     return max(float(np.abs(other - found[0]).max()) for other in found[1:])
 
 
 def report() -> str:
-    """The table."""
+    """Return the table."""
     title = "Kinematics, gravity, Eqs. (9)-(16) and limits, 3 fingers x 5 joints, processor time"
     return table(title, rows())
 
 
 def rows() -> list[Row]:
-    """Turn by turn, so that all three see the same load of the machine; in processor time."""
+    """Return the rows in processor time; the calls alternate, so that all have the same machine load."""
     gains, normals, R_d, moved = cases()
-    everyone = hands()
-    seconds: dict[str, list[float]] = {name: [] for name in everyone}
+    implementations = hands()
+    seconds: dict[str, list[float]] = {name: [] for name in implementations}
     for number in range(ROUNDS):
         for one in moved:
-            for name, terms in everyone.items():
+            for name, terms in implementations.items():
                 begin = time.thread_time()
                 law(terms, gains, normals, R_d, *one)
                 if number:

@@ -1,4 +1,4 @@
-"""Medians and 99th percentiles, and the table that compares them."""
+"""Time calls, and print a table of medians and 99th percentiles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of a table: durations in seconds of single calls."""
+    """One row of a table: durations in seconds of single calls."""
 
     name: str
     seconds: np.ndarray
@@ -29,7 +29,7 @@ class Row:
 def time_each(
     call: Callable[[Item], object], items: Iterable[Item], clock_s: Callable[[], float] = time.perf_counter
 ) -> np.ndarray:
-    """Seconds of every call, over `ROUNDS` rounds; the first round warms up and is not kept."""
+    """Return the duration in s of every call over `ROUNDS` rounds; the first round is a warm-up."""
     items = list(items)
     durations = []
     for number in range(ROUNDS):
@@ -44,10 +44,10 @@ def time_each(
 def time_both(
     make: Callable[[Item], Made], call: Callable[[Made], object], items: Iterable[Item]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds of every `make` and of every `call` on what it has just made: turn by turn, so that both see
-    the same load of the machine, and every `call` finds the caches as `make` leaves them.
+    """Return the durations in s of every `make`, and of every `call` on its result.
 
-    In processor time, as a call of some milliseconds is interrupted by other work and a short one is not.
+    The calls alternate, so that both have the same machine load, and every `call` finds the caches as `make`
+    leaves them. Durations are processor time, because long calls are interrupted by other processes.
     """
     items = list(items)
     durations = []
@@ -65,7 +65,7 @@ def time_both(
 
 
 def table(title: str, rows: Sequence[Row], against: Row | None = None) -> str:
-    """Median and p99 in ms, the median over the first row's, and that of `against` over it."""
+    """Return a table of median and p99 in ms, ratio to the first row, and speed relative to `against`."""
     width = max(len(row.name) for row in rows)
     lines = [title, f"{'':{width}}  {'median ms':>10}  {'p99 ms':>8}  {'x first':>8}"]
     for row in rows:

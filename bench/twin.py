@@ -1,4 +1,4 @@
-"""Milliseconds a frame of the twin's camera, beside what a file of the frame costs."""
+"""Processor time per frame of the twin's camera, compared with encoding the frame as JPEG."""
 
 from __future__ import annotations
 
@@ -23,15 +23,12 @@ JPEG_QUALITY = 90
 
 
 def report() -> str:
-    """The table."""
+    """Return the table."""
     return table("The twin's camera, 640x480 in colour, processor time", rows())
 
 
 def rows() -> list[Row]:
-    """All rows of the twin's table; the first is the yardstick.
-
-    In processor time: a frame takes long enough to be interrupted by other work.
-    """
+    """Return all rows in processor time; the first one is the reference for the ratios."""
     library = load_library()
     found: list[Row] = []
     for name, seed in SENSORS.items():

@@ -1,4 +1,4 @@
-"""Microseconds a step of the simulated hand and object, and seconds of the paper's run."""
+"""Processor time per step of the simulated hand and object, and of the paper's run."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ NAMES = {"eqs": "Eqs. (4)-(8)", "mujoco": "MuJoCo with friction"}
 
 
 def report() -> str:
-    """The table of steps, and what the paper's run takes."""
+    """Return the table of steps, and the time of the paper's run."""
     steps = table("The twin's hand and object, steps of 0.5 ms, processor time", rows())
     return f"{steps}\n\n{_paper_runs()}"
 
 
 def rows() -> list[Row]:
-    """Steps of both hands by both engines, grasping; the first row is the yardstick. In processor time."""
+    """Return the times of steps of both grasping hands with both engines; the first row is the reference."""
     found: list[Row] = []
     for hand_name in ("table3", "table4"):
         config, hand = load_hand(MODELS / f"{hand_name}.toml")
@@ -48,7 +48,7 @@ def rows() -> list[Row]:
 
 
 def _paper_runs() -> str:
-    """Processor seconds of one run of Fig. 17."""
+    """Return the processor time of one run of Fig. 17 as text."""
     lines = [f"The paper's run of {PAPER_S:g} s, 30 deg of yaw, processor time"]
     for engine_name, name in NAMES.items():
         begin = time.process_time()

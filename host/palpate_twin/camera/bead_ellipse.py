@@ -1,4 +1,4 @@
-"""Where a bead appears: an ellipsoid's outline in the picture, for all beads at once."""
+"""Project beads into the image: the outlines of ellipsoids, for all beads at once."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
 
-CORNERS = 6  # of the polygon that goes through the lens
-# Of an ellipse over the polygon in it: its second moments, and how far a lens's bend takes its centroid from
-# the mean of the corners: where z = x + iy goes to z + q z^2, by conj(q); the polygon's by 1 / BENT of it.
-ROUND = 3 / (2 + np.cos(2 * np.pi / CORNERS))
-BENT = 1 / (1 - 4 / 3 * np.sin(np.pi / CORNERS) ** 2)
+CORNERS = 6  # corners of the inscribed polygon that is projected through the lens
+# Ratios of an ellipse to its inscribed polygon: of the second moments, and of the centroid's shift under lens
+# distortion. Where z = x + iy maps to z + q z^2, the ellipse's centroid shifts from the mean of the corners
+# by conj(q), the polygon's by conj(q) / DISTORTION_RATIO.
+MOMENT_RATIO = 3 / (2 + np.cos(2 * np.pi / CORNERS))
+DISTORTION_RATIO = 1 / (1 - 4 / 3 * np.sin(np.pi / CORNERS) ** 2)
 
 
 class BeadProjector:
-    """Outlines of one camera's beads.
+    """Projection of beads by one camera.
 
-    An ellipsoid of centre c and squared half axes M (both in the camera's frame) has the outline whose dual
-    conic is c c^T - M (Hartley, Zisserman, Multiple View Geometry, Eq. 8.5): exact in the normalised plane.
-    The lens bends it a little; the ellipse of the same middle and second moments is taken.
+    The outline of an ellipsoid with centre c and squared half axes M (both in the camera frame) has the dual
+    conic c c^T - M (Hartley, Zisserman, Multiple View Geometry, Eq. 8.5), exact in the normalised plane. Lens
+    distortion is approximated by the ellipse with the same centroid and second moments.
     """
 
     def __init__(self, camera: Camera, pose: CameraPose) -> None:
@@ -34,8 +35,10 @@ class BeadProjector:
     def outlines(
         self, centre_mm: Array, normal: Array, across_mm: Array, flatness: float
     ) -> tuple[Array, Array]:
-        """centre_mm (n, 3) and normal (n, 3) in F, across_mm (n,) half axis across the normal, flatness times
-        it along the normal -> centre_px (n, 2) and shape (n, 2, 2): u inside where u^T shape^-1 u <= 1.
+        """Return the outlines as centre_px (n, 2) and shape (n, 2, 2): u is inside if u^T shape^-1 u <= 1.
+
+        centre_mm (n, 3) and normal (n, 3) in F; across_mm (n,): half axis across the normal; the half axis
+        along the normal is flatness times as long.
         """
         c = (centre_mm - self._position_mm) @ self._rotation
         n = normal @ self._rotation
@@ -48,7 +51,7 @@ class BeadProjector:
         return self._through_lens(middle, flat)
 
     def _through_lens(self, middle: Array, flat: Array) -> tuple[Array, Array]:
-        """From the normalised plane to pixels: (n, 2) and (n, 2, 2) -> the same."""
+        """Map ellipses, centre (n, 2) and shape (n, 2, 2), from the normalised plane to pixels."""
         angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         plane = (middle[:, None] + circle @ np.linalg.cholesky(flat).transpose(0, 2, 1)).reshape(-1, 2)
@@ -56,11 +59,11 @@ class BeadProjector:
         corner = pixels.reshape(len(middle), CORNERS, 2)
         about = corner.mean(axis=1)
         mean, second = _polygon_moments(corner - about[:, None])
-        return about + BENT * mean, 4 * ROUND * second
+        return about + DISTORTION_RATIO * mean, 4 * MOMENT_RATIO * second
 
 
 def _polygon_moments(corner: Array) -> tuple[Array, Array]:
-    """Centroid (n, 2) and central second moments (n, 2, 2) over the area of polygons (n, k, 2)."""
+    """Return centroid (n, 2) and central second moments (n, 2, 2) of the area of polygons (n, k, 2)."""
     x, y = corner[..., 0], corner[..., 1]
     next_x, next_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
     cross = x * next_y - y * next_x

@@ -1,4 +1,4 @@
-"""Beads drawn into one plane: how much of each pixel they cover, exact to a fraction of a per cent."""
+"""Draw beads into one image plane: the covered fraction of each pixel, exact to a fraction of a per cent."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from palpate_edge.common.arrays import Array
 
 Plane = NDArray[np.uint8]
 
-WHOLE = 200  # a pixel wholly on a bead; above it, up to 255, the highlight on the bead
-SMOOTHSTEP_SIGMA = 0.2236  # standard deviation of the smooth step's slope, over its width: sqrt(1/20)
+WHOLE = 200  # value of a fully covered pixel; higher values up to 255 are the highlight
+SMOOTHSTEP_SIGMA = 0.2236  # standard deviation of the smoothstep's derivative over its width: sqrt(1/20)
 PIXEL_VARIANCE = 1 / 12
-HIGHLIGHT_RADIUS = 0.3  # of the bead
+HIGHLIGHT_RADIUS = 0.3  # as a fraction of the bead's radius
 
 
 class BeadLayer:
-    """Draws ellipses as smooth steps as wide as the pixels' size and the lens's blur make an edge."""
+    """Draws ellipses with smoothstep edges whose width follows from pixel size and lens blur."""
 
     def __init__(self, width: int, height: int, softness_px: float, highlight: float) -> None:
         self._width, self._height = width, height
@@ -26,10 +26,13 @@ class BeadLayer:
         self._bordered = np.zeros((height, width), dtype=np.uint8)
 
     def draw(self, centre_px: Array, shape: Array) -> Plane:
-        """centre_px (n, 2), shape (n, 2, 2) of the outlines -> (height, width), valid until the next call."""
+        """Return the plane (height, width) of outlines centre_px (n, 2), shape (n, 2, 2).
+
+        The result is valid until the next call.
+        """
         extent = float(np.sqrt(max(shape[:, 0, 0].max(), shape[:, 1, 1].max()))) if len(shape) else 0.0
         reach = int(np.ceil(extent + 0.5 * self._edge)) + 1
-        border, side = 2 * reach, 2 * reach + 1  # a bead at the edge is drawn whole, beyond it
+        border, side = 2 * reach, 2 * reach + 1  # beads at the edge are drawn into the border
         bordered = self._with_border(border)
         pixel = np.rint(centre_px).astype(np.intp)
         far = np.array([self._width, self._height]) + reach
@@ -42,7 +45,7 @@ class BeadLayer:
         return bordered[border : border + self._height, border : border + self._width]
 
     def _with_border(self, border: int) -> Plane:
-        """The empty plane with at least so many pixels around it."""
+        """Return the cleared plane with a border of that many pixels."""
         height, width = self._height + 2 * border, self._width + 2 * border
         if self._bordered.shape != (height, width):
             self._bordered = np.empty((height, width), dtype=np.uint8)
@@ -50,7 +53,7 @@ class BeadLayer:
         return self._bordered
 
     def _patches(self, shift_px: Array, inverse: Array, reach: int) -> NDArray[np.uint8]:
-        """(n, side, side) of ellipses shift_px (n, 2) off the middle of their patch."""
+        """Return patches (n, side, side) of ellipses whose centres are shift_px (n, 2) off the middle."""
         span = np.arange(-reach, reach + 1, dtype=np.float32)
         x = span[None, None, :] - shift_px[:, 0, None, None].astype(np.float32)
         y = span[None, :, None] - shift_px[:, 1, None, None].astype(np.float32)
@@ -63,7 +66,7 @@ class BeadLayer:
         slope, step = np.multiply(by_x, by_x, out=by_x), np.multiply(by_y, by_y, out=by_y)
         slope += step
         np.sqrt(slope, out=slope)
-        slope += np.float32(1e-9)  # the radius' gradient's size, times it
+        slope += np.float32(1e-9)  # magnitude of the radius's gradient, times the radius
         np.subtract(1, radius, out=step)
         step *= radius
         step /= slope  # inwards, in pixels

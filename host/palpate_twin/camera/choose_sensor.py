@@ -1,4 +1,4 @@
-"""Which sensor a command simulates: from a dataset of the twin's, a description, or a seed."""
+"""Select the sensor that a command simulates: from a dataset, a description, or a seed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from palpate_twin.camera.random_sensor import random_sensor, with_tolerances
 
 
 def choose_sensor(path: Path | None, seed: int | None, layout: str | None = None) -> TwinSensor:
-    """path: a folder with twin.json, such a file, or a sensor.toml (or its folder), whose tolerances and
-    looks then come from `seed`; without a path everything does.
+    """Return the sensor of a file, or a random one.
 
-    Raises ConfigError or DatasetError for a file that cannot be used.
+    path: a folder with twin.json, a twin.json, or a sensor.toml (or its folder), whose tolerances and
+    appearance are drawn from `seed`; None draws everything from `seed`. Raises ConfigError or DatasetError
+    for an unusable file.
     """
     if path is None:
         return random_sensor(seed or 0, layout)
@@ -24,5 +25,7 @@ def choose_sensor(path: Path | None, seed: int | None, layout: str | None = None
         return load_twin(path)
     sensor = read_sensor(path)
     if not sensor.markers.rings:
-        raise ConfigError(f"{path}: without markers.rings the twin knows no beads: give them, or a twin.json")
+        raise ConfigError(
+            f"{path}: has no markers.rings, which the twin needs: add them, or give a twin.json"
+        )
     return with_tolerances(sensor, seed or 0)

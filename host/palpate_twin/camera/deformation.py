@@ -1,4 +1,4 @@
-"""How one sensor's beads and inner skin move when the dome is pressed, from the library of fields."""
+"""Deformation of one sensor's beads and inner skin under a press, from the field library."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.library import FieldLibrary, periodic, ring_weights
 from palpate_twin.dome.probe import Probe
 
-AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # of the skin's polar grid: as many as the outermost ring's
-WALL_TOLERANCE = 0.02  # of wall over radius: fields of another ratio are others
-FIRST_SLIDE = 0.1  # of the depth: by what it does to the force the slide for a force is sought
+AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # azimuths of the skin's polar grid: the outermost ring's
+WALL_TOLERANCE = 0.02  # tolerance of wall over radius; fields depend on this ratio
+FIRST_SLIDE = 0.1  # first step of the search for a slide, as a fraction of the depth
 SLIDE_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class ProbePress:
-    """A probe pushed in at polar angle and azimuth, then slid (towards the base, along growing azimuth)."""
+    """Press of a probe at polar angle and azimuth, then slide towards the base and along the azimuth."""
 
     theta_rad: float
     azimuth_rad: float
@@ -32,7 +32,7 @@ class ProbePress:
 
     @property
     def outward(self) -> Array:
-        """(3,) the dome's normal, in F, where the probe first touches."""
+        """(3,) the dome's outward normal at the point of first touch, in F."""
         across = np.sin(self.theta_rad)
         return np.array(
             [across * np.cos(self.azimuth_rad), across * np.sin(self.azimuth_rad), np.cos(self.theta_rad)]
@@ -41,8 +41,10 @@ class ProbePress:
 
 @dataclass(frozen=True, slots=True)
 class Deformation:
-    """bead_mm (n, 3): displacement of the beads; skin_mm (RINGS + 1, AZIMUTHS, 3): of the polar grid of
-    :func:`skin_directions`; force_per_mu_mm2 (3,): on the dome, times the shear modulus in N/mm^2 in N; in F.
+    """Displacement and force of a press, in frame F.
+
+    bead_mm: (n, 3) of the beads; skin_mm: (RINGS + 1, AZIMUTHS, 3) of the polar grid of
+    :func:`skin_directions`; force_per_mu_mm2: (3,) on the dome, times the shear modulus in N/mm^2 gives N.
     """
 
     bead_mm: Array
@@ -53,17 +55,21 @@ class Deformation:
 class DeformableDome:
     """The library's fields on one dome's beads, for domes of any size with the library's wall ratio.
 
-    A dome s times as large, pressed s times as deep, moves s times as far and bears s^2 times the force.
+    On a dome that is s times as large, displacements at s times the depth are s times and forces s^2 times as
+    large.
     """
 
     def __init__(self, library: FieldLibrary, dome: Dome, bead_directions: Array) -> None:
-        """bead_directions (n, 3), unit vectors in F. Raises ConfigError for a wall the library has not."""
+        """Prepare the fields at bead_directions (n, 3), unit vectors in F.
+
+        Raises ConfigError if the wall ratio is not the library's.
+        """
         self.scale = dome.outer_radius_mm / library.outer_radius_mm
         wall_mm = library.wall_mm * self.scale
         if abs(dome.wall_mm - wall_mm) > WALL_TOLERANCE * dome.outer_radius_mm:
             raise ConfigError(
-                f"dome.wall_mm {dome.wall_mm:g}: the library of fields has a wall of {wall_mm:g} mm "
-                f"at radius {dome.outer_radius_mm:g} mm: give that one"
+                f"dome.wall_mm = {dome.wall_mm:g} cannot be simulated: at radius {dome.outer_radius_mm:g} mm "
+                f"the field library has a wall of {wall_mm:g} mm"
             )
         self._library = library
         self._beads = ring_weights(bead_directions) @ _library_directions()
@@ -72,33 +78,36 @@ class DeformableDome:
         return self.scale * self._library.largest_depth_mm(theta_rad, probe)
 
     def slid(self, press: ProbePress, friction_ratio: Array) -> ProbePress:
-        """The press slid until the tangential over the normal force on the dome is friction_ratio (2,),
-        towards the base and along growing azimuth; as far as the library's slides go (Broyden's method)."""
+        """Return the press with the slide that gives a ratio of tangential to normal force.
+
+        friction_ratio: (2,) towards the base and along increasing azimuth. The slide is found by Broyden's
+        method and limited to the library's largest slide.
+        """
         if press.depth_mm <= 0:
             return press
 
-        def missing(slide: Array) -> Array:
+        def residual(slide: Array) -> Array:
             return friction_ratio - self._friction_ratio(press, slide)
 
         slide = np.zeros(2)
-        here = missing(slide)
+        error = residual(slide)
         steps = FIRST_SLIDE * np.eye(2)
-        by_slide = np.column_stack([(missing(step) - here) / FIRST_SLIDE for step in steps])
+        jacobian = np.column_stack([(residual(step) - error) / FIRST_SLIDE for step in steps])
         for _ in range(SLIDE_STEPS):
-            wanted = slide - np.linalg.solve(by_slide, here)
-            wanted *= min(1.0, grid.SHEAR_SHARES[-1] / max(float(np.hypot(*wanted)), 1e-9))
-            step = wanted - slide
+            next_slide = slide - np.linalg.solve(jacobian, error)
+            next_slide *= min(1.0, grid.SHEAR_SHARES[-1] / max(float(np.hypot(*next_slide)), 1e-9))
+            step = next_slide - slide
             length2 = float(step @ step)
             if length2 < 1e-8:
                 break
-            there = missing(wanted)
-            by_slide += np.outer(there - here - by_slide @ step, step) / length2
-            slide, here = wanted, there
+            next_error = residual(next_slide)
+            jacobian += np.outer(next_error - error - jacobian @ step, step) / length2
+            slide, error = next_slide, next_error
         along, across = (press.depth_mm * slide).tolist()
         return replace(press, shear_mm=(along, across))
 
     def _friction_ratio(self, press: ProbePress, slide: Array) -> Array:
-        """(2,) towards the base and along growing azimuth, of a slide (2,) in parts of the depth."""
+        """Return the force ratio (2,) of a slide (2,) given as a fraction of the depth."""
         depth_mm = press.depth_mm / self.scale
         along, across = (depth_mm * slide).tolist()
         force = self._library.solved_force_per_mu_mm2(press.theta_rad, depth_mm, (along, across), press.probe)
@@ -108,21 +117,23 @@ class DeformableDome:
         return np.array([x * cos - z * sin, y]) / inwards
 
     def press(self, press: ProbePress) -> Deformation:
-        """Raises ConfigError outside the library, as :meth:`FieldLibrary.field`."""
+        """Return the deformation of a press. Raises ConfigError outside of the library's grid."""
         along, across = press.shear_mm
         shear_mm = (along / self.scale, across / self.scale)
         solved = self._library.solved(press.theta_rad, press.depth_mm / self.scale, shear_mm, press.probe)
         cos, sin = np.cos(press.azimuth_rad), np.sin(press.azimuth_rad)
         to_azimuth = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the rim is fixed
+        skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the last ring, the base edge, is fixed
         skin[:-1] = turned_rings(solved.displacement_mm @ to_azimuth * self.scale, press.azimuth_rad)
         force = solved.force_per_mu_mm2 @ to_azimuth * self.scale**2
         return Deformation(self._beads @ skin[:-1].reshape(-1, 3), skin, force)
 
 
 def turned_rings(values: Array, azimuth_rad: float) -> Array:
-    """(d, k) on the library's directions, turned about z -> (RINGS, AZIMUTHS, k): each ring's trigonometric
-    polynomial, shifted."""
+    """Rotate values (d, k) on the library's directions about z and return them as (RINGS, AZIMUTHS, k).
+
+    Each ring's trigonometric polynomial is shifted by the azimuth.
+    """
     waves = np.zeros((grid.RINGS, AZIMUTHS // 2 + 1, values.shape[1]), dtype=np.complex128)
     waves[0, 0] = AZIMUTHS * values[0]
     first = 1
@@ -133,13 +144,13 @@ def turned_rings(values: Array, azimuth_rad: float) -> Array:
         first += count
     waves *= np.exp(-1j * azimuth_rad * np.arange(AZIMUTHS // 2 + 1))[:, None]
     inner = np.arange(1, grid.RINGS - 1)
-    last = grid.POINTS_A_RING * inner // 2  # of its own points a ring's last wave shows the even part, once
+    last = grid.POINTS_A_RING * inner // 2  # a ring's Nyquist wave: only its even part is sampled, once
     waves[inner, last] = waves[inner, last].real / 2
     return np.fft.irfft(waves, AZIMUTHS, axis=1)
 
 
 def _library_directions() -> Array:
-    """(d, RINGS x AZIMUTHS): from every ring at all azimuths to the library's directions on it."""
+    """Return the map (d, RINGS x AZIMUTHS) from all azimuths of each ring to the library's directions."""
     x, y, _ = grid.ring_directions().T
     ring_of = np.repeat(np.arange(grid.RINGS), [1, *grid.POINTS_A_RING * np.arange(1, grid.RINGS)])
     phi = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
@@ -150,7 +161,7 @@ def _library_directions() -> Array:
 
 
 def skin_directions() -> Array:
-    """(RINGS + 1, AZIMUTHS, 3) unit vectors: polar angles from the pole to the rim, azimuths from 0."""
+    """Return unit vectors (RINGS + 1, AZIMUTHS, 3): polar angles from pole to base edge, azimuths from 0."""
     theta = np.radians(grid.RING_STEP_DEG * np.arange(grid.RINGS + 1))[:, None]
     phi = (2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS)[None]
     across = np.sin(theta)

@@ -1,4 +1,4 @@
-"""Bead layouts of the sensors that the twin makes up: rings, and a TacTip's hexagonal pins."""
+"""Bead layouts of random sensors: rings, and the hexagonal pins of a TacTip."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ RINGS: dict[str, tuple[tuple[float, int], ...]] = {
 }
 # 1 + 3 s (s + 1) pins in s shells: (s, polar angle between shells in deg).
 HEXAGONAL = {"tactip-127": (6, 12.0), "tactip-331": (10, 7.3)}
-DIAMETER_MM = {"1+6x14": 2.0, "1+7x12": 2.0, "tactip-127": 2.4, "tactip-331": 1.6}  # where beads stand close
+DIAMETER_MM = {"1+6x14": 2.0, "1+7x12": 2.0, "tactip-127": 2.4, "tactip-331": 1.6}  # dense layouts
 USUAL_DIAMETER_MM = 3.0
 NAMES = (*RINGS, *HEXAGONAL)
 
 
 def rings(name: str, turn_deg: float) -> tuple[Ring, ...]:
-    """Rings of a layout turned about the apex; none for a hexagonal one.
+    """Return the rings of a layout rotated about the apex; none for a hexagonal layout.
 
-    Neighbouring rings of equally many beads stand half a spacing apart.
+    Neighbouring rings with the same number of beads are staggered by half a spacing.
     """
     layout = RINGS.get(name, ())
     found: list[Ring] = []
@@ -36,8 +36,9 @@ def rings(name: str, turn_deg: float) -> tuple[Ring, ...]:
 
 
 def hexagonal_directions(shells: int, step_deg: float, turn_deg: float) -> Array:
-    """(1 + 3 s (s + 1), 3) unit vectors: a flat hexagonal lattice laid on the sphere, distance from the
-    middle becoming polar angle.
+    """Return unit vectors (1 + 3 s (s + 1), 3) of a flat hexagonal lattice mapped onto the sphere.
+
+    The distance from the middle becomes the polar angle.
     """
     span = np.arange(-shells, shells + 1)
     i, j = (axis.ravel() for axis in np.meshgrid(span, span, indexing="ij"))

@@ -1,6 +1,6 @@
-"""Light on the dome's inner skin: the LEDs' from inside, the room's through the skin; at rest and pressed.
+"""Illumination of the dome's inner skin, by LEDs from inside and room light through the skin.
 
-Light varies slowly over the picture, so it lives on every eighth pixel (`STEP`) of every eighth row.
+Light varies slowly over the image, so it is computed for every eighth pixel (`STEP`) of every eighth row.
 """
 
 from __future__ import annotations
@@ -18,23 +18,22 @@ from palpate_twin.dome import field_grid as grid
 
 STEP = 8
 LEAST_GAIN, MOST_GAIN = 0.4, 1.8
-BLOCKING_MM = 0.5  # a skin pushed in by so much has something on it that keeps half the room's light out
+BLOCKING_MM = 0.5  # indentation at which the touching object blocks half of the room light
 PATCH_RADIUS_PX = (60.0, 160.0)
-WRAP = 2  # columns of the polar grid that are repeated on either side
+WRAP = 2  # columns of the polar grid repeated on either side
 
 
 class LightField:
-    """Light over a part of a camera's picture, 1 where the LEDs' is fullest at rest: (height/8, width/8, 3),
-    BGR."""
+    """Light over a part of the image (height/8, width/8, 3), BGR; 1 is the maximum of the LEDs untouched."""
 
     def __init__(self, sensor: Sensor, view: View, look: Look, part: Part) -> None:
-        """part: of the picture, its sides multiples of `STEP`."""
+        """Compute the light without touch. part: of the image; its sides are multiples of `STEP`."""
         rng = np.random.default_rng([look.seed, 1])
         self._inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
         self._directions = skin_directions()
         leds_mm, powers = _leds(view, look, rng)
         rest_mm = self._inner_mm * self._directions
-        # A press changes the light of all LEDs nearly alike: one lamp amid them tells by how much.
+        # A press changes the light of all LEDs almost equally, so one lamp in their middle represents them.
         self._lamp_mm = np.average(leds_mm, axis=0, weights=powers)
         self._lamp_at_rest = _irradiance(rest_mm, rest_mm, self._lamp_mm)
         x, y = _coarse_pixels(part)
@@ -49,15 +48,16 @@ class LightField:
         self._leds: Floats = leds / leds.max() * np.ones(3, dtype=np.float32)
         self._ambient: Floats = _ambient(x, y, look, rng) * lens
 
-    def at_rest(self) -> Floats:
+    def untouched(self) -> Floats:
+        """Return the light without touch."""
         return self._leds + self._ambient
 
     def pressed(self, skin_mm: Array) -> Floats:
-        """skin_mm: the displacement of the polar grid (:class:`Deformation`)."""
+        """Return the light under a press. skin_mm: displacement of the polar grid (:class:`Deformation`)."""
         rest_mm = self._inner_mm * self._directions
         moved = rest_mm + skin_mm
         gain = _irradiance(moved, _normals(moved), self._lamp_mm) / self._lamp_at_rest
-        gain[0] = gain[1].mean()  # all of row 0 is the pole, where the grid has no normal
+        gain[0] = gain[1].mean()  # row 0 is the pole, where the grid has no normal
         inward_mm = np.clip(-(skin_mm * self._directions).sum(axis=2), 0, None)
         shade = 1 / (1 + (inward_mm / BLOCKING_MM) ** 2)
         both = np.stack([np.clip(gain, LEAST_GAIN, MOST_GAIN), shade], axis=2).astype(np.float32)
@@ -65,7 +65,7 @@ class LightField:
         return np.asarray(self._leds * picture[..., :1] + self._ambient * picture[..., 1:])
 
     def _on_picture(self, polar: Floats) -> Floats:
-        """(rings, azimuths, k) -> (height/8, width/8, k)."""
+        """Map values (rings, azimuths, k) of the polar grid to the image (height/8, width/8, k)."""
         wrapped = np.concatenate([polar[:, -WRAP:], polar, polar[:, : WRAP + 1]], axis=1)
         border = cv2.BORDER_REPLICATE
         mapped = cv2.remap(wrapped, self._turn, self._ring, cv2.INTER_CUBIC, borderMode=border)
@@ -73,17 +73,17 @@ class LightField:
 
 
 def _irradiance(points_mm: Array, outward: Array, lamp_mm: Array) -> Array:
-    """(rings, azimuths) of Lambert's law for skin and lamp, a point that looks along +z."""
+    """Return the irradiance (rings, azimuths) by Lambert's law; the lamp is a point that points along +z."""
     length = np.maximum(np.sqrt(np.einsum("raj,raj->ra", outward, outward)), 1e-9)
     way = points_mm - lamp_mm
     distance2 = np.einsum("raj,raj->ra", way, way)
-    # cos at the skin times cos at the lamp over distance^2; the way's length cancels into one square.
+    # cos at the skin times cos at the lamp over distance^2; the distances combine to distance2^2.
     cosine = np.einsum("raj,raj->ra", way, outward) / length
     return np.asarray(np.maximum(cosine * way[..., 2], 0.05 * distance2) / distance2**2)
 
 
 def _leds(view: View, look: Look, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Places (k, 3) in F and powers (k,)."""
+    """Return positions (k, 3) in F and powers (k,) of the LEDs."""
     angle = 2 * np.pi * (np.arange(look.leds) + rng.uniform()) / look.leds
     ring = look.led_ring_mm * np.stack([np.cos(angle), np.sin(angle), np.zeros(look.leds)], axis=1)
     places = view.position_mm + ring + np.array([0.0, 0.0, look.led_ahead_mm])
@@ -91,7 +91,7 @@ def _leds(view: View, look: Look, rng: np.random.Generator) -> tuple[Array, Arra
 
 
 def _normals(points_mm: Array) -> Array:
-    """Outward normals (rings, azimuths, 3) of a polar grid of points, of any length."""
+    """Return outward normals (rings, azimuths, 3), not normalised, of a polar grid of points."""
     along = np.empty_like(points_mm)
     along[1:-1] = points_mm[2:] - points_mm[:-2]
     along[0] = along[1]
@@ -101,7 +101,7 @@ def _normals(points_mm: Array) -> Array:
 
 
 def _coarse_pixels(part: Part) -> tuple[Array, Array]:
-    """Pixel coordinates of every eighth pixel, each (height/8, width/8), as cv2.resize places them."""
+    """Return x and y (height/8, width/8) of the coarse pixels, with the convention of cv2.resize."""
     x = part.left + STEP * np.arange(part.width // STEP) + (STEP - 1) / 2
     y = part.top + STEP * np.arange(part.height // STEP) + (STEP - 1) / 2
     columns, rows = np.meshgrid(x, y)
@@ -109,7 +109,7 @@ def _coarse_pixels(part: Part) -> tuple[Array, Array]:
 
 
 def _polar_coordinates(view: View, radius_mm: float, x: Array, y: Array) -> tuple[Array, Array]:
-    """Polar angle and azimuth, each as x, of the inner skin behind pixels; beside the dome: its rim."""
+    """Return polar angle and azimuth of the inner skin at pixels; outside the dome, of its base edge."""
     points = view.onto_sphere(np.stack([x.ravel(), y.ravel()], axis=1), radius_mm)
     theta = polar_angle(points)
     theta = np.where(np.isnan(theta), np.pi / 2, np.minimum(theta, np.pi / 2))
@@ -118,7 +118,7 @@ def _polar_coordinates(view: View, radius_mm: float, x: Array, y: Array) -> tupl
 
 
 def _vignetting(view: View, axis_px: tuple[float, ...], power: float, x: Array, y: Array) -> Floats:
-    """(height/8, width/8, 1) how much light of each direction the lens lets through; axis_px: its axis."""
+    """Return the transmission (height/8, width/8, 1) of the lens. axis_px: pixel of its optical axis."""
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
     axis = view.rays(np.array([axis_px]))[0]
     cosine = np.clip(view.rays(pixels) @ axis, 0.05, 1)
@@ -126,7 +126,7 @@ def _vignetting(view: View, axis_px: tuple[float, ...], power: float, x: Array, 
 
 
 def _ambient(x: Array, y: Array, look: Look, rng: np.random.Generator) -> Floats:
-    """The room's light through the skin: even, and patches of lamps and windows, each of its colour."""
+    """Return the room light through the skin: a uniform part, and coloured patches of lamps and windows."""
     light = np.full((*x.shape, 3), 0.5 * look.ambient)
     for _ in range(look.ambient_patches):
         middle = rng.uniform([150, 60], [490, 420])

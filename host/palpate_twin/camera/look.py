@@ -1,4 +1,4 @@
-"""The looks of a dome from inside, and one sensor as it really is, written beside its datasets."""
+"""Appearance of a dome from inside, and the true properties of a simulated sensor (twin.json)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ TWIN_FILE = "twin.json"
 
 
 class Look(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What makes one sensor's pictures differ from another's.
+    """Appearance of one sensor's images.
 
-    skin_bgr, bead_bgr: as seen where the light is full; outside_grey: round the dome;
-    bead_flatness: a bead's half axis along the dome's normal over the one across it (1 is a ball);
-    highlight: 0 to 1, of the light's mirror image on a bead; softness_px: sigma of the lens's blur;
-    leds, led_ring_mm, led_ahead_mm: LEDs on a ring round the camera, so far ahead of it;
-    led_unevenness: share by which single LEDs are weaker; vignetting: the lens darkens with this
-    power of the cosine of the angle from its axis; glints: 0 to 1, the LEDs' mirror images on the skin;
-    glare: 0 to 1, of a broad bright patch; ambient: light through the skin, in parts of the LEDs';
-    ambient_patches: how many; text, text_contrast: print that shows through; dust: specks on the skin;
-    flicker: standard deviation of a frame's brightness, relative; noise_grey: of a pixel;
-    jpeg_quality: of files; seed: of everything above that is random but the same in every frame.
+    skin_bgr, bead_bgr: colours under full light. outside_grey: grey level around the dome. bead_flatness:
+    half axis of a bead along the dome's normal divided by the one across it (1 is a ball). highlight: 0 to 1,
+    intensity of the light's reflection on a bead. softness_px: sigma of the lens blur. leds, led_ring_mm,
+    led_ahead_mm: number of LEDs, radius of their ring around the camera, and its distance in front of the
+    camera. led_unevenness: largest relative loss of power of a LED. vignetting: exponent of the cosine of the
+    angle from the optical axis. glints: 0 to 1, intensity of the LEDs' reflections on the skin. glare: 0 to
+    1, intensity of a broad bright patch. ambient: room light through the skin relative to the LEDs.
+    ambient_patches: number of brighter patches of room light. text, text_contrast: print that shows through
+    the skin. dust: number of specks on the skin. flicker: relative standard deviation of a frame's
+    brightness. noise_grey: standard deviation of a pixel. jpeg_quality: of image files. seed: of all random
+    properties that are the same in every frame.
     """
 
     skin_bgr: Colour = (176.0, 176.0, 190.0)
@@ -57,10 +58,10 @@ class Look(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TwinSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One sensor with its tolerances: what a press dataset's sensor.toml does not tell.
+    """A simulated sensor with its tolerances, which are not in the dataset's sensor.toml.
 
-    sensor: as sensor.toml describes it; pose: the camera as it is; bead_mm: centres in F, in any order;
-    bead_size: diameter of each over the nominal one; shear_modulus_N_mm2: of the silicone.
+    sensor: nominal sensor of sensor.toml; pose: true camera pose; bead_mm: true centres in F, in any order;
+    bead_size: diameter of each bead relative to the nominal one; shear_modulus_N_mm2: of the silicone.
     """
 
     sensor: Sensor
@@ -72,11 +73,12 @@ class TwinSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def save_twin(twin: TwinSensor, path: Path) -> None:
+    """Write a twin.json. Raises ConfigError if it cannot be written."""
     write_atomically(path, msgspec.json.format(msgspec.json.encode(twin)) + b"\n", ConfigError)
 
 
 def load_twin(path: Path) -> TwinSensor:
-    """Read a twin.json. Raises ConfigError naming file and key."""
+    """Read a twin.json. Raises ConfigError, naming file and key, if it is missing or invalid."""
     twin = read_json(path, TwinSensor, guide="make it with palpate-host simulate dataset")
     if len(twin.bead_mm) != len(twin.bead_size) or not twin.bead_mm:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""The image sensor's noise: a large field made once, of which every frame takes a part at random."""
+"""Image sensor noise: a large field is generated once, and every frame uses a random part of it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Image
 
-SPARE = 256  # rows and columns more than a frame has: 257^2 parts
-CHROMA = 0.5  # share of the noise that is each channel's own; cameras smooth their colours
+SPARE = 256  # additional rows and columns of the field, which give 257^2 different parts
+CHROMA = 0.5  # share of the noise that differs between channels; cameras smooth their colours
 
 
 class NoiseField:
@@ -20,13 +20,14 @@ class NoiseField:
         grey = rng.standard_normal(shape, dtype=np.float32)[..., None]
         own = rng.standard_normal((*shape, 3), dtype=np.float32)
         field = deviation_grey * (np.float32(np.sqrt(1 - CHROMA**2)) * grey + np.float32(CHROMA) * own)
-        # The rounding of a frame whose parts are whole grey levels is random already.
+        # Frames have integer grey levels, so integer noise suffices.
         whole = np.rint(field)
         self._brighter = np.clip(whole, 0, 255).astype(np.uint8)
         self._darker = np.clip(-whole, 0, 255).astype(np.uint8)
         self._height, self._width = height, width
 
     def add(self, image: Image, rng: np.random.Generator) -> None:
+        """Add a random part of the field to the image."""
         row, column = rng.integers(0, SPARE + 1, 2).tolist()
         part = (slice(row, row + self._height), slice(column, column + self._width))
         cv2.add(image, self._brighter[part], image)

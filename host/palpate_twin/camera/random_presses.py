@@ -1,4 +1,4 @@
-"""Presses of a dataset, one by one at random, and presses as a moving finger makes them."""
+"""Random presses: independent ones for a dataset, and continuous ones of a moving contact."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ from palpate_twin.camera.deformation import DeformableDome, ProbePress
 from palpate_twin.dome.probe import Probe
 
 MOST_THETA_DEG = 72.0
-DEPTH_SHARES = (0.02, 0.95)  # of the deepest that the library has there
-MOST_SLIDE = 0.4  # of the depth
-CYCLE_S = 2.4  # of a moving contact: nothing touches, press, hold and roll, leave
-REST, DOWN, HOLD = 0.2, 0.5, 0.8  # ends of the first three, in parts of the cycle
-ROLL_DEG = 10.0  # how far the contact moves while held
+DEPTH_SHARES = (0.02, 0.95)  # range of depth, as a fraction of the library's largest depth
+MOST_SLIDE = 0.4  # largest slide, as a fraction of the depth
+CYCLE_S = 2.4  # period of a moving contact: no contact, press, hold and roll, release
+REST, DOWN, HOLD = 0.2, 0.5, 0.8  # ends of the first three phases, as fractions of the period
+ROLL_DEG = 10.0  # largest movement of the contact in the hold phase
 
 
 def random_press(dome: DeformableDome, probes: Sequence[Probe], rng: np.random.Generator) -> ProbePress:
-    """A press anywhere up to MOST_THETA_DEG, evenly over the sphere, of any depth and slide."""
+    """Return a random press up to MOST_THETA_DEG, uniform over the sphere, of random depth and slide."""
     theta = float(np.arccos(rng.uniform(np.cos(np.radians(MOST_THETA_DEG)), 1.0)))
     probe = probes[int(rng.integers(len(probes)))]
     azimuth = float(rng.uniform(0, 2 * np.pi))
     depth_mm = float(rng.uniform(*DEPTH_SHARES)) * dome.largest_depth_mm(theta, probe)
-    slide_mm, way = float(rng.uniform(0, MOST_SLIDE)) * depth_mm, float(rng.uniform(0, 2 * np.pi))
-    shear_mm = (slide_mm * float(np.cos(way)), slide_mm * float(np.sin(way)))
+    slide_mm, direction = float(rng.uniform(0, MOST_SLIDE)) * depth_mm, float(rng.uniform(0, 2 * np.pi))
+    shear_mm = (slide_mm * float(np.cos(direction)), slide_mm * float(np.sin(direction)))
     return ProbePress(theta, azimuth, depth_mm, shear_mm, probe)
 
 
 def moving_press(
     dome: DeformableDome, probes: Sequence[Probe], time_s: float, seed: int
 ) -> ProbePress | None:
-    """What presses at a time: each cycle another place; None while nothing touches."""
+    """Return the press at a time, None without contact; each cycle has another position."""
     cycle, phase = divmod(time_s / CYCLE_S, 1.0)
     rng = np.random.default_rng([seed, int(cycle)])
     target = random_press(dome, probes, rng)
     roll = np.radians(ROLL_DEG) * rng.uniform(-1, 1, 2)
     if phase < REST:
         return None
-    held = float(np.clip((phase - DOWN) / (HOLD - DOWN), 0, 1))
+    progress = float(np.clip((phase - DOWN) / (HOLD - DOWN), 0, 1))  # of the hold phase
     rise = (phase - REST) / (DOWN - REST) if phase < DOWN else (1 - phase) / (1 - HOLD)
     part = _smooth(min(rise, 1.0))
-    theta = float(np.clip(target.theta_rad + held * roll[0], 0, np.radians(MOST_THETA_DEG)))
-    azimuth = target.azimuth_rad + held * roll[1] / max(np.sin(target.theta_rad), 0.2)
+    theta = float(np.clip(target.theta_rad + progress * roll[0], 0, np.radians(MOST_THETA_DEG)))
+    azimuth = target.azimuth_rad + progress * roll[1] / max(np.sin(target.theta_rad), 0.2)
     depth_mm = part * min(target.depth_mm, dome.largest_depth_mm(theta, target.probe))
-    slide = part * held * depth_mm / max(target.depth_mm, 1e-9)
+    slide = part * progress * depth_mm / max(target.depth_mm, 1e-9)
     along, across = target.shear_mm
     if depth_mm <= 0:
         return None
@@ -52,5 +52,5 @@ def moving_press(
 
 
 def _smooth(part: float) -> float:
-    """0 to 1 without a jolt at either end."""
+    """Return the smoothstep of 0 to 1, with zero slope at both ends."""
     return part * part * (3 - 2 * part)

@@ -1,4 +1,4 @@
-"""Sensors made up from a seed: layout, tolerances, silicone and looks, as far apart as real ones are."""
+"""Random sensors: layout, tolerances, silicone and appearance vary as much as between real sensors."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from palpate_edge.geometry.sensor import Camera, CameraPose, Dome, Markers, Sens
 from palpate_twin.camera import layouts
 from palpate_twin.camera.look import Colour, Look, TwinSensor
 
-WALL_SHARE = 1 / 6  # of the outer radius: the library of fields has no other
+WALL_SHARE = 1 / 6  # wall over outer radius; the only ratio in the field library
 BEAD_SPHERE_SHARE = 26.5 / 30.0
 USUAL_RADIUS_MM = 30.0
 SHEAR_MODULI_N_MM2 = (0.06, 0.25)
-BEAD_SCATTER_MM = (0.0, 0.2)  # standard deviation of a sensor's beads from their places
+BEAD_SCATTER_MM = (0.0, 0.2)  # standard deviation of bead positions
 BEAD_SIZE_SCATTER = 0.04
-OPENING_PX = (185.0, 222.0)  # radius at which the dome's opening shows
+OPENING_PX = (185.0, 222.0)  # radius of the dome's opening in the image
 DARK, LIGHT, COLOURED = "dark", "light", "coloured"
 COLOURS: tuple[Colour, ...] = ((40, 40, 205), (200, 90, 30), (50, 160, 40), (40, 190, 215))  # red to yellow
 WORDS = ("PALPATE", "Table 4", "12:34 kg", "FRAGILE", "M3 x 12")
 
 
 def random_sensor(seed: int, layout: str | None = None) -> TwinSensor:
-    """A sensor drawn from `seed`; `layout` is one of :data:`layouts.NAMES`, else they take turns.
+    """Return a random sensor. layout: one of :data:`layouts.NAMES`; None selects them in turn by `seed`.
 
-    Its description is random, and its tolerances and looks are: :func:`with_tolerances`.
+    The nominal sensor is random, as are tolerances and appearance (:func:`with_tolerances`).
     """
     rng = np.random.default_rng([seed, 0])
     name = layout or layouts.NAMES[seed % len(layouts.NAMES)]
@@ -44,9 +44,9 @@ def random_sensor(seed: int, layout: str | None = None) -> TwinSensor:
 
 
 def with_tolerances(sensor: Sensor, seed: int, layout_mm: Array | None = None) -> TwinSensor:
-    """A sensor of this description with tolerances, silicone and looks drawn from `seed`.
+    """Return a nominal sensor with random tolerances, silicone and appearance.
 
-    layout_mm (n, 3): the beads' places where sensor.toml gives no rings.
+    layout_mm (n, 3): nominal bead positions if the sensor has no rings.
     """
     rng = np.random.default_rng([seed, 1])
     ideal_mm = bead_layout_mm(sensor.markers)[0] if layout_mm is None else layout_mm
@@ -72,16 +72,16 @@ def with_tolerances(sensor: Sensor, seed: int, layout_mm: Array | None = None) -
 
 
 def _camera(opening_mm: float, rng: np.random.Generator) -> Camera:
-    """A camera on the axis whose picture the dome's opening fills: pinhole, or fisheye and nearer."""
+    """Return a camera on the axis whose image the dome's opening fills: pinhole, or fisheye and closer."""
     reach_px = float(rng.uniform(*OPENING_PX))
     fisheye = bool(rng.uniform() < 0.3)
     distance_mm = opening_mm * float(rng.uniform(0.6, 1.2) if fisheye else rng.uniform(1.5, 2.4))
     if fisheye:
         focal_px = reach_px / np.arctan2(opening_mm, distance_mm)
-        bend = rng.uniform(-0.02, 0.02, 4) * [1, 1, 0.2, 0.05]
+        distortion = rng.uniform(-0.02, 0.02, 4) * [1, 1, 0.2, 0.05]
     else:
         focal_px = reach_px * distance_mm / opening_mm
-        bend = np.array([rng.uniform(-0.08, 0.04), 0.0, 0.0, 0.0])
+        distortion = np.array([rng.uniform(-0.08, 0.04), 0.0, 0.0, 0.0])
     focal_px = round(float(focal_px), 1)
     centre_px = np.round(np.array([320.0, 240.0]) + rng.uniform(-6, 6, 2), 1)
     return Camera(
@@ -91,7 +91,7 @@ def _camera(opening_mm: float, rng: np.random.Generator) -> Camera:
         position_mm=(0.0, 0.0, -round(distance_mm, 1)),
         fps=30.0,
         model="fisheye" if fisheye else "pinhole",
-        distortion=tuple(float(value) for value in np.round(bend, 5)),
+        distortion=tuple(float(value) for value in np.round(distortion, 5)),
     )
 
 
@@ -126,7 +126,7 @@ def _look(sensor: Sensor, seed: int, rng: np.random.Generator) -> Look:
 
 
 def _colours(kind: str, rng: np.random.Generator) -> tuple[Colour, Colour]:
-    """Skin and bead: each a grey with a tint, but for coloured beads."""
+    """Return the colours of skin and beads: tinted greys, or coloured beads."""
     if kind == LIGHT:
         return _grey(rng.uniform(40, 80), 10, rng), _grey(rng.uniform(180, 220), 8, rng)
     skin = _grey(rng.uniform(150, 185), 12, rng)

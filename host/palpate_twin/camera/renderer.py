@@ -1,4 +1,4 @@
-"""The frame that a sensor's camera sees: skin, light, beads, what lies over them, noise."""
+"""Render the frames of a sensor's camera: skin, light, beads, reflections and noise."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from palpate_twin.camera.noise import NoiseField
 from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
 from palpate_twin.dome.library import FieldLibrary
 
-FULL_LIGHT = 128  # of a light picture: 255 is twice as bright
+FULL_LIGHT = 128  # value of full light in a light image; 255 is twice as bright
 
 
 class CameraView:
-    """Renders one sensor. The same sensor, press and generator state give the same bytes.
+    """Renderer of one sensor. The same sensor, press and generator state give the same bytes.
 
-    Beads keep their size and turn with nothing: a 3 mm glass bead in soft silicone; what is drawn of the skin
-    (print, dust) and the LEDs' mirror images stay where they are at rest. Silicone does not refract.
+    Beads keep size and orientation, as 3 mm glass beads in soft silicone do. Print, dust and the LEDs'
+    reflections do not move with the skin, and silicone does not refract.
     """
 
     def __init__(self, twin: TwinSensor, library: FieldLibrary) -> None:
-        """Raises ConfigError for a dome whose fields the library does not have."""
+        """Prepare all that is the same in every frame. Raises ConfigError if the library lacks the dome."""
         camera, look = twin.sensor.camera, twin.look
         self.twin = twin
         self._bead_mm = np.array(twin.bead_mm)
@@ -39,7 +39,7 @@ class CameraView:
         view = View(camera, twin.pose)
         self._projector = BeadProjector(camera, twin.pose)
         opening = np.asarray(np.rint(255 * dome_mask(twin.sensor, view, look)), dtype=np.uint8)
-        part = self._part = part_with_dome(opening, STEP)  # beads and skin are drawn there only
+        part = self._part = part_with_dome(opening, STEP)  # beads and skin are drawn only there
         self._light = LightField(twin.sensor, view, look, part)
         self._layer = BeadLayer(part.width, part.height, look.softness_px, look.highlight)
         self._opening = part.of(opening).copy()
@@ -47,7 +47,7 @@ class CameraView:
         self._over = overlay(twin.sensor, view, look)
         self._noise = NoiseField(camera.height, camera.width, look.noise_grey, look.seed)
         self._bead_colour = _colour_table(look.bead_bgr)
-        # Made once: fresh pages cost more than the pixels' arithmetic.
+        # Allocated once: new memory pages cost more than the computation.
         self._fine_light, self._beads, self._dome = (np.empty_like(self._skin) for _ in range(3))
 
     def frame(
@@ -58,9 +58,10 @@ class CameraView:
         hidden: Collection[int] = (),
         exposure: float = 1.0,
     ) -> tuple[Image, Array]:
-        """A fresh image (height, width, 3) and the force (3,) on the dome in F, N; None: nothing touches.
+        """Return a new image (height, width, 3) and the force (3,) on the dome in F, in N.
 
-        hidden: numbers of beads that do not show; exposure: multiplies the light; rng: flicker and noise.
+        press: None without contact; hidden: indices of invisible beads; exposure: factor of the light; rng:
+        for flicker and noise.
         """
         if press is None or press.depth_mm <= 0:
             return self.render(None, rng, hidden=hidden, exposure=exposure), np.zeros(3)
@@ -69,7 +70,7 @@ class CameraView:
         return image, deformation.force_per_mu_mm2 * self.twin.shear_modulus_N_mm2
 
     def outlines(self, deformation: Deformation | None) -> tuple[Array, Array]:
-        """Centres (n, 2) in pixels and shapes (n, 2, 2) of the beads' ellipses, of `twin.bead_mm`'s order."""
+        """Return centres (n, 2) in pixels and shapes (n, 2, 2) of the beads' ellipses, ordered as bead_mm."""
         moved = self._bead_mm if deformation is None else self._bead_mm + deformation.bead_mm
         return self._projector.outlines(moved, self._normal, self._across_mm, self.twin.look.bead_flatness)
 
@@ -81,8 +82,8 @@ class CameraView:
         hidden: Collection[int] = (),
         exposure: float = 1.0,
     ) -> Image:
-        """As :meth:`frame`, of a deformation that is known."""
-        light = self._light.at_rest() if deformation is None else self._light.pressed(deformation.skin_mm)
+        """Return the image of a deformation; arguments as in :meth:`frame`."""
+        light = self._light.untouched() if deformation is None else self._light.pressed(deformation.skin_mm)
         flicker = max(0.0, 1 + self.twin.look.flicker * float(rng.standard_normal()))
         coarse = cv2.convertScaleAbs(light, alpha=FULL_LIGHT * exposure * flicker)
         size = (self._part.width, self._part.height)
@@ -99,14 +100,14 @@ class CameraView:
         cv2.add(dome, cv2.applyColorMap(covered, self._bead_colour, self._beads), dome)
         cv2.multiply(dome, self._fine_light, dome, scale=1 / FULL_LIGHT)
         image = self._over.copy()
-        seen = self._part.of(image)
-        cv2.add(seen, dome, seen)
+        inside = self._part.of(image)
+        cv2.add(inside, dome, inside)
         self._noise.add(image, rng)
         return image
 
 
 def _colour_table(bead_bgr: tuple[float, float, float]) -> Image:
-    """(256, 1, 3) by a bead plane's value: the bead's part of a pixel."""
+    """Return the table (256, 1, 3) of a bead's contribution to a pixel, by the value in the bead plane."""
     value = np.arange(256.0)[:, None, None]
     spot = np.clip((value - WHOLE) / (255 - WHOLE), 0, 1)
     colour = np.minimum(value / WHOLE, 1.0) * np.asarray(bead_bgr) * (1 - spot) + 255 * spot

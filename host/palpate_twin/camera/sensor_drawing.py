@@ -1,4 +1,4 @@
-"""A sensor drawn for who builds it: the dome in section, the beads as the camera sees them, its rings."""
+"""Drawing of a sensor for its construction: section of the dome, bead layout, table of rings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SILICONE, BEAD, SIGHT = "#cfd8dc", "#bf360c", "#f9a825"
 
 @dataclass(frozen=True)
 class RingPlan:
-    """Where a ring's beads go. spacing_mm: between neighbours on the ring, 0 for a single bead."""
+    """Dimensions of a ring of beads. spacing_mm: between neighbours on the ring, 0 for a single bead."""
 
     theta_deg: float
     count: int
@@ -31,7 +31,7 @@ class RingPlan:
 
 
 def ring_plans(sensor: Sensor) -> list[RingPlan]:
-    """Rings from the apex to the base, on the sphere of the bead centres."""
+    """Return the rings from the apex to the base, on the sphere of the bead centres."""
     plans = []
     for ring in sensor.markers.rings:
         theta = math.radians(ring.theta_deg)
@@ -43,14 +43,14 @@ def ring_plans(sensor: Sensor) -> list[RingPlan]:
 
 
 def closest_beads_mm(sensor: Sensor) -> float:
-    """The least distance between two bead centres; infinite with fewer than two."""
+    """Return the smallest distance between two bead centres; infinite with fewer than two."""
     points, _ = bead_layout_mm(sensor.markers)
     apart = np.linalg.norm(points[:, None] - points[None, :], axis=2)
     return float(apart[~np.eye(len(points), dtype=bool)].min(initial=math.inf))
 
 
 def plan_text(sensor: Sensor) -> str:
-    """Dimensions and a line for each ring."""
+    """Return the dimensions and a line for each ring as text."""
     dome, markers = sensor.dome, sensor.markers
     inner_mm = dome.outer_radius_mm - dome.wall_mm
     cover_mm = dome.outer_radius_mm - markers.radius_mm - markers.diameter_mm / 2
@@ -73,7 +73,7 @@ def plan_text(sensor: Sensor) -> str:
 
 
 def draw_sensor(sensor: Sensor, path: Path) -> None:
-    """Write the picture, in the format of the path's suffix."""
+    """Write the drawing. The path's suffix selects the format."""
     with mpl.rc_context({"font.size": 9, "svg.hashsalt": "palpate", "svg.fonttype": "none"}):
         figure = Figure(figsize=(11, 6), layout="constrained")
         section, layout = figure.subplots(1, 2)
@@ -83,7 +83,7 @@ def draw_sensor(sensor: Sensor, path: Path) -> None:
 
 
 def _draw_section(axes: Axes, sensor: Sensor) -> None:
-    """Through the apex: wall, a bead of each ring on either side, the camera and what it sees."""
+    """Draw the section through the apex: wall, beads of each ring, camera and field of view."""
     dome, markers, camera = sensor.dome, sensor.markers, sensor.camera
     axes.add_patch(
         Wedge((0, 0), dome.outer_radius_mm, 0, 180, width=dome.wall_mm, facecolor=SILICONE, edgecolor="0.3")
@@ -114,7 +114,7 @@ def _draw_section(axes: Axes, sensor: Sensor) -> None:
 
 
 def half_view_deg(camera: Camera) -> float:
-    """Half the camera's horizontal angle of view, without distortion; at most 80 deg."""
+    """Return half of the camera's horizontal angle of view, without distortion; at most 80 deg."""
     fx, _, cx, _ = camera.matrix
     if camera.model == "fisheye":
         return min(math.degrees(cx / fx), 80.0)
@@ -122,7 +122,7 @@ def half_view_deg(camera: Camera) -> float:
 
 
 def _draw_layout(axes: Axes, sensor: Sensor) -> None:
-    """From the camera: x to the right, y down, a circle a ring."""
+    """Draw the layout as the camera sees it: x to the right, y down, a circle per ring."""
     dome, markers = sensor.dome, sensor.markers
     for radius_mm in (dome.outer_radius_mm, dome.outer_radius_mm - dome.wall_mm):
         axes.add_patch(Circle((0, 0), radius_mm, fill=False, edgecolor="0.6"))

@@ -1,4 +1,4 @@
-"""What is the same in every frame of a sensor: the skin's own picture, the dome's rim, what lies over it."""
+"""Static parts of a sensor's image: skin texture, mask of the dome, reflections and surroundings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Sensor, View
 from palpate_twin.camera.look import Look
 
-TEXT_BLUR_PX = 2.5  # silicone between the print and the camera
+TEXT_BLUR_PX = 2.5  # blur by the silicone between print and camera
 MOTTLE_PX = 9.0
 MOTTLE = 0.02  # relative standard deviation of the skin's brightness
 GLINT_SIGMA_PX = 1.8
@@ -23,7 +23,7 @@ OUTSIDE_MOTTLE_GREY = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A rectangle of a picture, in pixels."""
+    """A rectangle of an image, in pixels."""
 
     left: int
     top: int
@@ -31,12 +31,15 @@ class Part:
     height: int
 
     def of(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Return the view of this rectangle in an image."""
         return picture[self.top : self.top + self.height, self.left : self.left + self.width]
 
 
 def part_with_dome(mask: Image, multiple: int) -> Part:
-    """The smallest part outside of which the mask (height, width) is 0; its sides are multiples of so many
-    pixels, as far as the picture goes. Raises ConfigError where there is none.
+    """Return the smallest rectangle that contains all non-zero pixels of a mask (height, width).
+
+    Its sides are multiples of `multiple`, except at the edge of the image. Raises ConfigError if the mask is
+    empty.
     """
     if not mask.any():
         raise ConfigError(
@@ -44,14 +47,14 @@ def part_with_dome(mask: Image, multiple: int) -> Part:
         )
     height, width = mask.shape
     (top, bottom), (left, right) = (
-        (int(seen.min()) // multiple * multiple, -(-(int(seen.max()) + 1) // multiple) * multiple)
-        for seen in (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+        (int(used.min()) // multiple * multiple, -(-(int(used.max()) + 1) // multiple) * multiple)
+        for used in (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     )
     return Part(left, top, min(right, width) - left, min(bottom, height) - top)
 
 
 def skin_picture(sensor: Sensor, view: View, look: Look) -> Image:
-    """(height, width, 3) the skin under full light: mottled, with print and dust; black beside the dome."""
+    """Return the skin under full light (height, width, 3): mottled, with print and dust; black outside."""
     rng = np.random.default_rng([look.seed, 2])
     height, width = sensor.camera.height, sensor.camera.width
     relative: Array = 1 + _mottle(rng, height, width, MOTTLE)
@@ -65,19 +68,19 @@ def skin_picture(sensor: Sensor, view: View, look: Look) -> Image:
 
 
 def dome_mask(sensor: Sensor, view: View, look: Look) -> Array:
-    """(height, width) 1 where the camera looks into the dome, 0 beside it: the base's opening, as seen."""
+    """Return the mask (height, width) of the dome's opening: 1 inside, 0 outside, with a soft edge."""
     inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
     phi = 2 * np.pi * np.arange(360) / 360
-    rim = view.project(inner_mm * np.stack([np.cos(phi), np.sin(phi), np.zeros(360)], axis=1))
+    edge = view.project(inner_mm * np.stack([np.cos(phi), np.sin(phi), np.zeros(360)], axis=1))
     mask = np.zeros((sensor.camera.height, sensor.camera.width), dtype=np.uint8)
     bits = 4
-    cv2.fillPoly(mask, [np.rint(rim * 2**bits).astype(np.int32)], 255, cv2.LINE_AA, bits)
+    cv2.fillPoly(mask, [np.rint(edge * 2**bits).astype(np.int32)], 255, cv2.LINE_AA, bits)
     soft = cv2.GaussianBlur(mask.astype(np.float64) / 255, (0, 0), max(look.softness_px, 0.3))
     return np.asarray(soft, dtype=np.float64)
 
 
 def overlay(sensor: Sensor, view: View, look: Look) -> Image:
-    """(height, width, 3) light that no bead hides: mirror images of the LEDs, glare, and what is outside."""
+    """Return the light in front of the beads (height, width, 3): reflections, glare and surroundings."""
     rng = np.random.default_rng([look.seed, 3])
     height, width = sensor.camera.height, sensor.camera.width
     outside = (1 - dome_mask(sensor, view, look)) * (
@@ -85,8 +88,9 @@ def overlay(sensor: Sensor, view: View, look: Look) -> Image:
     )
     light: Array = outside
     inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
-    # A concave mirror of radius r shows a lamp beside the camera, at distance d from its middle, where the
-    # normal halves the angle between lamp and camera: about r / (2 d) of the lamp's offset from the axis.
+    # In a concave mirror of radius r, a lamp next to the camera, at distance d from the mirror's centre, is
+    # reflected where the normal bisects the angle between lamp and camera: at about r / (2 d) of the lamp's
+    # offset from the axis.
     reach_mm = 0.5 * look.led_ring_mm * inner_mm / abs(float(view.position_mm[2]))
     for angle in 2 * np.pi * (np.arange(look.leds) + rng.uniform()) / look.leds:
         place = inner_mm * np.array([0.0, 0.0, 1.0]) + reach_mm * np.array([np.cos(angle), np.sin(angle), 0])
@@ -99,7 +103,7 @@ def overlay(sensor: Sensor, view: View, look: Look) -> Image:
 
 
 def _print(text: str, height: int, width: int, rng: np.random.Generator) -> Array:
-    """(height, width) 0 to 1: a line of print across the dome, turned, as blurred as the wall makes it."""
+    """Return an image (height, width), 0 to 1, of a rotated line of print, blurred by the wall."""
     canvas = np.zeros((height, width), dtype=np.uint8)
     size = float(rng.uniform(1.5, 3.0))
     (long, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 6)
@@ -112,13 +116,13 @@ def _print(text: str, height: int, width: int, rng: np.random.Generator) -> Arra
 
 
 def _mottle(rng: np.random.Generator, height: int, width: int, deviation: float) -> Array:
-    """Smooth noise (height, width) of the given standard deviation."""
+    """Return smooth noise (height, width) of the given standard deviation."""
     noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), MOTTLE_PX)
     return np.asarray(noise * (deviation / noise.std()))
 
 
 def _spot(middle: Array, sigma_px: float, height: int, width: int) -> Array:
-    """(height, width) a Gaussian spot of height 1."""
+    """Return a Gaussian spot (height, width) with a peak of 1."""
     x = np.exp(-((np.arange(width) - middle[0]) ** 2) / (2 * sigma_px**2))
     y = np.exp(-((np.arange(height) - middle[1]) ** 2) / (2 * sigma_px**2))
     return np.outer(y, x)

@@ -1,4 +1,4 @@
-"""A press dataset of one sensor, as docs/press-dataset.md has it, with the sensor's truth beside it."""
+"""Write a press dataset of one sensor (docs/press-dataset.md), together with the true sensor."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from palpate_twin.camera.random_presses import moving_press, random_press
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
-UNTOUCHED = 0.1  # frames without touch, of the presses
+UNTOUCHED = 0.1  # frames without contact, as a fraction of the presses
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One frame to be: its split, its time, what presses, and the beads that do not show."""
+    """A frame to render: split, time, press (None without contact) and indices of hidden beads."""
 
     split: str
     time_s: float
@@ -36,8 +36,10 @@ class Shot:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How many presses to train and to test with (and a tenth more frames without touch), with which
-    probes; hide: the most beads hidden in a frame; references: untouched frames first.
+    """Contents of a dataset.
+
+    train, test: numbers of presses; a tenth as many frames without contact are added. hide: largest number of
+    beads hidden in a frame. references: number of reference frames.
     """
 
     train: int
@@ -48,7 +50,7 @@ class Plan:
 
 
 def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
-    """Presses at random, train then test, the untouched ones last in each."""
+    """Return random presses: first train, then test, each followed by the frames without contact."""
     rng = np.random.default_rng([seed, 5])
     shots: list[Shot] = []
     for split, count in (("train", plan.train), ("test", plan.test)):
@@ -61,7 +63,7 @@ def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
 
 
 def one_sequence(view: CameraView, plan: Plan, duration_s: float, seed: int) -> list[Shot]:
-    """A moving contact, frame by frame, all of it test."""
+    """Return the frames of a moving contact, all in the test split."""
     rng = np.random.default_rng([seed, 6])
     fps = view.twin.sensor.camera.fps
     beads = len(view.twin.bead_mm)
@@ -80,13 +82,13 @@ def write_dataset(
     seed: int,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the whole dataset into a new folder; `progress` is called after each image.
+    """Write the dataset into a new folder; `progress` is called after each image.
 
-    It takes the folder's name when it is whole. Raises DatasetError where it cannot be written.
+    A temporary folder is renamed once it is complete. Raises DatasetError if it cannot be written.
     """
     fresh = folder.with_name(folder.name + ".new")
     if folder.exists():
-        raise DatasetError(f"{folder} exists: remove it or give another folder")
+        raise DatasetError(f"{folder} already exists: remove it or give another folder")
     try:
         shutil.rmtree(fresh, ignore_errors=True)
         (fresh / "reference").mkdir(parents=True)
@@ -110,7 +112,7 @@ def write_dataset(
 
 
 def sensor_toml(sensor: Sensor) -> str:
-    """The description that a user of the sensor would write."""
+    """Return the sensor.toml that a user would write for the nominal sensor."""
     dome, markers, camera = sensor.dome, sensor.markers, sensor.camera
     rings = "".join(
         f"  {{theta_deg = {ring.theta_deg:g}, count = {ring.count}, phi0_deg = {ring.phi0_deg:g}}},\n"
@@ -141,7 +143,7 @@ def sensor_toml(sensor: Sensor) -> str:
 def _rows(
     folder: Path, view: CameraView, shots: Sequence[Shot], rng: np.random.Generator
 ) -> Iterator[list[str]]:
-    """Writes each frame and gives its row of truth.csv."""
+    """Write each frame and yield its row of truth.csv."""
     radius_mm = view.twin.sensor.dome.outer_radius_mm
     for number, shot in enumerate(shots):
         image, force_N = view.frame(shot.press, rng, hidden=shot.hidden)

@@ -1,4 +1,4 @@
-"""How much a press changes from mesh to mesh, and how well it is in balance."""
+"""Convergence study: one press on meshes of increasing resolution, and its balance of forces."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ SHEAR_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class MeshResult:
-    """One mesh's press: force_per_mu_mm2 its size; imbalance: |contact + base| / |contact|; field_rms_mm:
-    the bead sphere's displacement against the finest mesh's.
+    """The press on one mesh.
+
+    force_per_mu_mm2: magnitude of the contact force; imbalance: |contact + base| / |contact|; field_rms_mm:
+    difference of the bead sphere's displacement from that on the finest mesh.
     """
 
     resolution: Resolution
@@ -34,7 +36,7 @@ class MeshResult:
 def converge(
     theta_rad: float, depth_mm: float, probe: Probe, meshes: tuple[Resolution, ...] = MESHES
 ) -> Iterator[MeshResult]:
-    """The same press, slid a little towards the base, on half domes from the finest mesh to the coarsest."""
+    """Yield the same press with a small slide towards the base on half domes, from the finest mesh on."""
     finest = None
     for resolution in reversed(meshes):
         dome = ElasticDome(dome_mesh(resolution=resolution, half=True))

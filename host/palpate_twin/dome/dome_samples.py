@@ -1,7 +1,7 @@
-"""The dome model that ships with the edge: presses from the library of fields, seen by random sensors.
+"""Training samples of the packaged dome model: presses of the field library, measured by random sensors.
 
-Layout, bead places, camera pose and noise vary from sensor to sensor as between real ones; presses vary in
-place, depth and slide. `palpate-host simulate dome model` makes the file.
+Layout, bead positions, camera pose and noise vary between sensors as between real ones; presses vary in
+position, depth and slide. `palpate-host simulate dome model` writes the file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PRESSES_A_SENSOR = 50
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
 LEAST_DEPTH_SHARE = 0.01
-PLATE_SHARE = 0.6  # the others are any probe of the library
+PLATE_SHARE = 0.6  # share of presses by the plate; the others use any probe of the library
 MOST_SLIDE_SHARE = 0.4
 BEAD_TOLERANCE_MM = 0.15
 NOISE_PX = 0.02
@@ -40,7 +40,7 @@ LAYOUTS = (
 def dome_samples(
     library: FieldLibrary, seed: int, progress: Callable[[int, int], None] = lambda _done, _total: None
 ) -> DomeModel:
-    """`SENSORS` sensors with `PRESSES_A_SENSOR` presses each, and the mirror image of each."""
+    """Return `PRESSES_A_SENSOR` presses and their mirror images for each of `SENSORS` sensors."""
     rng = np.random.default_rng(seed)
     parts = []
     for sensor in range(SENSORS):
@@ -87,10 +87,10 @@ def _press(
         Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
     )
     theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
-    azimuth, way = rng.uniform(0, 2 * np.pi, 2)
+    azimuth, slide_direction = rng.uniform(0, 2 * np.pi, 2)
     depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, probe)
     slide_mm = float(rng.uniform(0, MOST_SLIDE_SHARE)) * depth_mm
-    shear_mm = (slide_mm * float(np.cos(way)), slide_mm * float(np.sin(way)))
+    shear_mm = (slide_mm * float(np.cos(slide_direction)), slide_mm * float(np.sin(slide_direction)))
     field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth), probe)
     moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
     moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)

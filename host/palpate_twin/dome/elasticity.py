@@ -1,8 +1,8 @@
 """The silicone: a nearly incompressible neo-Hookean solid on the dome's mesh.
 
-The shear modulus is 1, so that stresses and forces are per mu; Poisson's ratio gives the bulk modulus. The
-energy is (J^(-2/3) tr(F^T F) - 3) / 2 + K (J - 1)^2 / 2. 20-node hexahedra with 2x2x2 integration points: the
-element that neither locks in bending nor, at this ratio of the moduli, in volume (Zienkiewicz, Taylor and
+The shear modulus is 1, so stresses and forces are per mu; Poisson's ratio gives the bulk modulus. The energy
+is (J^(-2/3) tr(F^T F) - 3) / 2 + K (J - 1)^2 / 2. The elements are 20-node hexahedra with 2x2x2 integration
+points, which do not lock in bending and, at this ratio of the moduli, not in volume (Zienkiewicz, Taylor and
 Too, 1971).
 """
 
@@ -22,12 +22,12 @@ EYE = np.eye(3)
 
 
 def bulk_per_mu(poisson_ratio: float) -> float:
-    """K / mu of linear elasticity."""
+    """Return K / mu of linear elasticity."""
     return 2 * (1 + poisson_ratio) / (3 * (1 - 2 * poisson_ratio))
 
 
 class Solid:
-    """Internal forces and stiffness of 20-node hexahedra at a displacement; keeps no state between calls.
+    """Internal forces and stiffness of 20-node hexahedra at a displacement. It has no state.
 
     points_mm (n, 3); cells (m, 20), nodes as in `mesh.HEXAHEDRON20`.
     """
@@ -46,13 +46,13 @@ class Solid:
         self._unknowns = unknowns.ravel()
 
     def forces(self, displacement_mm: Array) -> Array:
-        """(n, 3) mm -> nodal forces (3 n,) that hold it, per mu, mm^2."""
+        """Return the nodal forces (3 n,) that hold a displacement (n, 3) in mm, per mu, in mm^2."""
         stress = self._stress(_Strain(self._gradient(displacement_mm)))
         nodal = np.einsum("mqij,mqaj,mq->mai", stress, self._slope, self._volume, optimize=True)
         return np.asarray(np.bincount(self._unknowns, nodal.ravel(), self._size), dtype=np.float64)
 
     def stiffness(self, displacement_mm: Array) -> sparse.csr_matrix:
-        """(n, 3) mm -> derivative of :meth:`forces`, (3 n, 3 n), per mu, mm."""
+        """Return the derivative (3 n, 3 n) of :meth:`forces` at a displacement (n, 3), per mu, in mm."""
         tangent = self._tangent(_Strain(self._gradient(displacement_mm)))
         weighted = tangent * self._volume[:, :, None, None, None, None]
         half = np.einsum("mqijkl,mqbl->mqijbk", weighted, self._slope, optimize=True)
@@ -61,19 +61,19 @@ class Solid:
         return sparse.csr_matrix(entries, shape=(self._size, self._size))
 
     def _gradient(self, displacement_mm: Array) -> Array:
-        """Deformation gradients F (m, q, 3, 3)."""
+        """Return the deformation gradients F (m, q, 3, 3)."""
         moved = displacement_mm[self._cells]
         return np.asarray(EYE + np.einsum("mai,mqaj->mqij", moved, self._slope, optimize=True))
 
     def _stress(self, strain: _Strain) -> Array:
-        """First Piola-Kirchhoff stress (m, q, 3, 3), per mu."""
+        """Return the first Piola-Kirchhoff stress (m, q, 3, 3), per mu."""
         F, G, J = strain.F, strain.G, strain.J
         return _scaled(F - _scaled(G, strain.square / 3), strain.isochoric) + _scaled(
             G, self._bulk * (J - 1) * J
         )
 
     def _tangent(self, strain: _Strain) -> Array:
-        """Derivative (m, q, 3, 3, 3, 3) of the stress by F, per mu."""
+        """Return the derivative (m, q, 3, 3, 3, 3) of the stress by F, per mu."""
         F, G, J = strain.F, strain.G, strain.J
         GG = np.einsum("mqij,mqkl->mqijkl", G, G)
         crossed = np.einsum("mqil,mqkj->mqijkl", G, G)
@@ -87,9 +87,9 @@ class Solid:
 
 
 class _Strain:
-    """F (m, q, 3, 3) with J = det F, G = F^-T, tr(F^T F) and J^(-2/3).
+    """Deformation gradient F (m, q, 3, 3) with J = det F, G = F^-T, tr(F^T F) and J^(-2/3).
 
-    An element turned inside out has the last one nan, which the caller sees in forces and stiffness.
+    J^(-2/3) of an inverted element is NaN, which propagates to forces and stiffness.
     """
 
     def __init__(self, F: Array) -> None:
@@ -102,5 +102,5 @@ class _Strain:
 
 
 def _scaled(tensor: Array, factor: Array) -> Array:
-    """tensor (m, q, ...) times factor (m, q)."""
+    """Return tensor (m, q, ...) times factor (m, q)."""
     return np.asarray(tensor * factor.reshape(factor.shape + (1,) * (tensor.ndim - 2)))

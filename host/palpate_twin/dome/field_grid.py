@@ -1,7 +1,7 @@
-"""The grid of the library of fields: directions, contact angles, depths and slides.
+"""Grid of the field library: directions, contact angles, depths and slides.
 
-A depth is a share of the largest depth at its contact angle, a slide a share of its depth, so that every
-contact angle has the same grid although a plate meets the base sooner near the rim.
+Depths are fractions of the largest depth at the contact angle, and slides are fractions of the depth. All
+contact angles therefore have the same grid, although a plate reaches the base earlier at low contacts.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from palpate_twin.dome.probe import Probe
 
 BEAD_RADIUS_MM = 26.5
 RING_STEP_DEG = 9.0
-RINGS = 10  # 0 to 81 deg; the next one, at 90 deg, is the rim, which does not move
-POINTS_A_RING = 8  # times the ring's number
+RINGS = 10  # 0 to 81 deg; the next one, at 90 deg, is the fixed base edge
+POINTS_A_RING = 8  # times the ring's index
 
 THETA_DEG = np.arange(0.0, 76.0, 5.0)
 DEEPEST_MM = 4.0
-RIM_SHARE = 0.8  # of the depth 30 (1 - sin theta) at which an endless plate meets the base's rim
+BASE_SHARE = 0.8  # of the depth 30 (1 - sin theta) at which an infinite plate reaches the base edge
 
 DEPTH_SHARES = np.array([1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 1.0])
-SHEARED = (2, 4, 7)  # which of the depths also slide
+SHEARED = (2, 4, 7)  # indices of the depths with slides
 SHEAR_SHARES = np.array([0.15, 0.4])
 # Slides at each of those depths: signs of (towards the base, towards +y). Towards -y is the mirror image.
 SHEAR_WAYS = ((1, 0), (-1, 0), (0, 1))
@@ -30,7 +30,7 @@ CASES = len(DEPTH_SHARES) + len(SHEARED) * len(SHEAR_WAYS) * len(SHEAR_SHARES)
 
 
 def ring_directions() -> Array:
-    """(361, 3) unit vectors in F, ring by ring from the pole, each ring from azimuth 0."""
+    """Return unit vectors (361, 3) in F, ring by ring from the pole, each ring from azimuth 0."""
     rows = [np.array([[0.0, 0.0, 1.0]])]
     for ring in range(1, RINGS):
         theta = np.radians(RING_STEP_DEG * ring)
@@ -41,7 +41,7 @@ def ring_directions() -> Array:
 
 
 def mirror_order() -> NDArray[np.intp]:
-    """(361,): which of :func:`ring_directions` is the mirror image, y -> -y, of each."""
+    """Return for each of :func:`ring_directions` the index (361,) of its mirror image y -> -y."""
     first, order = 1, [0]
     for ring in range(1, RINGS):
         count = POINTS_A_RING * ring
@@ -51,16 +51,16 @@ def mirror_order() -> NDArray[np.intp]:
 
 
 def largest_depth_mm(theta_rad: float | Array, probe: Probe, outer_radius_mm: float = 30.0) -> Array:
-    """How deep the library goes: DEEPEST_MM, less (and smoothly so) where a plate comes near the base."""
+    """Return the library's largest depth: DEEPEST_MM, smoothly reduced where a plate comes near the base."""
     theta_rad = np.asarray(theta_rad, dtype=np.float64)
     if probe is not Probe.PLATE:
         return np.full_like(theta_rad, DEEPEST_MM)
-    to_rim_mm = RIM_SHARE * outer_radius_mm * (1 - np.sin(theta_rad))
-    return np.asarray((DEEPEST_MM**-4.0 + to_rim_mm**-4.0) ** -0.25)
+    to_base_mm = BASE_SHARE * outer_radius_mm * (1 - np.sin(theta_rad))
+    return np.asarray((DEEPEST_MM**-4.0 + to_base_mm**-4.0) ** -0.25)
 
 
 def cases(deepest_mm: float) -> list[tuple[float, tuple[float, float]]]:
-    """(depth_mm, shear_mm) of one contact angle's rows, in order: all depths, then the slides."""
+    """Return (depth_mm, shear_mm) of the rows of one contact angle: all depths, then the slides."""
     rows: list[tuple[float, tuple[float, float]]] = [
         (float(s * deepest_mm), (0.0, 0.0)) for s in DEPTH_SHARES
     ]

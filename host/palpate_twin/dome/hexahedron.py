@@ -1,7 +1,7 @@
-"""The 20-node serendipity hexahedron: shape functions and their slopes in natural coordinates, -1 to 1.
+"""The 20-node serendipity hexahedron: shape functions and their derivatives in natural coordinates, -1 to 1.
 
-Source: any text on finite elements, as Zienkiewicz and Taylor, The Finite Element Method, volume 1. Nodes in
-the order of `mesh.HEXAHEDRON20`.
+Source: Zienkiewicz and Taylor, The Finite Element Method, volume 1. Nodes are in the order of
+`mesh.HEXAHEDRON20`.
 """
 
 from __future__ import annotations
@@ -12,20 +12,19 @@ from numpy.typing import NDArray
 from palpate_edge.common.arrays import Array
 from palpate_twin.dome.mesh import HEXAHEDRON20
 
-NODES = (
-    HEXAHEDRON20.astype(np.float64) - 1.0
-)  # (20, 3) natural coordinates; 0 on the axis of an edge's middle
+# (20, 3) natural coordinates; 0 along the axis of a mid-edge node.
+NODES = HEXAHEDRON20.astype(np.float64) - 1.0
 
 
 def shape(natural: Array) -> Array:
-    """(q, 3) natural coordinates -> shape functions (q, 20)."""
+    """Return the shape functions (q, 20) at natural coordinates (q, 3)."""
     corner, middle, factors, reach = _parts(natural)
     values = np.where(corner, 0.125 * (reach.sum(axis=2) - 2.0), 0.25) * factors.prod(axis=2)
     return np.asarray(np.where(corner | middle.any(axis=1), values, 0.0))
 
 
 def slope(natural: Array) -> Array:
-    """(q, 3) natural coordinates -> derivatives of the shape functions (q, 20, 3)."""
+    """Return the derivatives (q, 20, 3) of the shape functions at natural coordinates (q, 3)."""
     corner, middle, factors, reach = _parts(natural)
     by_factor = np.where(middle, -2.0 * natural[:, None, :], NODES)
     gradient = np.empty_like(factors)
@@ -38,8 +37,11 @@ def slope(natural: Array) -> Array:
 
 
 def _parts(natural: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
-    """corner (20,); middle (20, 3): the axis an edge's middle lies on; factors (q, 20, 3): 1 + x x_a, or
-    1 - x^2 on that axis; reach (q, 20, 3): x x_a."""
+    """Return the parts of the shape functions.
+
+    corner (20,): corner nodes; middle (20, 3): axis of each mid-edge node; factors (q, 20, 3): 1 + x x_a, or
+    1 - x^2 on that axis; reach (q, 20, 3): x x_a.
+    """
     middle = NODES == 0
     reach = natural[:, None, :] * NODES
     factors = np.where(middle, 1.0 - natural[:, None, :] ** 2, 1.0 + reach)

@@ -1,17 +1,18 @@
-"""The library of displacement fields: how the beads move when the dome is pressed, without solving anything.
+"""Library of displacement fields: interpolates solved presses of the dome, without finite elements.
 
-`palpate-host simulate dome library` makes the file (:mod:`make_library` describes it); this needs numpy only.
-Between the solved presses it interpolates
-- along contact angle and depth by cubic polynomials of displacement / depth at a fixed share of the largest
-  depth; below the smallest solved depth the field is proportional to the depth;
+`palpate-host simulate dome library` writes the file (format: :mod:`make_library`); reading needs numpy only.
+Between the solved presses, it interpolates
+- along contact angle and depth by cubic polynomials of displacement / depth at a fixed fraction of the
+  largest depth; below the smallest solved depth the field is proportional to the depth;
 - along the slide by the solved slides towards the base, away from it, towards +y and (mirrored) towards -y:
-  odd and even parts weighted so that small slides superpose and far ones keep Coulomb's limit;
-- over the bead sphere by trigonometric polynomials on each ring and cubic ones across the rings.
+  odd and even parts are weighted so that small slides superpose and large ones keep Coulomb's limit;
+- over the bead sphere by trigonometric polynomials on each ring and cubic polynomials across the rings.
 
-Against fresh solutions on the same mesh at random places, depths and slides (40 presses, 150 points each),
-rms over points in parts of the depth: plate 0.4 % on average (95th percentile 0.8 %), sphere5 0.8 % (2.3 %).
-Force: plate 1.9 % (5 %), sphere5 4 % (12 %, where it is small), as a 5 mm sphere feels the single elements.
-At 2 mm depth the mesh is off a finer one by 3.6 um (plate) and 9 um (sphere5), by 1.5 % and 4 % of the force.
+Interpolation error against solutions on the same mesh at random positions, depths and slides (40 presses, 150
+points each), rms over points as a fraction of the depth: plate 0.4 % on average (95th percentile 0.8 %),
+sphere5 0.8 % (2.3 %). Force: plate 1.9 % (5 %), sphere5 4 % (12 % for small forces), because a 5 mm sphere is
+not much larger than an element. Mesh error at 2 mm depth against a finer mesh: 3.6 um (plate) and 9 um
+(sphere5), 1.5 % and 4 % of the force.
 """
 
 from __future__ import annotations
@@ -32,13 +33,15 @@ from palpate_twin.dome.probe import Probe
 SHIPPED = Path(__file__).with_name("fields.npz")
 REFRESH = "refresh it with palpate-host simulate dome library"
 MIRROR = np.array([1.0, -1.0, 1.0])
-TOLERANCE = 1e-6  # of a share: the file keeps float32
+TOLERANCE = 1e-6  # relative: the file contains float32
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """displacement_mm (q, 3) of the points asked for; force_per_mu_mm2 (3,) on the dome, times the shear
-    modulus in N/mm^2 in N; both in F.
+    """Displacement and force of a press, in frame F.
+
+    displacement_mm: (q, 3) of the requested points; force_per_mu_mm2: (3,) on the dome, times the shear
+    modulus in N/mm^2 gives N.
     """
 
     displacement_mm: Array
@@ -47,9 +50,10 @@ class Field:
 
 @dataclass(frozen=True)
 class FieldLibrary:
-    """Solved presses (n of them) on d directions, as the file has them, in double precision.
+    """Solved presses of the file in double precision.
 
-    probes: in the order of their rows; displacement_mm (n, d, 3); force_per_mu_mm2 (n, 3); depth_mm (n,).
+    probes: in the order of their rows; displacement_mm (n, d, 3) of n presses in d directions;
+    force_per_mu_mm2 (n, 3); depth_mm (n,).
     """
 
     probes: tuple[Probe, ...]
@@ -60,7 +64,7 @@ class FieldLibrary:
     force_per_mu_mm2: Array
 
     def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
-        """How deep :meth:`field` goes at a contact angle."""
+        """Return the largest depth of :meth:`field` at a contact angle."""
         return float(grid.largest_depth_mm(theta_rad, probe, self.outer_radius_mm))
 
     def field(
@@ -72,11 +76,11 @@ class FieldLibrary:
         azimuth_rad: float = 0.0,
         probe: Probe = Probe.PLATE,
     ) -> Field:
-        """The dome pressed at polar angle theta and azimuth, then slid by shear_mm (towards the base, along
-        growing azimuth).
+        """Return the field of a press at polar angle theta and azimuth, followed by a slide.
 
-        directions: (q, 3) unit vectors in F of points on the bead sphere. Raises ConfigError outside of the
-        grid: theta above 75 deg, depth above :meth:`largest_depth_mm`, a slide above 0.4 of the depth.
+        directions: (q, 3) unit vectors in F of points on the bead sphere; shear_mm: slide towards the base
+        and along increasing azimuth. Raises ConfigError outside of the grid: theta above 75 deg, depth above
+        :meth:`largest_depth_mm`, or slide above 0.4 of the depth.
         """
         solved = self.solved(theta_rad, depth_mm, shear_mm, probe)
         moved = ring_weights(_turned(directions, -azimuth_rad)) @ solved.displacement_mm
@@ -85,7 +89,7 @@ class FieldLibrary:
     def solved(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe = Probe.PLATE
     ) -> Field:
-        """:meth:`field` on the library's own directions (d, 3) with the contact at azimuth 0."""
+        """Return :meth:`field` on the library's own directions (d, 3) with the contact at azimuth 0."""
         rows, plain, mirrored = self._row_weights(theta_rad, depth_mm, shear_mm, probe)
         needed = (plain != 0) | (mirrored != 0)
         rows, plain, mirrored = rows[needed], plain[needed], mirrored[needed]
@@ -98,7 +102,7 @@ class FieldLibrary:
     def solved_force_per_mu_mm2(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe = Probe.PLATE
     ) -> Array:
-        """The force of :meth:`solved` alone (3,)."""
+        """Return only the force (3,) of :meth:`solved`."""
         return self._force(*self._row_weights(theta_rad, depth_mm, shear_mm, probe))
 
     def _force(self, rows: NDArray[np.intp], plain: Array, mirrored: Array) -> Array:
@@ -108,7 +112,7 @@ class FieldLibrary:
     def _row_weights(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe
     ) -> tuple[NDArray[np.intp], Array, Array]:
-        """Numbers of the rows that matter, their weights, and the weights of their mirror images."""
+        """Return indices of the rows to combine, their weights, and the weights of their mirror images."""
         share, shear_share = self._shares(theta_rad, depth_mm, shear_mm, probe)
         angles, angle_weights = lagrange(np.radians(grid.THETA_DEG), theta_rad, 4)
         plain, mirrored = np.zeros(grid.CASES), np.zeros(grid.CASES)
@@ -124,32 +128,34 @@ class FieldLibrary:
     def _shares(
         self, theta_rad: float, depth_mm: float, shear_mm: tuple[float, float], probe: Probe
     ) -> tuple[float, float]:
-        """(depth / largest depth, slide / depth). Raises ConfigError outside the library."""
+        """Return depth / largest depth and slide / depth. Raises ConfigError outside of the grid."""
         if probe not in self.probes:
             known = ", ".join(known.label for known in self.probes)
-            raise ConfigError(f"probe {probe.label}: the library of fields has {known}; {REFRESH}")
+            raise ConfigError(f"probe {probe.label} is not in the field library ({known}): {REFRESH}")
         if not 0 <= theta_rad <= np.radians(grid.THETA_DEG[-1]) + TOLERANCE:
             raise ConfigError(
-                f"theta {np.degrees(theta_rad):.1f} deg: the library has 0 to {grid.THETA_DEG[-1]:g} deg"
+                f"theta = {np.degrees(theta_rad):.1f} deg is outside of the field library, "
+                f"which has 0 to {grid.THETA_DEG[-1]:g} deg"
             )
         deepest_mm = self.largest_depth_mm(theta_rad, probe)
         if not 0 <= depth_mm <= deepest_mm * (1 + TOLERANCE):
             raise ConfigError(
-                f"depth {depth_mm:g} mm: the library goes from 0 to {deepest_mm:.2f} mm at this contact angle"
+                f"depth = {depth_mm:g} mm is outside of the field library, "
+                f"which has 0 to {deepest_mm:.2f} mm at this contact angle"
             )
         size_mm = float(np.hypot(*shear_mm))
         if size_mm > grid.SHEAR_SHARES[-1] * depth_mm * (1 + TOLERANCE):
             raise ConfigError(
-                f"slide of {size_mm:g} mm at depth {depth_mm:g} mm: the library of fields goes up to "
-                f"{grid.SHEAR_SHARES[-1]:g} of the depth"
+                f"slide = {size_mm:g} mm at depth {depth_mm:g} mm is outside of the field library, "
+                f"which has up to {grid.SHEAR_SHARES[-1]:g} of the depth"
             )
         return min(depth_mm / deepest_mm, 1.0), size_mm / depth_mm if size_mm else 0.0
 
 
-def _add_slide(plain: Array, mirrored: Array, share: float, shear_share: float, way_rad: float) -> None:
-    """Add the weights of the solved slides, and take those of the presses they started from, in place."""
-    along, across = np.cos(way_rad), np.sin(way_rad)
-    # f(+) and f(-) combined to odd * c + even * c^2, c the slide's share of this way.
+def _add_slide(plain: Array, mirrored: Array, share: float, shear_share: float, direction_rad: float) -> None:
+    """Add the weights of the solved slides and subtract those of the presses they start from, in place."""
+    along, across = np.cos(direction_rad), np.sin(direction_rad)
+    # f(+) and f(-) combined to odd * c + even * c^2, where c is the slide's component in this direction.
     ways = [(along + along**2) / 2, (along**2 - along) / 2, (across + across**2) / 2]
     towards_minus_y = (across**2 - across) / 2
     starts = grid.DEPTH_SHARES[list(grid.SHEARED)]
@@ -168,12 +174,12 @@ def _add_slide(plain: Array, mirrored: Array, share: float, shear_share: float, 
 
 
 def _slide_case(level: int, way: int, size: int) -> int:
-    """A slide's place in :func:`field_grid.cases`."""
+    """Return a slide's index in :func:`field_grid.cases`."""
     return len(grid.DEPTH_SHARES) + (level * len(grid.SHEAR_WAYS) + way) * len(grid.SHEAR_SHARES) + size
 
 
 def lagrange(nodes: Array, at: float, count: int) -> tuple[NDArray[np.intp], Array]:
-    """The `count` nodes around `at`, and the weights of the polynomial through them at `at`."""
+    """Return indices of the `count` nodes around `at`, and the weights of their polynomial at `at`."""
     first = int(np.clip(np.searchsorted(nodes, at) - count // 2, 0, len(nodes) - count))
     near = nodes[first : first + count]
     others = ~np.eye(count, dtype=bool)
@@ -182,20 +188,22 @@ def lagrange(nodes: Array, at: float, count: int) -> tuple[NDArray[np.intp], Arr
 
 
 def ring_weights(directions: Array) -> Array:
-    """(q, d): weights of the library's directions at the directions (q, 3); above the base plane only.
+    """Return the weights (q, d) of the library's directions at the directions (q, 3).
 
-    Raises ConfigError for a direction below it.
+    Raises ConfigError for a direction below the base plane.
     """
     theta_deg = np.degrees(polar_angle(directions))
     if not (theta_deg <= 90 + TOLERANCE).all():
-        raise ConfigError(f"a point {theta_deg.max():.1f} deg from the pole is below the base: give 0 to 90")
+        raise ConfigError(
+            f"a point at {theta_deg.max():.1f} deg from the pole is below the base plane: give 0 to 90 deg"
+        )
     phi = np.arctan2(directions[:, 1], directions[:, 0])
     ring_of = np.repeat(np.arange(grid.RINGS), [1, *grid.POINTS_A_RING * np.arange(1, grid.RINGS)])
     count = np.maximum(grid.POINTS_A_RING * np.arange(grid.RINGS), 1)
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
     phi_of = 2 * np.pi * (np.arange(len(ring_of)) - start[ring_of]) / count[ring_of]
 
-    # Rings -1 (ring 1 seen through the pole) to 10 (the rim: zero, so it has no column).
+    # Rings -1 (ring 1 continued across the pole) to 10 (the base edge: zero, so it has no column).
     first = np.clip(np.floor(theta_deg / grid.RING_STEP_DEG).astype(int) - 1, -1, grid.RINGS - 3)
     by_ring = np.zeros((len(directions), grid.RINGS + 2))
     inner = theta_deg / grid.RING_STEP_DEG - first
@@ -211,7 +219,7 @@ def ring_weights(directions: Array) -> Array:
 
 
 def periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
-    """Trigonometric interpolation on `count` even points: the weight of a point turn_rad away."""
+    """Return the weight of a point turn_rad away in trigonometric interpolation on `count` even points."""
     half = turn_rad / 2
     sine = np.sin(half)
     on_point = np.abs(sine) < 1e-9
@@ -220,24 +228,24 @@ def periodic(turn_rad: Array, count: NDArray[np.intp]) -> Array:
 
 
 def _turned(vectors: Array, angle_rad: float) -> Array:
-    """(..., 3) turned about z."""
+    """Return vectors (..., 3) rotated about z."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.asarray(vectors @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def load_library(path: Path = SHIPPED) -> FieldLibrary:
-    """Read a library of fields. Raises ConfigError for a file that is missing, damaged or on another grid."""
+    """Read a field library. Raises ConfigError if the file is missing, damaged or has a different grid."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise ConfigError(f"{path} is missing: make it with palpate-host simulate dome library") from None
+        raise ConfigError(f"{path}: no such file: make it with palpate-host simulate dome library") from None
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"{path} is not a library of fields ({error}): {REFRESH}") from None
+        raise ConfigError(f"{path} is not a field library ({error}): {REFRESH}") from None
     names = ("directions", "theta_rad", "depth_mm", "probe", "displacement_mm", "force_per_mu_mm2", "dome")
     for name in names:
         if name not in arrays:
-            raise ConfigError(f"{path}: {name} is missing: {REFRESH}")
+            raise ConfigError(f"{path} has no array {name}: {REFRESH}")
     probes = tuple(Probe(int(number)) for number in dict.fromkeys(arrays["probe"].tolist()))
     library = FieldLibrary(
         probes=probes,
@@ -252,5 +260,5 @@ def load_library(path: Path = SHIPPED) -> FieldLibrary:
         arrays["theta_rad"], theta_rad, atol=1e-5
     )
     if not same_angles or not np.allclose(arrays["directions"], grid.ring_directions(), atol=1e-5):
-        raise ConfigError(f"{path} was made on another grid of angles or directions: {REFRESH}")
+        raise ConfigError(f"{path} has a different grid of angles or directions: {REFRESH}")
     return library

@@ -1,18 +1,18 @@
-"""Solves every press of the library of fields and writes it.
+"""Solve all presses of the field library and write its file.
 
 The file (.npz):
   directions (d, 3)          unit vectors in F
   theta_rad (n,)             contact's polar angle; its azimuth is 0
-  depth_mm (n,)              of the probe along the inward normal
-  shear_mm (n, 2)            of the probe towards the base and towards +y, after the press
-  probe (n,)                 as :class:`Probe`
-  displacement_mm (n, d, 3)  float16: of the points BEAD_RADIUS_MM * directions, in F
+  depth_mm (n,)              depth of the probe along the inward normal
+  shear_mm (n, 2)            slide of the probe towards the base and towards +y, after the press
+  probe (n,)                 number of :class:`Probe`
+  displacement_mm (n, d, 3)  float16: displacement of the points BEAD_RADIUS_MM * directions, in F
   force_per_mu_mm2 (n, 3)    on the dome, in F; times the shear modulus in N/mm^2 gives N
   dome (2,)                  outer radius and wall, mm
   resolution (3,)            elements along the cap, down the side, through the wall
   poisson_ratio, friction
-Rows follow :mod:`field_grid`: probe by probe, contact angle by contact angle, then `cases`. Slides towards -y
-are the mirror image of those towards +y and are not stored.
+Rows have the order of :mod:`field_grid`: by probe, by contact angle, then `cases`. Slides towards -y are the
+mirror image of those towards +y and are not stored.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from palpate_twin.dome.sampling import Sampler
 
 @dataclass(frozen=True, slots=True)
 class LibraryRow:
-    """One press as the library keeps it: displacement_mm (d, 3), force_per_mu_mm2 (3,)."""
+    """One press of the library: displacement_mm (d, 3), force_per_mu_mm2 (3,)."""
 
     theta_rad: float
     depth_mm: float
@@ -49,7 +49,7 @@ class LibraryRow:
 
 
 class Domes:
-    """A half dome, and the whole one for slides without mirror symmetry, with samplers on the bead sphere."""
+    """A half dome, and a whole one for slides without mirror symmetry, with samplers on the bead sphere."""
 
     def __init__(
         self, outer_radius_mm: float, wall_mm: float, resolution: Resolution, points_mm: Array
@@ -62,7 +62,7 @@ class Domes:
         self._points = _mirror_image(self.half.surface.points_mm, self.whole.surface.points_mm)
 
     def unfold(self, pressed: PressedDome) -> PressedDome:
-        """A press of the half dome on the whole one."""
+        """Return a press of the half dome transferred to the whole one."""
         state = pressed.state
         node, node_sign = self._nodes
         point, point_sign = self._points
@@ -72,7 +72,7 @@ class Domes:
 
 
 def _mirror_image(half_mm: Array, whole_mm: Array) -> tuple[NDArray[np.intp], Array]:
-    """For each point of the whole: its number in the half, and the sign (1, +-1, 1) that mirrors it."""
+    """Return for each point of the whole its index in the half, and the sign (1, +-1, 1) that mirrors it."""
     mirrored = whole_mm * np.where(whole_mm[:, 1:2] < 0, [1.0, -1.0, 1.0], 1.0)
     _, number = cKDTree(half_mm).query(mirrored)
     return number, np.where(whole_mm[:, 1:2] < -1e-9, [1.0, -1.0, 1.0], 1.0)
@@ -81,7 +81,7 @@ def _mirror_image(half_mm: Array, whole_mm: Array) -> tuple[NDArray[np.intp], Ar
 def solve_angle(
     domes: Domes, theta_rad: float, probe: Probe, after_press: Callable[[], None]
 ) -> list[LibraryRow]:
-    """All rows of one contact angle, in the order of :func:`field_grid.cases`."""
+    """Return all rows of one contact angle in the order of :func:`field_grid.cases`."""
     deepest_mm = float(field_grid.largest_depth_mm(theta_rad, probe, domes.half.mesh.outer_radius_mm))
     rows = field_grid.cases(deepest_mm)
     pressed: list[PressedDome] = []
@@ -109,9 +109,9 @@ def solve_angle(
 
 
 def write_library(path: Path, rows: list[LibraryRow], domes: Domes, resolution: Resolution) -> None:
-    """Write the rows, complete and in order (see the module), in place of the file that is there.
+    """Write all rows in order (see the module); an existing file is replaced.
 
-    Raises ConfigError for a folder that cannot be written.
+    Raises ConfigError if the folder is not writable.
     """
     mesh = domes.half.mesh
     with atomic_file(path, ConfigError) as file:

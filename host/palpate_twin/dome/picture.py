@@ -1,4 +1,4 @@
-"""A press drawn: the meridian section through the contact, and the bead sphere seen by the camera."""
+"""Draw a press: the meridian section through the contact, and the bead sphere as the camera sees it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate_twin.dome.sampling import Sampler
 
 
 def draw_press(mesh: DomeMesh, pressed: PressedDome, path: Path) -> None:
-    """Write a picture (the format as the path's suffix says)."""
+    """Write a picture. The path's suffix selects the format."""
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 5), layout="constrained")
         section, beads = figure.subplots(1, 2)
@@ -32,7 +32,7 @@ def draw_press(mesh: DomeMesh, pressed: PressedDome, path: Path) -> None:
 
 
 def _section(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:
-    """Lines through the wall in the plane y = 0, before (grey) and after."""
+    """Draw lines through the wall in the plane y = 0, before (grey) and after the press."""
     theta = np.radians(np.linspace(-89.5, 89.5, 121))
     radii_mm = mesh.outer_radius_mm - mesh.wall_mm * np.linspace(0.002, 0.998, 5)
     circle = np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=1)
@@ -52,7 +52,7 @@ def _section(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:
 
 
 def _beads(axes: Axes, mesh: DomeMesh, pressed: PressedDome) -> None:
-    """Displacement along z in colour and across z as arrows, on the bead sphere."""
+    """Draw the displacement on the bead sphere: magnitude in colour, components x and y as arrows."""
     points = field_grid.BEAD_RADIUS_MM * field_grid.ring_directions()
     moved = Sampler(mesh, points)(pressed.displacement_mm)
     drawn = axes.scatter(points[:, 0], points[:, 1], c=np.linalg.norm(moved, axis=1), s=12, cmap="viridis")

@@ -1,7 +1,7 @@
-"""One press: a probe pushed along the dome's inward normal, then along the tangent plane.
+"""Solve one press: a probe moves along the dome's inward normal, then along the tangent plane.
 
-Contact lies at azimuth 0, in the x-z plane of frame F; other azimuths are the same turned about z.
-Forces are per shear modulus: mm^2, times mu in N/mm^2 gives N.
+The contact is at azimuth 0, in the x-z plane of frame F; other azimuths follow by rotation about z. Forces
+are per shear modulus, in mm^2; times mu in N/mm^2 they are in N.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from palpate_twin.dome.probe import Probe, ProbePose
 
 Shear = tuple[float, float]
 
-# Of the probe at once (depth, slide, slide); a step that fails is halved. A point that comes into contact
-# holds on at the end of its step, so long steps in depth lose friction (2 % of the force at 0.5 mm).
+# Steps of the probe (depth, slide, slide); a step that fails is halved. A point that comes into contact gets
+# its anchor at the end of the step, so long steps in depth lose friction (2 % of the force at 0.5 mm).
 LONGEST_STEP_MM = np.array([0.25, 0.5, 0.5])
 SHORTEST_STEP_MM = 0.01
-RIM_SHARE = 0.95  # a plate is kept this far from the base: part of 30 (1 - sin theta)
+BASE_SHARE = 0.95  # largest depth of a plate as a fraction of 30 (1 - sin theta), where it reaches the base
 NO_SHEAR: Shear = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class PressedDome:
-    """The dome pressed at one place.
+    """Solution of one press, in frame F.
 
-    displacement_mm: (n, 3) of the mesh's nodes, in F; force_per_mu_mm2: (3,) on the whole dome, in F;
-    base_per_mu_mm2: (3,) of the base on the dome, its negative in balance; touch_mm: (3,) where the probe
-    first touched; pressure_centre_mm: (3,) centroid of the pressure on the deformed surface; largest_pressure
-    in units of mu; state: to go on from.
+    displacement_mm: (n, 3) of the mesh's nodes; force_per_mu_mm2: (3,) contact force on the whole dome;
+    base_per_mu_mm2: (3,) force of the base on the dome, in equilibrium the negative of the contact force;
+    touch_mm: (3,) point of first touch; pressure_centre_mm: (3,) centroid of the pressure on the deformed
+    surface; largest_pressure: in units of mu; state: start of further steps.
     """
 
     theta_rad: float
@@ -51,15 +51,15 @@ class PressedDome:
 
 
 def directions(theta_rad: float) -> tuple[Array, Array, Array]:
-    """Outward normal, meridional (towards the base) and azimuthal (+y) tangent at azimuth 0."""
+    """Return outward normal, meridional (towards the base) and azimuthal (+y) tangent at azimuth 0."""
     sin, cos = np.sin(theta_rad), np.cos(theta_rad)
     return np.array([sin, 0, cos]), np.array([cos, 0, -sin]), np.array([0.0, 1.0, 0.0])
 
 
 def largest_depth_mm(theta_rad: float, probe: Probe, outer_radius_mm: float = 30.0) -> float:
-    """How deep the probe may go: an endless plate meets the base's rim at R (1 - sin theta)."""
+    """Return the largest depth of a probe: an infinite plate reaches the base edge at R (1 - sin theta)."""
     if probe is Probe.PLATE:
-        return float(RIM_SHARE * outer_radius_mm * (1 - np.sin(theta_rad)))
+        return float(BASE_SHARE * outer_radius_mm * (1 - np.sin(theta_rad)))
     return outer_radius_mm
 
 
@@ -72,7 +72,7 @@ def press(
 ) -> PressedDome:
     """Press to depth_mm at polar angle theta_rad, then slide by shear_mm (towards the base, towards +y).
 
-    Raises ConfigError where the press cannot be made or does not converge.
+    Raises ConfigError if the press is impossible or does not converge.
     """
     *_, last = press_path(dome, theta_rad, [(depth_mm, NO_SHEAR), (depth_mm, shear_mm)], probe)
     return last
@@ -85,9 +85,9 @@ def press_path(
     probe: Probe = Probe.PLATE,
     start: PressedDome | None = None,
 ) -> Iterator[PressedDome]:
-    """Go straight from stop to stop of (depth_mm, shear_mm), from rest or from `start`; one press for each.
+    """Yield the press at each stop (depth_mm, shear_mm) of a path that starts undeformed or at `start`.
 
-    Raises ConfigError as :func:`press`.
+    The probe moves straight between stops. Raises ConfigError as :func:`press`.
     """
     _check(dome, theta_rad, stops, probe)
     outward, meridional, azimuthal = directions(theta_rad)
@@ -99,31 +99,31 @@ def press_path(
         goal = np.array([depth_mm, *shear_mm])
         first, last = (ProbePose(probe, outward, touch_mm + at @ ways) for at in (here, goal))
         steps = max(1.0, float((np.abs(goal - here) / LONGEST_STEP_MM).max()))
-        found, iterations = _go(dome, state, first, last, 1 / steps)
+        found, iterations = _move_probe(dome, state, first, last, 1 / steps)
         state, here = found.state, goal
         yield _press(dome, theta_rad, goal, probe, touch_mm, found, iterations)
 
 
-def _go(
+def _move_probe(
     dome: ElasticDome, state: State, first: ProbePose, last: ProbePose, step: float
 ) -> tuple[Equilibrium, int]:
-    """Move the probe from the first pose to the last; `step` is the part of the way to try at once."""
-    way_mm = last.at_mm - first.at_mm
+    """Move the probe from the first pose to the last. step: first step as a fraction of the path."""
+    path_mm = last.at_mm - first.at_mm
     done, iterations = 0.0, 0
     while True:
         share = min(done + step, 1.0)
-        found = dome.balance(state, ProbePose(last.probe, last.outward, first.at_mm + share * way_mm))
+        found = dome.balance(state, ProbePose(last.probe, last.outward, first.at_mm + share * path_mm))
         if found is not None:
             state, done, iterations = found.state, share, iterations + found.iterations
             if done >= 1:
                 return found, iterations
-        elif step * np.linalg.norm(way_mm) > SHORTEST_STEP_MM:
+        elif step * np.linalg.norm(path_mm) > SHORTEST_STEP_MM:
             step /= 2
         else:
             x, y, z = last.at_mm
             raise ConfigError(
-                f"{last.probe.label} moved to {x:.2f}, {y:.2f}, {z:.2f} mm: no equilibrium: press less deep "
-                "or give a finer mesh"
+                f"no equilibrium with {last.probe.label} at {x:.2f}, {y:.2f}, {z:.2f} mm: reduce the depth "
+                "or refine the mesh"
             )
 
 
@@ -140,7 +140,7 @@ def _press(
     points = surface.points_mm + (surface.to_points @ moved.ravel()).reshape(-1, 3)
     weight = surface.area_mm2 * found.contact.pressure
     centre = weight @ points / weight.sum() if weight.any() else touch_mm
-    # The other half of the dome carries the mirror image: its y components cancel.
+    # The other half of the dome has the mirror image of the forces: the y components cancel.
     whole = np.array([2.0, 0.0, 2.0]) if dome.mesh.half else np.ones(3)
     if dome.mesh.half:
         centre = centre * np.array([1.0, 0.0, 1.0])
@@ -163,14 +163,14 @@ def _press(
 def _check(dome: ElasticDome, theta_rad: float, stops: Sequence[tuple[float, Shear]], probe: Probe) -> None:
     if not 0 <= theta_rad < np.pi / 2:
         raise ConfigError(
-            f"theta_rad = {theta_rad:g}: a press is at 0 (the pole) up to below pi/2 (the base)"
+            f"theta_rad = {theta_rad:g} is not between 0 (the pole) and pi/2 (the base, excluded)"
         )
     limit_mm = largest_depth_mm(theta_rad, probe, dome.mesh.outer_radius_mm)
     for depth_mm, (_, azimuthal_mm) in stops:
         if not 0 <= depth_mm <= limit_mm:
             raise ConfigError(
-                f"depth_mm {depth_mm:g} at theta {np.degrees(theta_rad):.0f} deg: give 0 to {limit_mm:.2f}, "
-                "where the probe meets the base"
+                f"depth_mm = {depth_mm:g} at theta {np.degrees(theta_rad):.0f} deg is not between 0 and "
+                f"{limit_mm:.2f}, where the probe reaches the base"
             )
         if azimuthal_mm and dome.mesh.half:
-            raise ConfigError("shear_mm: an azimuthal slide has no mirror symmetry: mesh the whole dome")
+            raise ConfigError("shear_mm: an azimuthal slide needs a mesh of the whole dome, not of a half")

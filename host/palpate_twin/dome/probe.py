@@ -1,4 +1,4 @@
-"""The rigid bodies that press the dome: an endless plate and spheres."""
+"""Rigid probes that press the dome: an infinite plate and spheres."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate_edge.common.arrays import Array
 
 
 class Probe(IntEnum):
-    """A press dataset's probe; the number stands in the library of fields."""
+    """Probe of a press dataset; its number is used in the field library's file."""
 
     PLATE = 0
     SPHERE5 = 1
@@ -19,19 +19,21 @@ class Probe(IntEnum):
 
     @property
     def radius_mm(self) -> float | None:
-        """None for the plate."""
+        """Radius of a sphere, None for the plate."""
         return {Probe.PLATE: None, Probe.SPHERE5: 5.0, Probe.SPHERE10: 10.0}[self]
 
     @property
     def label(self) -> str:
-        """As in truth.csv's column `probe`."""
+        """Name in the column `probe` of truth.csv."""
         return self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)
 class ProbePose:
-    """A probe at its place: outward (3,) is the dome's outward normal at the point of first touch; the
-    probe's point that touched first now stands at at_mm (3,), in F.
+    """Pose of a probe in frame F.
+
+    outward: (3,) the dome's outward normal at the point of first touch; at_mm: (3,) current position of the
+    probe's point that touched first.
     """
 
     probe: Probe
@@ -40,11 +42,11 @@ class ProbePose:
 
 
 def penetration(probe: Probe, from_touch_mm: Array, outward: Array) -> tuple[Array, Array, Array]:
-    """Where points stand against the probe's surface.
+    """Return depth and normal of points relative to the probe's surface.
 
-    from_touch_mm: (q, 3) points, as seen from the probe's point that touches first; outward: (3,) the dome's
-    outward normal there. Returns depth_mm (q,), positive inside the probe; normal (q, 3), out of the probe,
-    a unit vector; and the normal's derivative (q, 3, 3) by the point, 1/mm.
+    from_touch_mm: (q, 3) points relative to the probe's point that touches first; outward: (3,) the dome's
+    outward normal there. Returns depth_mm (q,), positive inside the probe; the outward unit normal (q, 3) of
+    the probe; and the normal's derivative (q, 3, 3) by the point, 1/mm.
     """
     count = len(from_touch_mm)
     radius_mm = probe.radius_mm

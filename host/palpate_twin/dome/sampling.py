@@ -1,4 +1,4 @@
-"""Displacement at points inside the wall: the elements' shape functions at the points' places."""
+"""Interpolate the displacement at points inside the wall with the elements' shape functions."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from palpate_twin.dome.mesh import DomeMesh
 
 NEAREST_CELLS = 12
 INVERSE_STEPS = 12
-OUTSIDE = 1.02  # in natural coordinates: the elements' faces follow the sphere only to a few micrometres
+OUTSIDE = 1.02  # natural coordinate: the elements' faces deviate from the sphere by a few micrometres
 
 
 class Sampler:
-    """Points fixed in the undeformed dome; on a half dome, those of y < 0 get the mirror image's field."""
+    """Points in the undeformed dome; on a half dome, points of y < 0 get the mirror image's displacement."""
 
     def __init__(self, mesh: DomeMesh, points_mm: Array) -> None:
-        """points_mm (q, 3) in the wall. Raises ConfigError for a point outside."""
+        """Find the element of each of points_mm (q, 3). Raises ConfigError for a point outside the wall."""
         flip = mesh.half & (points_mm[:, 1] < 0)
         self._sign = np.where(flip[:, None], [1.0, -1.0, 1.0], 1.0)
         self._weights = _shape_weights(mesh, points_mm * self._sign)
 
     def __call__(self, displacement_mm: Array) -> Array:
-        """Nodal displacement (n, 3) -> (q, 3), both mm in F."""
+        """Return the displacement (q, 3) of the points from that of the nodes (n, 3), in mm and F."""
         return np.asarray((self._weights @ displacement_mm) * self._sign)
 
 
 def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
-    """(q, n): each point's shape functions in the element that holds it, found by inverting its map."""
+    """Return each point's shape functions (q, n) in its element, found by inverting the element's map."""
     corners = mesh.points_mm[mesh.cells]
     tree = cKDTree(corners.mean(axis=1))
     _, nearest = tree.query(points_mm, k=min(NEAREST_CELLS, len(corners)))
@@ -48,7 +48,7 @@ def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
     if best.max() > OUTSIDE:
         x, y, z = points_mm[best.argmax()]
         raise ConfigError(
-            f"point {x:.2f}, {y:.2f}, {z:.2f} mm is not in the wall: give points inside the dome"
+            f"point {x:.2f}, {y:.2f}, {z:.2f} mm is outside of the dome's wall: give points inside"
         )
     shape = hexahedron.shape(natural)
     rows = np.repeat(np.arange(len(points_mm)), shape.shape[1])
@@ -57,7 +57,7 @@ def _shape_weights(mesh: DomeMesh, points_mm: Array) -> sparse.csr_matrix:
 
 
 def _natural_coordinates(corners: Array, points_mm: Array) -> Array:
-    """(q, 3) natural coordinates of each point in its element (q, 20, 3), by Newton's method."""
+    """Return the natural coordinates (q, 3) of each point in its element (q, 20, 3), by Newton's method."""
     natural = np.zeros_like(points_mm)
     for _ in range(INVERSE_STEPS):
         miss = points_mm - np.einsum("qa,qai->qi", hexahedron.shape(natural), corners)

@@ -1,4 +1,4 @@
-"""Table 2 of the paper: how far two points beside the contact spread, at contact angles from 90 to 30 deg."""
+"""Table 2 of the paper: distance of two points beside the contact, at contact angles from 90 to 30 deg."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.sampling import Sampler
 
 TABLE_2 = {90: 1.572, 75: 1.598, 60: 1.596, 45: 1.609, 30: 1.612}  # contact angle in deg: ratio after/before
-APART_MM = 8.0  # before contact; the paper's are 7.7 to 9.3 mm
-FORCE_PER_MU_MM2 = 15.0  # the same at every contact angle: about 2 N with mu = 0.13 N/mm^2
+APART_MM = 8.0  # distance before contact; the paper has 7.7 to 9.3 mm
+FORCE_PER_MU_MM2 = 15.0  # at all contact angles: about 2 N with mu = 0.13 N/mm^2
 DEPTHS_MM = np.arange(0.5, 4.01, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class SidePoints:
-    """Distances in mm of two points on the bead sphere, on the meridian, on both sides of the contact."""
+    """Distances of two points on the bead sphere's meridian, on both sides of the contact."""
 
     contact_angle_deg: int
     depth_mm: float
@@ -36,9 +36,9 @@ class SidePoints:
 
 
 def side_points(dome: ElasticDome, force_per_mu_mm2: float = FORCE_PER_MU_MM2) -> Iterator[SidePoints]:
-    """Press with the plate at each of Table 2's contact angles (90 deg minus theta) until it bears the force.
+    """Yield the distances at each of Table 2's contact angles (90 deg minus theta) under the plate.
 
-    Raises ConfigError for a force that no depth of DEPTHS_MM reaches.
+    The depth is increased until the force is reached. Raises ConfigError if no depth of DEPTHS_MM reaches it.
     """
     for contact_angle_deg in TABLE_2:
         yield _side_points(dome, contact_angle_deg, force_per_mu_mm2)
@@ -62,7 +62,9 @@ def _side_points(dome: ElasticDome, contact_angle_deg: int, force_per_mu_mm2: fl
         if forces[-1] >= force_per_mu_mm2:
             break
     else:
-        raise ConfigError(f"{force_per_mu_mm2:g} mm^2 times mu is not reached: give at most {forces[-1]:.0f}")
+        raise ConfigError(
+            f"a force of {force_per_mu_mm2:g} mm^2 mu is not reached: give at most {forces[-1]:.0f}"
+        )
     reached = [0.0, *depths_mm][: len(forces)]
     return SidePoints(
         contact_angle_deg,

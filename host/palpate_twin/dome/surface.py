@@ -1,4 +1,4 @@
-"""The dome's outer surface at its integration points, where contact acts."""
+"""Integration points of the dome's outer surface, where contact forces act."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from scipy import sparse
 from palpate_edge.common.arrays import Array
 from palpate_twin.dome.mesh import DomeMesh
 
-POINTS_AN_EDGE = 4  # Gauss points: contact starts and ends inside an element, so more than its order needs
+POINTS_AN_EDGE = 4  # Gauss points; more than the element's order needs, as contact ends inside elements
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """to_points (3 q, 3 n) takes nodal values to the q integration points; points_mm (q, 3), undeformed;
-    area_mm2 (q,): the share of each in the undeformed surface.
+    """Integration points of a surface.
+
+    to_points: (3 q, 3 n) maps nodal values to the q integration points; points_mm: (q, 3), undeformed;
+    area_mm2: (q,) share of each point in the undeformed surface.
     """
 
     to_points: sparse.csr_matrix
@@ -25,7 +27,7 @@ class Surface:
 
 
 def outer_surface(mesh: DomeMesh) -> Surface:
-    """Gauss points of the outer surface's 8-node quadrilaterals."""
+    """Return the Gauss points of the outer surface's 8-node quadrilaterals."""
     along, weight = np.polynomial.legendre.leggauss(POINTS_AN_EDGE)
     r, s = (axis.ravel() for axis in np.meshgrid(along, along, indexing="ij"))
     weights = np.outer(weight, weight).ravel()
@@ -43,7 +45,7 @@ def outer_surface(mesh: DomeMesh) -> Surface:
 
 
 def serendipity(r: Array, s: Array) -> tuple[Array, Array, Array]:
-    """The 8-node quadrilateral's shape functions and their derivatives by r and s, each (q, 8)."""
+    """Return the 8-node quadrilateral's shape functions and their derivatives by r and s, each (q, 8)."""
     shape, by_r, by_s = [], [], []
     for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         shape.append((1 + a * r) * (1 + b * s) * (a * r + b * s - 1) / 4)

@@ -1,11 +1,11 @@
-"""What a simulated drive moves: rotor and gear, friction, joint limits, and the object the hand grasps.
+"""Plant of a simulated drive: rotor and gear, friction, joint limits, and a load in place of the object.
 
-The load is a damped spring about the grasp pose: the grasped object until the twin's hand replaces it. With
-the joint angle q, the motor's torque tau and the grasp pose q_g:
+The load is a damped spring about the grasp pose. With the joint angle q, the motor torque tau and the grasp
+pose q_g:
 
     J q'' = tau - b q' - k (q - q_g) - c q'
 
-Gravity is left out: the load carries the joint.
+Gravity is not modelled.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from dataclasses import dataclass
 
 LONGEST_STEP_US = 500
 LONGEST_ADVANCE_US = 1_000_000
-"""A process that was stopped for longer does not catch up with the time it missed."""
+"""Longest time simulated at once; a process that was stopped for longer skips the rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointParameters:
-    """One joint. The motor is Table 4's AZM24AK: rotor 9.2e-7 kg m^2, 20:1, holding torque 0.095 N m.
+    """Parameters of one joint. The motor is Table 4's AZM24AK: 9.2e-7 kg m^2, 20:1, 0.095 N m.
 
-    friction and load: chosen, the paper gives none; friction is Table 3's size. min_rad, max_rad: hard stops.
+    The paper gives no friction and load: friction has the size of Table 3's, the load is an assumption.
+    min_rad, max_rad: mechanical stops.
     """
 
     rotor_inertia_kgm2: float = 9.2e-7
@@ -37,17 +38,17 @@ class JointParameters:
 
     @property
     def inertia_kgm2(self) -> float:
-        """The rotor's inertia on the joint's side of the gear."""
+        """Inertia of the rotor on the joint side of the gear."""
         return self.rotor_inertia_kgm2 * self.gear_ratio**2
 
     @property
     def rated_torque_Nm(self) -> float:
-        """The holding torque on the joint's side of the gear: 1.9 N m for Table 4's motor."""
+        """Holding torque on the joint side of the gear: 1.9 N m for Table 4's motor."""
         return self.holding_torque_Nm * self.gear_ratio
 
 
 class JointPlant:
-    """One joint, at rest in the grasp pose at first."""
+    """State of one joint; it starts at rest in the grasp pose."""
 
     def __init__(self, parameters: JointParameters) -> None:
         self.parameters = parameters
@@ -55,7 +56,7 @@ class JointPlant:
         self.velocity_rad_s = 0.0
 
     def advance(self, duration_us: int, torque_Nm: float) -> None:
-        """Move on under a constant motor torque."""
+        """Advance under a constant motor torque."""
         duration_us = min(duration_us, LONGEST_ADVANCE_US)
         if duration_us <= 0:
             return
@@ -65,7 +66,7 @@ class JointPlant:
             self._step(step_s, torque_Nm)
 
     def _step(self, step_s: float, torque_Nm: float) -> None:
-        """Semi-implicit Euler: the velocity first, with damping taken implicitly, then the position."""
+        """Make a semi-implicit Euler step: first the velocity, with implicit damping, then the position."""
         p = self.parameters
         spring_Nm = -p.load_stiffness_Nm_rad * (self.position_rad - p.grasp_rad)
         damping_Nms_rad = p.friction_Nms_rad + p.load_damping_Nms_rad

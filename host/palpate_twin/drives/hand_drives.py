@@ -1,4 +1,4 @@
-"""The simulated drives of a hand."""
+"""Create the simulated drives of a hand."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.simulated_drives import SimulatedDrive
 
 SIMULATED = "cia402"
-"""The key in hand.toml of the drives that are simulated."""
+"""Value of `drive` in hand.toml for drives that can be simulated."""
 
 
 def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive]:
-    """One drive for each joint of a hand, at rest in the grasp pose (the same for every finger).
+    """Return one drive per joint of a hand, at rest in the grasp pose, which is the same for every finger.
 
-    Raises ConfigError when the pose does not have one angle for each joint of a finger, or for another drive.
+    Raises ConfigError if the pose does not have one angle per joint of a finger, or for a drive of another
+    type.
     """
     drives = []
     for finger in config.fingers:
         if len(finger.joints) != len(grasp_pose_rad):
             raise ConfigError(
-                f"{finger.name} has {len(finger.joints)} joints, the grasp pose {len(grasp_pose_rad)}; "
-                "give --pose-rad one angle for each joint of a finger"
+                f"--pose-rad has {len(grasp_pose_rad)} angles, but {finger.name} has "
+                f"{len(finger.joints)} joints: give one angle per joint of a finger"
             )
         for joint, angle_rad in zip(finger.joints, grasp_pose_rad, strict=True):
             if joint.drive != SIMULATED:
                 raise ConfigError(
-                    f"{joint.name} has drive = {joint.drive!r}, only {SIMULATED} drives are simulated:"
-                    " start that drive's own simulation, or leave the key out"
+                    f"{joint.name} has drive = {joint.drive!r}, but only {SIMULATED!r} can be simulated:"
+                    " start that drive's own simulation, or remove the key"
                 )
             # q = direction * angle of the drive + offset, hence for the drive's own angle:
             ends_rad = [joint.direction * (q - joint.zero_offset_rad) for q in (joint.min_rad, joint.max_rad)]

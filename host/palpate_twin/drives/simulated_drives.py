@@ -1,7 +1,4 @@
-"""A simulated CiA 402 joint drive: a real device's software with a simulated joint.
-
-It differs from a real drive in its motor alone, so that hardware takes its place by a change of the bus.
-"""
+"""Simulated CiA 402 joint drive: the software of a real device with a simulated motor and joint."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from palpate_twin.drives.joint_servo import JointServo
 
 
 class PlantMotor:
-    """A simulated joint under the order that came last, with a limit switch at each end of its range."""
+    """Motor of a simulated joint, which follows the last command, with limit switches at the joint limits."""
 
     def __init__(self, plant: JointPlant) -> None:
         self.plant = plant
@@ -24,16 +21,16 @@ class PlantMotor:
         self._now_us: int | None = None
 
     def state(self, now_us: int) -> MotorState:
-        left_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_ADVANCE_US)
+        remaining_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_ADVANCE_US)
         self._now_us = now_us
         plant, parameters = self.plant, self.plant.parameters
         if self._command.goal not in (DriveGoal.VELOCITY, DriveGoal.POSITION):
             self._torque_Nm = self._servo.torque_Nm(self._command, 0.0, 0.0, 0.0)
-            plant.advance(left_us, self._torque_Nm)
-            left_us = 0
-        while left_us > 0:
-            step_us = min(LONGEST_STEP_US, left_us)
-            left_us -= step_us
+            plant.advance(remaining_us, self._torque_Nm)
+            remaining_us = 0
+        while remaining_us > 0:
+            step_us = min(LONGEST_STEP_US, remaining_us)
+            remaining_us -= step_us
             self._torque_Nm = self._servo.torque_Nm(
                 self._command, plant.position_rad, plant.velocity_rad_s, step_us * 1e-6
             )
@@ -46,14 +43,14 @@ class PlantMotor:
         self._command = command
 
     def reset_fault(self) -> None:
-        """A simulated joint has no fault of its own."""
+        """Do nothing: the simulated motor has no faults."""
 
 
 class SimulatedDrive(Cia402Device):
-    """One drive and its joint."""
+    """A simulated drive with its joint."""
 
     def __init__(self, node_id: int, joint: JointParameters | None = None) -> None:
-        """`joint`: Table 4's motor with a load about 0 rad when None."""
+        """Create the drive. joint: None for Table 4's motor with a load about 0 rad."""
         self.plant = JointPlant(joint or JointParameters())
         self.motor = PlantMotor(self.plant)
         super().__init__(node_id, self.motor)

@@ -1,4 +1,4 @@
-"""Where beads appear and how they are drawn, against OpenCV's projection of their surface, and geometry."""
+"""Projection and drawing of beads, compared with OpenCV's projection of their surface and with geometry."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ POSE = CameraPose((0.8, -0.5, 0.6), (0.03, -0.02, 0.01), 1.02)
 
 
 def _project(camera: Camera, pose: CameraPose, points_mm: Array) -> Array:
-    """Points of F to pixels by OpenCV alone."""
+    """Project points of frame F to pixels with OpenCV only."""
     rotation = cv2.Rodrigues(np.array(pose.rotation_rad))[0].T  # F to the camera's axes
     vector = cv2.Rodrigues(rotation)[0]
     shift = -rotation @ (np.array(camera.position_mm) + pose.offset_mm)
@@ -41,7 +41,7 @@ def _project(camera: Camera, pose: CameraPose, points_mm: Array) -> Array:
 
 
 def _bead_surface(centre: Array, normal: Array, across: float, flatness: float) -> Array:
-    """Many points of a flattened ball's surface."""
+    """Return 40,000 points on the surface of a flattened ball."""
     rng = np.random.default_rng(3)
     ball = rng.standard_normal((40_000, 3))
     ball *= across / np.linalg.norm(ball, axis=1, keepdims=True)
@@ -54,8 +54,8 @@ def _outwards(theta_deg: float) -> Array:
 
 
 def _polygon(corner_px: Array) -> tuple[float, Array, Array]:
-    """Area, centroid (2,) and central second moments over the area (2, 2) of a polygon (n, 2), by OpenCV."""
-    about = corner_px.mean(axis=0)  # OpenCV's are of float32
+    """Return area, centroid (2,) and central second moments (2, 2) of a polygon (n, 2), by OpenCV."""
+    about = corner_px.mean(axis=0)  # OpenCV computes in float32
     moments = cv2.moments((corner_px - about).astype(np.float32)[:, None])
     area = moments["m00"]
     second = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
@@ -84,7 +84,7 @@ def test_outline_is_the_hull_of_the_projected_surface(name: str, theta_deg: floa
 
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("theta_deg", [0.0, 40.0, 75.0])
-def test_a_balls_outline_is_the_rim_that_the_camera_sees_of_it(name: str, theta_deg: float) -> None:
+def test_a_balls_outline_is_its_contour_seen_by_the_camera(name: str, theta_deg: float) -> None:
     normal, radius = _outwards(theta_deg), 1.5
     camera = CAMERAS[name]
     eye = np.array(camera.position_mm) + POSE.offset_mm
@@ -93,8 +93,8 @@ def test_a_balls_outline_is_the_rim_that_the_camera_sees_of_it(name: str, theta_
     _, _, across = np.linalg.svd(ray[None])
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ across[1:]
-    rim = eye + share * ray + radius * np.sqrt(share) * circle
-    _, middle, second = _polygon(_project(camera, POSE, rim))
+    contour = eye + share * ray + radius * np.sqrt(share) * circle
+    _, middle, second = _polygon(_project(camera, POSE, contour))
 
     centre_px, shape = BeadProjector(camera, POSE).outlines(
         26.5 * normal[None], normal[None], np.array([radius]), 1.0
@@ -131,17 +131,17 @@ def test_drawn_disc_has_the_area_and_the_centroid_of_its_ellipse(softness_px: fl
 
 
 def test_edge_is_as_soft_as_the_lens() -> None:
-    """Along a line through the middle, the slope of the edge has the variance of pixel and blur together."""
+    """Along a line through the middle, the edge's slope has the combined variance of pixel and blur."""
     drawn = BeadLayer(101, 101, 2.0, 0.0).draw(np.array([[50.0, 50.0]]), 30.0**2 * np.eye(2)[None])
     slope = -np.diff(drawn[50, 50:].astype(float)) / WHOLE
     place = np.arange(len(slope)) + 0.5
     mean = (slope * place).sum()
     assert mean == pytest.approx(30.0, abs=0.05)
-    # the differences of samples widen it by half a pixel each way: 1/12 more
+    # the differences of samples widen it by half a pixel on each side: variance 1/12 more
     assert (slope * (place - mean) ** 2).sum() == pytest.approx(2.0**2 + 2 / 12, rel=0.05)
 
 
-def test_beads_that_touch_do_not_rub_each_other_out_and_those_outside_do_no_harm() -> None:
+def test_adjacent_beads_do_not_erase_each_other_and_beads_outside_are_ignored() -> None:
     layer = BeadLayer(100, 60, 0.5, 0.0)
     shape = np.repeat(36.0 * np.eye(2)[None], 5, axis=0)
     centres = np.array([[40.0, 30.0], [51.0, 30.0], [-1.0, 20.0], [500.0, 30.0], [20.0, -300.0]])

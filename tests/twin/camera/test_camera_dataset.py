@@ -1,4 +1,4 @@
-"""Datasets of simulated sensors, read back and calibrated by the edge."""
+"""Datasets of simulated sensors, read and calibrated by palpate_edge."""
 
 from __future__ import annotations
 
@@ -44,20 +44,23 @@ def test_the_edge_reads_what_was_meant(dataset: Path) -> None:
     assert found.sensor == twin.sensor == random_sensor(5).sensor
     assert len(found.reference) == 8
     assert [len(found.split(name)) for name in ("train", "test")] == [11, 11]
-    touches = [press for press in found.presses if press.position_mm is not None]
-    assert len(touches) == 20
+    touched = [press for press in found.presses if press.position_mm is not None]
+    assert len(touched) == 20
     radius_mm = twin.sensor.dome.outer_radius_mm
-    for press in touches:
+    for press in touched:
         outward = np.array(press.position_mm) / radius_mm
         assert np.linalg.norm(outward) == pytest.approx(1, abs=1e-4)
-        # The sphere is pushed inwards, by the normal force along the normal there.
+        # The force points inwards; its component along the normal is the normal force.
         assert press.normal_force_N == pytest.approx(-np.array(press.force_N) @ outward, abs=1e-3)
         assert press.normal_force_N > 0
         assert cv2.imread(str(found.path(press))).shape == (480, 640, 3)
 
 
 def test_the_edge_finds_the_camera_where_the_twin_has_it(dataset: Path) -> None:
-    """Tilt and offset look alike from one view; what they do to a point of the dome's skin does not."""
+    """Points of the dome's skin are projected with the found pose as with the true one.
+
+    Tilt and offset themselves cannot be separated from one view.
+    """
     twin = load_twin(dataset / TWIN_FILE)
     found = calibrate(read_dataset(dataset))
     assert len(found.beads) == len(twin.bead_mm)

@@ -1,4 +1,4 @@
-"""`palpate-host simulate camera` as a process, read by the edge's own source and estimator."""
+"""`palpate-host simulate camera` as a process, read by the capture source and estimator of palpate_edge."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 from palpate_twin.cli.simulate import simulate
 
-PATIENCE_S = 150  # of a machine with other work
+PATIENCE_S = 150  # timeout on a loaded machine
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def test_live_contacts_are_where_the_camera_says_something_presses(
         assert -1e6 < frame.exposed_at_us - begin_us < 1e6 * PATIENCE_S
     source.close()
     process.send_signal(signal.SIGTERM)
-    _, said = process.communicate(timeout=PATIENCE_S)
+    _, stderr = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
-    assert "camera stopped" in said
+    assert "camera stopped" in stderr
     assert not ring.exists()
 
     with truth.open(newline="") as file:
@@ -98,9 +98,9 @@ def test_live_contacts_are_where_the_camera_says_something_presses(
 
 def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, tmp_path: Path) -> None:
     process = _camera(sensor, tmp_path / "ring", "--seconds", "1")
-    _, said = process.communicate(timeout=PATIENCE_S)
+    _, stderr = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
-    assert "exposures skipped" in said
+    assert "exposures skipped" in stderr
     command = [sys.executable, "-m", "palpate_host.cli.main", "simulate", "camera", "--shm", "/nowhere/ring"]
     failed = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert failed.returncode == 5
@@ -109,7 +109,7 @@ def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, 
 
 
 def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) -> None:
-    """Camera, hub and `palpate-edge run` as processes; TPDO 1 carries points of the dome's outer sphere."""
+    """Camera, hub and `palpate-edge run` run as processes; TPDO 1 has points of the dome's outer sphere."""
     calibration, ring, socket = tmp_path / "dome.cal", tmp_path / "ring", tmp_path / "hub.sock"
     found = calibrate(read_dataset(sensor), dome=load_dome_model())
     save_calibration(found, calibration)
@@ -150,7 +150,7 @@ def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) ->
 
 
 def _some_places(bus: Bus, count: int) -> list[NDArray[np.float64]]:
-    """So many contacts of TPDO 1, mm, without those that were sent before."""
+    """Return `count` positions of TPDO 1 in mm, ignoring frames that were sent before the call."""
     places: list[NDArray[np.float64]] = []
     bus.receive(0)
     deadline_s = time.monotonic() + PATIENCE_S

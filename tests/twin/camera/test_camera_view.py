@@ -1,4 +1,4 @@
-"""The rendered frame: bead places, shading, the press, determinism, and what each look does to it."""
+"""The rendered frame: bead positions, shading, deformation, determinism, and each property of `Look`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _rng() -> np.random.Generator:
 
 
 def _centroids(image: Image, expected_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the dark blobs next to the expected places, every pixel weighted by its darkness."""
+    """Return the centroids of the dark blobs near the expected positions, weighted by darkness."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
     found = []
     for x, y in np.rint(expected_px).astype(int):
@@ -125,7 +125,7 @@ def test_a_dome_half_as_large_is_the_same_dome_drawn_small(library: FieldLibrary
 
 
 def test_a_wall_that_the_library_does_not_have_is_refused(library: FieldLibrary) -> None:
-    with pytest.raises(ConfigError, match=r"dome\.wall_mm 3"):
+    with pytest.raises(ConfigError, match=r"dome\.wall_mm = 3 cannot be simulated"):
         DeformableDome(library, Dome(30.0, 3.0), skin_directions()[1])
 
 
@@ -139,7 +139,7 @@ def test_force_is_the_library_s_times_the_stiffness(library: FieldLibrary) -> No
 
 
 def test_skin_is_darker_farther_from_the_lights(library: FieldLibrary) -> None:
-    """The brightest of each circle about the middle is skin between the beads."""
+    """The brightest pixels of each circle about the middle show skin between the beads."""
     far = msgspec.structs.replace(QUIET, led_unevenness=0.0)
     image, _ = CameraView(_twin(far), library).frame(None, _rng())
     blank = cv2.medianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), 5).astype(float)
@@ -156,9 +156,9 @@ def test_skin_is_darker_farther_from_the_lights(library: FieldLibrary) -> None:
 
 
 def _middle_light(view: CameraView, press: ProbePress | None) -> float:
-    """Light in the middle of the picture, relative to the brightest at rest."""
+    """Return the light in the middle of the image, relative to the brightest point without touch."""
     part = view._part
-    light = view._light.at_rest() if press is None else view._light.pressed(view.dome.press(press).skin_mm)
+    light = view._light.untouched() if press is None else view._light.pressed(view.dome.press(press).skin_mm)
     return float(light[(240 - part.top) // 8, (320 - part.left) // 8, 1])
 
 
@@ -174,9 +174,9 @@ def test_ambient_light_is_kept_out_where_something_touches(library: FieldLibrary
         CameraView(_twin(msgspec.structs.replace(QUIET, ambient=share)), library) for share in (0.8, 0.0)
     )
     apex = ProbePress(0.0, 0.0, 3.5)
-    at_rest = _middle_light(lit, None) - _middle_light(unlit, None)
+    untouched = _middle_light(lit, None) - _middle_light(unlit, None)
     under_the_plate = _middle_light(lit, apex) - _middle_light(unlit, apex)
-    assert under_the_plate < 0.3 * at_rest
+    assert under_the_plate < 0.3 * untouched
 
 
 def test_a_camera_that_does_not_see_the_dome_is_refused(library: FieldLibrary) -> None:
@@ -245,4 +245,4 @@ def test_a_moving_contact_rests_presses_and_leaves_smoothly(library: FieldLibrar
     assert sum(b > 0 >= a for a, b in pairwise(depth)) == 4
     for press in presses:
         if press is not None:
-            dome.press(press)  # never outside of the library
+            dome.press(press)  # raises if outside of the library

@@ -1,4 +1,4 @@
-"""What a mould is made from: the plan of the press sample's sensor, and the picture on docs/building.md."""
+"""Construction plan of the press sample's sensor, and its table in docs/building.md."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def sample() -> Sensor:
 
 
 def test_a_ring_at_30_deg_stands_at_half_the_radius(sample: Sensor) -> None:
-    """sin 30 deg is a half; the chord of 12 beads is 2 sin 15 deg of that."""
+    """sin 30 deg is 0.5; the chord between 12 beads is 2 sin 15 deg times the circle's radius."""
     plan = next(plan for plan in ring_plans(sample) if plan.theta_deg == 30)
     assert plan.circle_radius_mm == pytest.approx(13.25)
     assert plan.height_mm == pytest.approx(22.950, abs=0.001)
@@ -38,7 +38,7 @@ def test_beads_on_a_circle_are_closest_along_their_chord(sample: Sensor) -> None
 
 
 def test_the_camera_sees_the_whole_base(sample: Sensor) -> None:
-    """atan 320/380, as a pinhole has it."""
+    """The half angle of a pinhole camera is atan 320/380."""
     assert half_view_deg(sample.camera) == pytest.approx(40.10, abs=0.01)
 
 

@@ -1,7 +1,8 @@
-"""Presses between the library's grid, solved by finite elements: what its interpolation is compared with.
+"""Presses between the points of the library's grid, solved by finite elements, to test the interpolation.
 
-Two minutes a probe, so the answers are kept in fresh_solutions.npz with a digest of all that they come from;
-where that has changed, they are solved anew. `python -m tests.twin.dome.fresh_solutions` renews the file.
+Solving takes two minutes per probe, so the solutions are stored in fresh_solutions.npz with a digest of the
+solver's code. If the code has changed, the tests solve again.
+`python -m tests.twin.dome.fresh_solutions` writes the file.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from palpate_twin.dome.probe import Probe
 
 KEPT = Path(__file__).with_suffix(".npz")
 CASES = ((12.0, 0.45, (0.1, 0.15)), (33.0, 0.85, (-0.2, 0.2)), (57.0, 0.6, (0.25, 0.0)))
-"""Contact angle in degrees, share of the largest depth, slide over the depth."""
+"""Contact angle in deg, fraction of the largest depth, slide as a fraction of the depth."""
 SOLVER = (
     *("elasticity", "equilibrium", "field_grid", "friction_contact", "hexahedron", "make_library"),
     *("mesh", "press", "probe", "sampling", "surface"),
@@ -42,14 +43,14 @@ class Solution:
 
 
 def directions() -> Array:
-    """Unit vectors (80, 3) in F, off the library's own."""
+    """Return unit vectors (80, 3) in F that differ from the library's."""
     rng = np.random.default_rng(11)
     theta, phi = np.arccos(rng.uniform(0.2, 1, 80)), rng.uniform(0, 2 * np.pi, 80)
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
 
 
 def solutions(probe: Probe) -> list[Solution]:
-    """Of CASES, in their order: those that are kept, or new ones where they are of another solver."""
+    """Return the solutions of CASES: the stored ones, or new ones if the solver's code has changed."""
     with np.load(KEPT) as file:
         if str(file["digest"]) == _digest():
             fields = file[f"{probe.label} displacement_mm"], file[f"{probe.label} force_per_mu_mm2"]
@@ -58,7 +59,7 @@ def solutions(probe: Probe) -> list[Solution]:
 
 
 def solve(probe: Probe) -> list[Solution]:
-    """Of CASES, in their order."""
+    """Solve CASES in their order."""
     with np.load(library.SHIPPED) as file:
         resolution = Resolution(*(int(count) for count in file["resolution"]))
     domes = Domes(30.0, 5.0, resolution, field_grid.BEAD_RADIUS_MM * directions())

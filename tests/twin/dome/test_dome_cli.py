@@ -1,4 +1,4 @@
-"""`palpate-host simulate dome`: the commands, on meshes that solve in seconds."""
+"""Commands of `palpate-host simulate dome`, on meshes that are solved in seconds."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_press_too_deep_is_refused() -> None:
 
 
 def test_side_points_spread_alike_at_all_contact_angles() -> None:
-    """What Table 2 shows: the ratio hardly depends on the contact angle."""
+    """As in Table 2, the ratio hardly depends on the contact angle."""
     ratios = [
         pair.ratio for pair in side_points(ElasticDome(dome_mesh(resolution=Resolution(4, 3, 1), half=True)))
     ]
@@ -85,7 +85,7 @@ def test_library_rows_follow_the_grid() -> None:
 
 
 def test_written_library_is_read_back_and_a_failed_write_leaves_the_old_one(tmp_path: Path) -> None:
-    """One contact angle is solved and stands for all: only the file is tested here."""
+    """The solution of one contact angle is used for all, because only the file is tested here."""
     path, resolution = tmp_path / "fields.npz", Resolution(2, 2, 1)
     domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
     solved = solve_angle(domes, np.radians(70.0), Probe.SPHERE10, lambda: None)

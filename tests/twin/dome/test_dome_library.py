@@ -1,4 +1,4 @@
-"""The library of fields: the shipped file, its interpolation, and its refusals."""
+"""The field library: the packaged file, its interpolation, and rejected requests."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_pole_press_pushes_straight_down(library: FieldLibrary) -> None:
 
 
 def test_rings_give_back_smooth_fields() -> None:
-    """Polynomials of the direction that vanish on the rim, up to the third degree."""
+    """Return polynomials of the direction, up to the third degree, that vanish on the base plane."""
     fields = [lambda d: d[:, 2], lambda d: d[:, 2] * d[:, 0], lambda d: d[:, 2] * d[:, 0] * d[:, 1]]
     weights = ring_weights(scattered())
     for field in fields:
@@ -112,13 +112,13 @@ def test_lagrange_is_exact_for_cubics(at: float, roots: list[float]) -> None:
 @pytest.mark.parametrize(
     ("theta_deg", "depth_mm", "shear_mm", "reason"),
     [
-        (76.0, 0.1, (0.0, 0.0), "theta 76.0 deg"),
-        (0.0, 4.5, (0.0, 0.0), "depth 4.5 mm"),
-        (75.0, 1.0, (0.0, 0.0), "depth 1 mm"),
-        (30.0, 1.0, (0.5, 0.0), "slide of 0.5 mm"),
-        (30.0, 0.0, (0.1, 0.0), "slide of 0.1 mm"),
-        (float("nan"), 1.0, (0.0, 0.0), "theta nan"),
-        (30.0, float("nan"), (0.0, 0.0), "depth nan"),
+        (76.0, 0.1, (0.0, 0.0), "theta = 76.0 deg is outside"),
+        (0.0, 4.5, (0.0, 0.0), "depth = 4.5 mm is outside"),
+        (75.0, 1.0, (0.0, 0.0), "depth = 1 mm is outside"),
+        (30.0, 1.0, (0.5, 0.0), "slide = 0.5 mm at depth 1 mm is outside"),
+        (30.0, 0.0, (0.1, 0.0), "slide = 0.1 mm at depth 0 mm is outside"),
+        (float("nan"), 1.0, (0.0, 0.0), "theta = nan deg"),
+        (30.0, float("nan"), (0.0, 0.0), "depth = nan mm"),
     ],
 )
 def test_outside_of_the_library_is_refused(
@@ -137,7 +137,7 @@ def test_probe_and_point_that_are_not_there_are_refused(library: FieldLibrary) -
 
 
 def test_reading_and_the_command_line_start_without_the_extra() -> None:
-    """The daemon-side twin renders from the library: it must not pay for, or need, scipy."""
+    """Rendering from the library does not import scipy."""
     program = (
         "import sys; import palpate_twin.cli.dome; from palpate_twin.dome import library; "
         "library.load_library(); print(*{'scipy', 'matplotlib'} & set(sys.modules))"
@@ -147,17 +147,17 @@ def test_reading_and_the_command_line_start_without_the_extra() -> None:
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is missing"):
+    with pytest.raises(ConfigError, match="no such file: make it with"):
         load_library(tmp_path / "none.npz")
     garbled = tmp_path / "garbled.npz"
     garbled.write_bytes(SHIPPED.read_bytes()[:5000])
-    with pytest.raises(ConfigError, match="not a library of fields"):
+    with pytest.raises(ConfigError, match="is not a field library"):
         load_library(garbled)
     with np.load(SHIPPED) as file:
         arrays = {name: file[name] for name in file.files}
     np.savez(tmp_path / "less.npz", **{name: arrays[name] for name in arrays if name != "depth_mm"})
-    with pytest.raises(ConfigError, match="depth_mm is missing"):
+    with pytest.raises(ConfigError, match="has no array depth_mm"):
         load_library(tmp_path / "less.npz")
     np.savez(tmp_path / "short.npz", **(arrays | {"theta_rad": arrays["theta_rad"][:-1]}))
-    with pytest.raises(ConfigError, match="another grid"):
+    with pytest.raises(ConfigError, match="has a different grid"):
         load_library(tmp_path / "short.npz")

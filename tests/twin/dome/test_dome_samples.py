@@ -1,4 +1,4 @@
-"""The shipped dome model's maker: presses of the library of fields, seen by random sensors."""
+"""Samples of the packaged dome model: presses of the field library, measured by random sensors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate_twin.dome.library import load_library
 
 @pytest.fixture(scope="module")
 def small():
-    """Four sensors of 25 presses, and the steps of the progress."""
+    """Return samples of four sensors with 25 presses each, and the reported progress."""
     steps = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(maker, "SENSORS", 4)
@@ -44,7 +44,7 @@ def test_probes_push_and_hardly_pull_aside(small):
 
 
 def test_the_skin_moves_most_near_the_contact(small):
-    """The canonical frame's x axis points to the motion; a press well off the pole is on its side."""
+    """The canonical frame's x axis points to the motion, so contacts away from the pole have x > 0."""
     dome, _ = small
     off_pole = dome.directions[:, 2] < np.cos(np.radians(25))
     azimuth = np.abs(np.arctan2(dome.directions[off_pole, 1], dome.directions[off_pole, 0]))
@@ -62,8 +62,7 @@ def test_one_seed_makes_the_same_model(small, monkeypatch):
 
 
 def test_the_shipped_model_places_presses_of_sensors_it_never_saw(small):
-    """Trained on its own random sensors and no press of these: within the target for a sensor that nobody
-    pressed yet, 0.6 mm on average at 30 mm."""
+    """The dome model alone, without presses of these sensors, meets the target of 0.6 mm mean at 30 mm."""
     dome, _ = small
     direction, _, _ = fit(None, load_dome_model(), 30.0).predict(dome.fields, np.zeros(len(dome.fields)))
     error_mm = 30.0 * np.linalg.norm(direction - dome.directions, axis=1)

@@ -1,4 +1,4 @@
-"""The dome's finite elements on small meshes: against closed solutions and against themselves."""
+"""The dome's finite elements on small meshes: analytic solutions, another library, and consistency."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def test_mesh_that_cannot_be_is_refused(
 
 @pytest.mark.parametrize(("poisson_ratio", "ratio"), [(0.0, 2 / 3), (0.25, 5 / 3), (0.49, 149 / 3)])
 def test_bulk_modulus_is_that_of_linear_elasticity(poisson_ratio: float, ratio: float) -> None:
-    """K = E / (3 (1 - 2 nu)) with E = 2 (1 + nu) mu, worked out by hand."""
+    """K = E / (3 (1 - 2 nu)) with E = 2 (1 + nu) mu, computed by hand."""
     assert bulk_per_mu(poisson_ratio) == pytest.approx(ratio)
 
 
 @pytest.mark.parametrize("probe", list(Probe))
 def test_traction_derivative_is_that_of_the_traction(probe: Probe) -> None:
-    """Over points that stick, slip and hang free; differences straddle no corner of the law."""
+    """Points that stick, slip and do not touch; no difference quotient spans a transition between them."""
     rng = np.random.default_rng(5)
     outward, _, _ = directions(0.4)
     points = 0.3 * rng.normal(size=(300, 3))
@@ -78,7 +78,7 @@ def test_traction_derivative_is_that_of_the_traction(probe: Probe) -> None:
         assert derivative[:, :, axis] == pytest.approx(by_difference, abs=1e-4)
 
 
-def test_distant_probe_pushes_nothing_and_its_points_hold_on_to_nothing() -> None:
+def test_a_distant_probe_exerts_no_traction_and_sets_no_anchor() -> None:
     up, below = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -0.1]])
     touch = contact(Probe.PLATE, up, below, np.zeros((1, 3)), 0.6)
     assert not touch.traction.any()
@@ -87,7 +87,7 @@ def test_distant_probe_pushes_nothing_and_its_points_hold_on_to_nothing() -> Non
 
 
 def distorted_block(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A unit cube of 2x2x2 20-node hexahedra whose inner corner is moved (straight edges: middles follow)."""
+    """Return a unit cube of 2x2x2 20-node hexahedra with a displaced inner corner and straight edges."""
     mesh = felupe.Cube(n=3)
     inside = ((mesh.points > 0) & (mesh.points < 1)).all(axis=1)
     mesh.points[inside] += rng.uniform(-0.1, 0.1, (inside.sum(), 3))
@@ -97,7 +97,7 @@ def distorted_block(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("stretch", [0.8, 1.25])
 def test_patch_block_in_uniaxial_stretch_bears_the_analytic_force(stretch: float) -> None:
-    """Sides free, K finite: with transverse stretch t, J = s t^2, the Cauchy stress across is zero:
+    """With free sides, finite K and transverse stretch t, J = s t^2, the transverse Cauchy stress is zero:
     mu J^(-5/3) (t^2 - (s^2 + 2 t^2)/3) + K (J - 1) = 0, and the force is the nominal stress along s.
     """
     from scipy.optimize import brentq
@@ -121,7 +121,7 @@ def test_patch_block_in_uniaxial_stretch_bears_the_analytic_force(stretch: float
 
 
 def test_forces_and_stiffness_are_those_of_felupe() -> None:
-    """An independent finite element library on the same mesh, law and integration points."""
+    """Compare with an independent finite element library: same mesh, material and integration points."""
     points, cells = distorted_block(np.random.default_rng(4))
     displacement = 0.03 * np.random.default_rng(5).normal(size=points.shape)
     region = felupe.RegionQuadraticHexahedron(
@@ -176,7 +176,7 @@ def test_opposite_azimuthal_slides_are_mirror_images(whole_dome: ElasticDome) ->
 
 
 def test_force_grows_with_depth_and_faster_than_it(half_dome: ElasticDome) -> None:
-    """Near the base, where the wall cannot buckle inwards, force over depth is monotone and convex."""
+    """Near the base, where the wall does not buckle inwards, the force over depth is monotone and convex."""
     theta = np.radians(60.0)
     outward, _, _ = directions(theta)
     stops = [(depth, (0.0, 0.0)) for depth in (0.5, 1.0, 1.5, 2.0)]
@@ -187,7 +187,7 @@ def test_force_grows_with_depth_and_faster_than_it(half_dome: ElasticDome) -> No
 
 
 def test_press_goes_in_first_and_then_slides(half_dome: ElasticDome) -> None:
-    """Friction remembers the way: a slide after the press bears more than the slanted way to that place."""
+    """Friction depends on the path: a slide after the press gives more force than a straight oblique path."""
     _, meridional, _ = directions(0.0)
     shear = (0.05, 0.0)
     *_, two_stops = press_path(half_dome, 0.0, [(0.5, (0.0, 0.0)), (0.5, shear)])
@@ -207,8 +207,10 @@ def test_slide_beyond_stick_bears_coulombs_share(half_dome: ElasticDome) -> None
 
 
 def test_thick_dome_under_the_plate_follows_hertz() -> None:
-    """A nearly full half ball under a plate, no friction: F = 4/3 E* R^(1/2) d^(3/2), E* = E / (1 - nu^2),
-    E = 2 (1 + nu) mu. The ball is not endless: its fixed base makes it some per cent stiffer.
+    """A nearly solid hemisphere under a plate without friction follows Hertz.
+
+    F = 4/3 E* R^(1/2) d^(3/2), E* = E / (1 - nu^2), E = 2 (1 + nu) mu. The fixed base makes it a few per cent
+    stiffer than a half space.
     """
     nu, radius_mm, depth_mm = 0.49, 30.0, 0.5
     dome = ElasticDome(dome_mesh(radius_mm, 28.0, Resolution(8, 3, 3), half=True), nu, friction=0.0)
@@ -243,5 +245,5 @@ def test_sampler_gives_a_linear_field_and_refuses_points_outside(whole_dome: Ela
     )
     field = Sampler(whole_dome.mesh, points)(whole_dome.mesh.points_mm @ gradient)
     assert field == pytest.approx(points @ gradient, abs=1e-8)
-    with pytest.raises(ConfigError, match="not in the wall"):
+    with pytest.raises(ConfigError, match="is outside of the dome"):
         Sampler(whole_dome.mesh, np.array([[0.0, 0.0, 20.0]]))

@@ -1,4 +1,4 @@
-"""The slip flag against finite elements, where it is known which points of the surface hold on."""
+"""The slip flag compared with finite elements, where the sticking points of the surface are known."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NOISE_PX = 0.02
 
 @dataclass(frozen=True)
 class Step:
-    """The probe's way, the part of the touching points that let go in this step, the contact as estimated."""
+    """Position of the probe, share of touching points that slid in this step, and the estimated contact."""
 
     slide_mm: float
     slipping: float
@@ -39,7 +39,7 @@ class Step:
 
 
 def slide(probe, friction, slide_mm):
-    """Press, then drag the probe towards the base."""
+    """Press the dome, then slide the probe towards the base."""
     dome = ElasticDome(dome_mesh(resolution=Resolution(6, 4, 1), half=True), friction=friction)
     rings = tuple(Ring(theta, count) for theta, count in LAYOUTS[0])
     beads_mm = bead_layout_mm(Markers(26.5, 3.0, rings))[0]
@@ -51,14 +51,14 @@ def slide(probe, friction, slide_mm):
     random = np.random.default_rng(2)
     stops = [(DEPTH_MM * share, (0.0, 0.0)) for share in (0.25, 0.5, 0.75, 1.0)]
     stops += [(DEPTH_MM, (slide_mm * (n + 1) / STEPS, 0.0)) for n in range(STEPS)]
-    held_before, steps = None, []
+    last_anchor, steps = None, []
     for number, pressed in enumerate(press_path(dome, THETA_RAD, stops, probe)):
         anchor = pressed.state.anchor_mm
         slipping = 0.0
-        if held_before is not None:
-            both = np.isfinite(anchor[:, 0]) & np.isfinite(held_before[:, 0])
-            slipping = float((np.linalg.norm(anchor - held_before, axis=1)[both] > 1e-6).mean())
-        held_before = anchor
+        if last_anchor is not None:
+            both = np.isfinite(anchor[:, 0]) & np.isfinite(last_anchor[:, 0])
+            slipping = float((np.linalg.norm(anchor - last_anchor, axis=1)[both] > 1e-6).mean())
+        last_anchor = anchor
         place = view.project(beads_mm + sample(pressed.displacement_mm))
         place = place + NOISE_PX * random.standard_normal(place.shape)
         field = reader.read(Beads.from_positions(place, np.ones(len(place), dtype=np.bool_)))
@@ -77,26 +77,26 @@ def slide(probe, friction, slide_mm):
 @pytest.mark.fem
 def test_a_sphere_that_slides_over_the_dome_slips():
     steps = slide(Probe.SPHERE10, 0.6, SLIDE_MM)
-    watch = SlipDetector()
-    said = [watch.detect(step.contact) for step in steps]
+    detector = SlipDetector()
+    flags = [detector.detect(step.contact) for step in steps]
     onset_mm = next(step.slide_mm for step in steps if step.slipping > 0.9)
-    flagged_mm = next(step.slide_mm for step, slips in zip(steps, said, strict=True) if slips)
+    flagged_mm = next(step.slide_mm for step, slips in zip(steps, flags, strict=True) if slips)
     assert onset_mm <= flagged_mm <= onset_mm + 2.0
-    assert np.mean(said[10:]) > 0.9
+    assert np.mean(flags[10:]) > 0.9
 
 
 @pytest.mark.fem
 def test_a_sphere_that_sticks_does_not():
     steps = slide(Probe.SPHERE10, 1.5, 1.0)
     assert max(step.slipping for step in steps[5:]) < 0.5
-    watch = SlipDetector()
-    assert not any(watch.detect(step.contact) for step in steps)
+    detector = SlipDetector()
+    assert not any(detector.detect(step.contact) for step in steps)
 
 
 @pytest.mark.fem
-def test_a_flat_face_that_slides_is_not_told():
-    """The beads cannot see it: the limit that docs/calibrating.md states."""
+def test_a_sliding_flat_face_is_not_detected():
+    """The beads do not move differently: docs/calibrating.md states this limit."""
     steps = slide(Probe.PLATE, 0.3, 0.8)
-    watch = SlipDetector()
-    assert not any(watch.detect(step.contact) for step in steps)
+    detector = SlipDetector()
+    assert not any(detector.detect(step.contact) for step in steps)
     assert steps[-5].slipping > 0.9

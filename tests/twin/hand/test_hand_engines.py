@@ -271,7 +271,7 @@ def test_a_urdf_hand_loads_with_its_tip_links_as_sites(tmp_path, table_3):
         '<joint name="end" type="fixed"><parent link="finger"/><child link="tip_1"/>'
         '<origin xyz="0 0 0.08"/></joint></robot>'
     )
-    model = compiled(read_spec(urdf, ("tip_1",)), str(urdf))
+    model = compiled(read_spec(str(urdf), ("tip_1",)), str(urdf))
     data = mujoco.MjData(model)
     data.qpos[0] = 0.5
     mujoco.mj_forward(model, data)
@@ -292,7 +292,7 @@ def test_geometry_must_fit_the_fingers(table_3):
     config = table_3[0]
     fewer = msgspec.structs.replace
     short = fewer(config.geometry, links=config.geometry.links[:2])
-    with pytest.raises(ConfigError, match=r"geometry.links has 3 joints, finger 1 of \[\[fingers\]\] 5"):
+    with pytest.raises(ConfigError, match=r"geometry.links has 3 joints, finger 1 of \[\[fingers\]\] has 5"):
         twin_model(fewer(config, geometry=short), with_contacts=False)
     alone = fewer(config.geometry, base_azimuth_deg=(0.0,))
     with pytest.raises(ConfigError, match="1 angles for 3 fingers"):

@@ -1,4 +1,4 @@
-"""Simulated AZ drives as a Modbus RTU server on a serial port: every byte a host would see on RS-485."""
+"""Simulated AZ drives as a Modbus RTU server on a serial port, with the same bytes as on RS-485."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ START_TIMEOUT_S = 5.0
 
 
 class AzServer:
-    """Drives by their device id behind one port; `lock` guards them against the serving thread."""
+    """Drives by device id behind one port. lock: protects them from the server's thread."""
 
     def __init__(self, drives: Mapping[int, SimulatedAz]) -> None:
         self.drives = drives
@@ -34,7 +34,7 @@ class AzServer:
 
     @contextmanager
     def serve(self, port: str, baud_rate: int) -> Iterator[None]:
-        """Answer on `port` while the context lasts; BusError when it cannot be opened."""
+        """Serve `port` during the context. Raises BusError if it cannot be opened."""
         ready = threading.Event()
         loop = asyncio.new_event_loop()
         stop = asyncio.Event()
@@ -44,7 +44,7 @@ class AzServer:
         thread.start()
         try:
             if not ready.wait(START_TIMEOUT_S):
-                raise BusError(f"{port}: cannot be served: is it a serial port, and free?")
+                raise BusError(f"{port}: cannot be opened: give a serial port that no other program uses")
             yield
         finally:
             loop.call_soon_threadsafe(stop.set)
@@ -60,15 +60,15 @@ class AzServer:
             bytesize=8,
             parity=Parity.NONE.value,
             stopbits=1,
-            trace_packet=self._only_our_replies,
+            trace_packet=self._without_foreign_replies,
         )
         await server.serve_forever(background=True)
         ready.set()
         await stop.wait()
         await server.shutdown()  # type: ignore[no-untyped-call]
 
-    def _only_our_replies(self, sending: bool, packet: bytes) -> bytes:
-        """On a real line nobody answers for a drive that is not there; this server would."""
+    def _without_foreign_replies(self, sending: bool, packet: bytes) -> bytes:
+        """Suppress the library's error replies for device ids that do not exist, as on a real line."""
         return packet if not sending or packet[0] in self.drives else b""
 
     def _device(self, device_id: int, drive: SimulatedAz) -> SimDevice:
@@ -86,7 +86,7 @@ class AzServer:
                     if not drive.writable(address, len(written)):
                         return ExcCodes.ILLEGAL_ADDRESS
                     drive.write(now_us, address, [int(word) for word in written])
-                elif not drive.knows(address, count):
+                elif not drive.readable(address, count):
                     return ExcCodes.ILLEGAL_ADDRESS
                 else:
                     start = address - first
@@ -99,7 +99,7 @@ class AzServer:
 
 @contextmanager
 def simulated_port(config: PortConfig) -> Iterator[AzServer]:
-    """Simulated drives for the axes of a port, behind a link that it makes at the port's path."""
+    """Serve simulated drives for the axes of a port, on a pseudo terminal linked to the port's path."""
     link = Path(config.path)
     server = AzServer({axis.device_id: SimulatedAz(axis.settings.motor) for axis in config.axes})
     with pty_line(config.baud_rate) as (host_end, drive_end), server.serve(drive_end, config.baud_rate):
@@ -107,7 +107,7 @@ def simulated_port(config: PortConfig) -> Iterator[AzServer]:
             link.symlink_to(host_end)
         except OSError as exc:
             raise ConfigError(
-                f"{link}: cannot be made ({exc.strerror}): give ports.path a new name in a folder of yours"
+                f"{link}: cannot be created ({exc.strerror}): set ports.path to a new, writable path"
             ) from exc
         try:
             yield server

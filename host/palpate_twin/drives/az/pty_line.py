@@ -1,6 +1,6 @@
-"""A serial line without hardware: two pseudo terminals and a pump between them, as an RS-485 adapter's cable.
+"""Simulated serial line: two pseudo terminals connected by a thread, in place of an RS-485 cable.
 
-Bytes take the time that the bit rate gives them, so that what a real port can carry a second shows here too.
+Bytes are delayed by their duration at the bit rate, so the throughput is that of a real port.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CHUNK_BYTES = 256
 
 @contextmanager
 def pty_line(baud_rate: int) -> Iterator[tuple[str, str]]:
-    """Paths of the line's two ends, for as long as the context lasts."""
+    """Yield the paths of the line's two ends, which exist during the context."""
     masters, slaves = zip(*(os.openpty() for _ in range(2)), strict=True)
     for fd in slaves:
         tty.setraw(fd)

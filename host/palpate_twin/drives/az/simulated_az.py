@@ -1,8 +1,8 @@
-"""An AZ drive and its joint as a register file: pure, on the time it is given.
+"""Simulated AZ drive with its joint as a register file; time is an argument. `az_server` serves it.
 
-Served at the wire by az_server. Modelled: the three operation types a joint uses, acceleration and current
-limits, the STOP, FREE, ZHOME and ALM-RST inputs, the communication timeout with alarm 85h,
-alarms that a test raises and temperatures that it sets. Registers outside the table do not exist.
+Modelled: the three operation types that a joint uses, acceleration and current limits, the inputs STOP, FREE,
+ZHOME and ALM-RST, and the communication timeout with alarm 85h. Tests can raise alarms and set temperatures.
+Registers outside the table do not exist.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate_host.drives.az.registers import AzStatus, Input, OperationType, Tri
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
 
 LONGEST_STEP_US = 1_000
-# A stepper keeps step with its command until its torque is spent; chosen: within 2 ms.
+# A stepper follows its command within its torque limit; the time constant of 2 ms is an assumption.
 FOLLOWS_WITHIN_S = 0.002
 POSITION_GAIN_per_s = 20.0
 AMBIENT_degC = 30.0
@@ -41,7 +41,7 @@ _WRITABLE = (*az.DIRECT_DATA, az.FORWARDING, az.INPUT_COMMAND, az.COMMUNICATION_
 
 
 class SimulatedAz:
-    """One drive; `values` is its register file, address -> signed 32-bit value."""
+    """One drive. values: its registers, address -> signed 32-bit value."""
 
     def __init__(self, motor: AzMotor | None = None, joint: JointParameters | None = None) -> None:
         self.motor = motor or AzMotor()
@@ -55,25 +55,26 @@ class SimulatedAz:
         self._target_rad_s = 0.0
         self._torque_Nm = 0.0
         self._now_us: int | None = None
-        self._heard_us: int | None = None
+        self._last_message_us: int | None = None
 
     @property
     def torque_Nm(self) -> float:
-        """What the motor gives now, at the joint."""
+        """Current motor torque at the joint."""
         return self._torque_Nm
 
-    def knows(self, address: int, count: int) -> bool:
-        """Whether `count` words from `address` on are whole, known quantities or the gaps between them."""
+    def readable(self, address: int, count: int) -> bool:
+        """Return whether `count` words from `address` begin and end with complete registers."""
         return count % 2 == 0 and address in self.values and address + count - 2 in self.values
 
     def writable(self, address: int, count: int) -> bool:
+        """Return whether `count` words from `address` are complete writable registers."""
         known = {register.address for register in _WRITABLE}
         return count % 2 == 0 and all(address + i in known for i in range(0, count, 2))
 
     def write(self, now_us: int, address: int, words: Sequence[int]) -> None:
-        """Take whole 32-bit registers; the trigger and the input command act at once."""
+        """Write complete 32-bit registers; trigger and input command take effect immediately."""
         self.advance(now_us)
-        self._heard_us = now_us
+        self._last_message_us = now_us
         written = dict(zip(range(address, address + len(words), 2), from_words(words), strict=True))
         self.values |= written
         if az.INPUT_COMMAND.address in written:
@@ -82,28 +83,28 @@ class SimulatedAz:
             self._operation = {register.address: self.values[register.address] for register in az.DIRECT_DATA}
 
     def read(self, now_us: int, address: int, count: int) -> list[int]:
-        """`count` words from `address` on; gaps read as 0."""
+        """Return `count` words from `address`; gaps between registers read as 0."""
         self.advance(now_us)
-        self._heard_us = now_us
+        self._last_message_us = now_us
         self._measure()
         return to_words([self.values.get(a, 0) for a in range(address, address + count, 2)])
 
     def raise_alarm(self, code: int) -> None:
-        """Stop with an alarm, current off."""
+        """Raise an alarm, which ends the operation and switches the current off."""
         self.alarm = code
         self._operation = None
 
     def advance(self, now_us: int) -> None:
-        """Move the joint on; the communication timeout runs in between."""
+        """Advance the joint to `now_us` and check the communication timeout."""
         if self._now_us is None:
             self._now_us = now_us
         while self._now_us < now_us:
             step_us = min(LONGEST_STEP_US, now_us - self._now_us)
             self._now_us += step_us
             timeout_ms = self.values[az.COMMUNICATION_TIMEOUT.address]
-            heard_us = self._heard_us
-            if timeout_ms > 0 and heard_us is not None and self._now_us - heard_us > timeout_ms * 1000:
-                self._heard_us = None
+            message_us = self._last_message_us
+            if timeout_ms > 0 and message_us is not None and self._now_us - message_us > timeout_ms * 1000:
+                self._last_message_us = None
                 self.raise_alarm(alarms.COMMUNICATION_TIMEOUT)
             self._torque_Nm = self._motor_torque(step_us * 1e-6)
             self.plant.advance(step_us, self._torque_Nm)
@@ -131,7 +132,7 @@ class SimulatedAz:
         self._held = self._inputs
 
     def _motor_torque(self, step_s: float) -> float:
-        """Torque of the operation under way; without one the joint is held, but for FREE or alarm."""
+        """Return the torque of the current operation; without one, the joint is held unless FREE or alarm."""
         if self.alarm or self._inputs & Input.FREE:
             self._target_rad_s = 0.0
             return 0.0
@@ -142,15 +143,15 @@ class SimulatedAz:
         speed_rad_s = self.motor.to_rad(operation.get(az.SPEED.address, 0))
         kind = operation.get(az.OPERATION_TYPE.address)
         if kind == OperationType.CONTINUOUS_TORQUE:
-            wanted_rad_s = speed_rad_s
+            desired_rad_s = speed_rad_s
         elif kind == OperationType.ABSOLUTE_POSITIONING:
             error_rad = self.motor.to_rad(operation[az.POSITION.address]) - self.plant.position_rad
-            wanted_rad_s = max(-abs(speed_rad_s), min(abs(speed_rad_s), POSITION_GAIN_per_s * error_rad))
+            desired_rad_s = max(-abs(speed_rad_s), min(abs(speed_rad_s), POSITION_GAIN_per_s * error_rad))
         else:
-            wanted_rad_s = speed_rad_s if kind == OperationType.CONTINUOUS_SPEED else 0.0
+            desired_rad_s = speed_rad_s if kind == OperationType.CONTINUOUS_SPEED else 0.0
         rate = self.motor.to_rad(operation.get(az.ACCELERATION.address, 0)) or self.motor.rate_rad_s2
         step_rad_s = rate * step_s
-        change = max(-step_rad_s, min(step_rad_s, wanted_rad_s - self._target_rad_s))
+        change = max(-step_rad_s, min(step_rad_s, desired_rad_s - self._target_rad_s))
         self._target_rad_s += change
         return max(-limit_Nm, min(limit_Nm, self._torque_to_follow(self._target_rad_s)))
 
