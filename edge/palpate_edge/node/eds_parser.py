@@ -54,7 +54,7 @@ def _entry(path: Path, variable: ODVariable) -> Entry:
         ) from error
     default: Value | None = variable.default
     if default is None:
-        # The parser drops a default that it cannot read; an empty one is allowed by CiA 306.
+        # The parser drops a default that it cannot read; CiA 306 allows an empty one.
         written = getattr(variable, "default_raw", "")
         if written.strip():
             raise ConfigError(f"{where}: DefaultValue {written!r} is not a number: correct it")
@@ -79,6 +79,7 @@ def _entry(path: Path, variable: ODVariable) -> Entry:
 
 
 def main() -> None:
+    """Write the parsed form of fingertip.eds beside the file."""
     parsed = parse(FINGERTIP_EDS, checksum_of(FINGERTIP_EDS))
     parsed_path(FINGERTIP_EDS).write_bytes(msgspec.json.encode(parsed, order="deterministic"))
 

@@ -107,6 +107,7 @@ class EmergencyProducer:
         return self._due_us
 
     def poll(self, now_us: int, state: NmtState) -> list[CanFrame]:
+        """Return the messages that may be transmitted now."""
         self._due_us = None
         can_id = self.can_id() if self._unsent and state in SDO_STATES else None
         if can_id is None:

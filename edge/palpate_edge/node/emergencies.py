@@ -47,6 +47,7 @@ class ActiveEmergencies:
         self._active: dict[Emergency, None] = {}
 
     def set(self, emergency: Emergency, active: bool) -> None:
+        """Report or clear an emergency if its state changed."""
         if active and emergency not in self._active:
             self._active[emergency] = None
             self._report(emergency)

@@ -26,9 +26,11 @@ class HeartbeatProducer:
         self._due_us = now_us if self._period_us() else None
 
     def due_us(self) -> int | None:
+        """Return when the next heartbeat is due; None while 1017h is 0."""
         return self._due_us
 
     def poll(self, now_us: int, state: NmtState) -> CanFrame | None:
+        """Return the heartbeat if it is due."""
         if self._due_us is None or now_us < self._due_us:
             return None
         self._due_us += self._period_us()

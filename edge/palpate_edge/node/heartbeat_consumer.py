@@ -56,9 +56,11 @@ class HeartbeatConsumer:
             raise SdoAbortError(AbortCode.PARAMETER_CLASH)
 
     def can_ids(self) -> set[int]:
+        """Return the identifiers of the monitored heartbeats."""
         return {ERROR_CONTROL_ID + node_id for node_id in self._times_us}
 
     def due_us(self) -> int | None:
+        """Return the earliest deadline; None while no node is monitored."""
         return min(self._deadlines_us.values()) if self._deadlines_us else None
 
     def receive(self, now_us: int, can_id: int) -> None:

@@ -22,7 +22,7 @@ OK, OUT_OF_RANGE = 0, 1
 STORAGE_FAILED = 2
 
 BIT_RATES_KBIT_S = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
-"""Bit timing table 0 of CiA 301; 5 is reserved."""
+"""Bit timing table 0 of CiA 301, in kbit/s by table index; index 5 is reserved."""
 
 FASTSCAN_RESET = 0x80
 HIGHEST_BIT = 31
@@ -192,4 +192,5 @@ class LssSlave:
 
 
 def answer(command: int, value: int = 0) -> CanFrame:
+    """Return a response with one byte of value."""
     return CanFrame(SLAVE_ID, struct.pack("<BB6x", command, value))

@@ -43,7 +43,7 @@ STATE_AFTER_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 """Value of 1029h:01 -> state after a communication error in OPERATIONAL; 1 is no change."""
 
 SDO_STATES = frozenset({NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL})
-"""SDO, EMCY, SYNC and TIME are served in these states only."""
+"""The states in which SDO, EMCY, SYNC and TIME are served."""
 
 
 def command_for(node_id: int, data: bytes) -> NmtCommand | None:

@@ -63,10 +63,12 @@ class Access(Enum):
 
     @property
     def readable(self) -> bool:
+        """Return whether SDO may read the object."""
         return self is not Access.WRITE_ONLY
 
     @property
     def writable(self) -> bool:
+        """Return whether SDO may write the object."""
         return self not in (Access.READ_ONLY, Access.CONSTANT)
 
 
@@ -91,6 +93,7 @@ class Entry:
 
     @property
     def key(self) -> ObjectKey:
+        """Index and sub-index."""
         return self.index, self.subindex
 
     @property

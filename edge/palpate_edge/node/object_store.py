@@ -50,6 +50,7 @@ class ObjectStore:
         return value if isinstance(value, int) else 0
 
     def has(self, index: int) -> bool:
+        """Return whether the EDS has an object with this index."""
         return index in self.od.indices
 
     def write(self, index: int, subindex: int, value: Value) -> None:

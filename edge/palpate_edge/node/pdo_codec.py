@@ -55,9 +55,11 @@ class PdoLayout:
     packer: struct.Struct
 
     def pack(self, values: Mapping[ObjectKey, Value]) -> bytes:
+        """Return the payload."""
         return self.packer.pack(*[values[key] for key in self.keys])
 
     def unpack(self, data: bytes) -> dict[ObjectKey, int]:
+        """Return the raw integers of a payload of the right length."""
         return dict(zip(self.keys, self.packer.unpack(data), strict=True))
 
 
@@ -94,6 +96,7 @@ class PdoCodec:
 
     @property
     def length_bytes(self) -> int:
+        """Length of the payload."""
         return self.layout.packer.size
 
     def decode(self, data: bytes) -> dict[ObjectKey, int]:

@@ -48,6 +48,7 @@ class PdoParameters:
 
     @property
     def event_driven(self) -> bool:
+        """Return whether the transmission type is 254 or 255."""
         return self.transmission_type in EVENT_DRIVEN
 
 

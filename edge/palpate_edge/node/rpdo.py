@@ -45,10 +45,12 @@ class RpdoService:
             read_parameters(store, PdoDirection.RECEIVE, number)
 
     def start(self) -> None:
+        """Read the parameters and begin to receive."""
         parameters = (read_parameters(self._store, PdoDirection.RECEIVE, number) for number in self._numbers)
         self._rpdos = tuple(Rpdo(one) for one in parameters if one.valid)
 
     def stop(self) -> None:
+        """Stop receiving."""
         self._rpdos = ()
 
     def can_ids(self) -> set[int]:
@@ -56,6 +58,7 @@ class RpdoService:
         return valid_can_ids(self._store, PdoDirection.RECEIVE, self._numbers)
 
     def due_us(self) -> int | None:
+        """Return the earliest deadline; None if there is none."""
         return min((rpdo.deadline_us for rpdo in self._rpdos if rpdo.deadline_us is not None), default=None)
 
     def receive(

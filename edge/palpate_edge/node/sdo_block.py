@@ -60,6 +60,7 @@ class BlockDownload:
         return command & 0xE1 == DOWNLOAD_END if self._all_here else command != ABORT
 
     def receive(self, data: bytes) -> list[bytes]:
+        """Take a request that continues the transfer; return the responses."""
         return self._end(data) if self._all_here else self._segment(data)
 
     def _segment(self, data: bytes) -> list[bytes]:
@@ -120,9 +121,11 @@ class BlockUpload:
         self._phase = Phase.START
 
     def expects(self, command: int) -> bool:
+        """Return whether the first byte continues the transfer."""
         return command == COMMAND_OF_PHASE[self._phase]
 
     def receive(self, data: bytes) -> list[bytes]:
+        """Take a request that continues the transfer; return the responses."""
         match self._phase:
             case Phase.START:
                 self._phase = Phase.BLOCK_ACK

@@ -43,9 +43,11 @@ class SegmentedDownload:
         self._data = bytearray()
 
     def expects(self, command: int) -> bool:
+        """Return whether the first byte continues the transfer."""
         return command >> 5 == 0
 
     def receive(self, data: bytes) -> list[bytes]:
+        """Take a segment or its request; return the responses."""
         toggle = data[0] & TOGGLE
         if toggle != self._toggle:
             raise SdoAbortError(AbortCode.TOGGLE_BIT)
@@ -70,9 +72,11 @@ class SegmentedUpload:
         self._remaining = data
 
     def expects(self, command: int) -> bool:
+        """Return whether the first byte continues the transfer."""
         return command >> 5 == 3
 
     def receive(self, data: bytes) -> list[bytes]:
+        """Take a segment or its request; return the responses."""
         toggle = data[0] & TOGGLE
         if toggle != self._toggle:
             raise SdoAbortError(AbortCode.TOGGLE_BIT)

@@ -75,6 +75,7 @@ class SdoServer:
         return [self._frame(answer)] if stored else [self._abort(index, subindex, AbortCode.HARDWARE)]
 
     def due_us(self) -> int | None:
+        """Return when the running transfer times out; None without one."""
         return self._deadline_us
 
     def poll(self, now_us: int) -> list[CanFrame]:

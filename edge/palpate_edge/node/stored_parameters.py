@@ -67,6 +67,7 @@ def changed_parameters(store: ObjectStore, group: range) -> dict[ObjectKey, Valu
 
 
 def is_parameter(entry: Entry) -> bool:
+    """Return whether 1010h stores the object."""
     return entry.access.readable and entry.access.writable and entry.index not in NEVER_STORED
 
 

@@ -20,12 +20,12 @@ from palpate_edge.node.sync import COUNTER_OVERFLOW
 class Tpdo:
     """One TPDO in OPERATIONAL.
 
-    goes_by_itself: valid and event-driven. requested: triggered by the application since it was last sent.
+    self_triggered: valid and event-driven. requested: triggered by the application since it was last sent.
     awaits_start: the SYNC with its start value has not been received yet.
     """
 
     parameters: PdoParameters
-    goes_by_itself: bool
+    self_triggered: bool
     awaits_start: bool = False
     requested: bool = False
     syncs: int = 0
@@ -34,7 +34,7 @@ class Tpdo:
 
     def due_us(self) -> int | None:
         """Return the time at which a valid event-driven TPDO has to be sent, None for any other."""
-        if not self.goes_by_itself:
+        if not self.self_triggered:
             return None
         if self.requested:
             return self.inhibited_until_us
@@ -56,12 +56,14 @@ class Tpdo:
         return self.syncs >= kind
 
     def sent(self, now_us: int) -> None:
+        """Restart inhibit time and event timer after a transmission."""
         self.requested = False
         self.syncs = 0
         self.inhibited_until_us = now_us + self.parameters.inhibit_us
         self.start_event_timer(now_us)
 
     def start_event_timer(self, now_us: int) -> None:
+        """Restart the event timer, if the TPDO has one."""
         event_us = self.parameters.event_us
         self.event_due_us = now_us + event_us if event_us else None
 
@@ -77,6 +79,7 @@ class TpdoService:
             read_parameters(store, PdoDirection.TRANSMIT, number)
 
     def start(self, now_us: int) -> None:
+        """Read the parameters and begin to transmit."""
         for number in self.numbers:
             self.reconfigure(now_us, number)
 
@@ -86,7 +89,7 @@ class TpdoService:
         counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
         self._tpdos[number] = tpdo = Tpdo(
             parameters,
-            goes_by_itself=parameters.valid and parameters.event_driven,
+            self_triggered=parameters.valid and parameters.event_driven,
             awaits_start=counted and parameters.sync_start != 0,
         )
         tpdo.start_event_timer(now_us)
@@ -94,6 +97,7 @@ class TpdoService:
         self._tpdos = dict(by_identifier)
 
     def stop(self) -> None:
+        """Stop transmitting."""
         self._tpdos.clear()
 
     def can_ids(self) -> set[int]:
@@ -109,6 +113,7 @@ class TpdoService:
                 self._tpdos[number].requested = True
 
     def due_us(self) -> int | None:
+        """Return when the next TPDO is due; None if none is."""
         due = [tpdo.due_us() for tpdo in self._tpdos.values()]
         return min((at_us for at_us in due if at_us is not None), default=None)
 

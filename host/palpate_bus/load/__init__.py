@@ -1,4 +1,4 @@
-"""How much of a bus is used.
+"""Bus load: a budget from the EDS files, and measured load.
 
 Belongs here: bits of a frame, measured load, and the budget of a hand before it is bought. May use: eds and
 what it may use.

@@ -1,4 +1,4 @@
-"""How many bits a classic CAN frame takes on the wire: CRC-15 and stuff bits counted from the real bits.
+"""Length of a classic CAN frame on the wire in bits, with CRC-15 and the stuff bits of its real content.
 
 Source: Bosch CAN Specification 2.0 (1991), part A: 3.1.1 (frame fields), 3.1.1 CRC field (generator
 x^15+x^14+x^10+x^8+x^7+x^4+x^3+1), 5 (bit stuffing: start of frame to CRC sequence); ISO 11898-1, 10.
@@ -21,7 +21,7 @@ _IDLE: _State = (1, 0)
 
 
 def frame_bits(frame: CanFrame) -> int:
-    """Bits from start of frame to the end of the interframe space (3 bits), stuff bits included.
+    """Return the bits from start of frame to the end of the interframe space (3 bits), with stuff bits.
 
     47 + 8 n (n data bytes) plus 0 to floor((33 + 8 n) / 4) stuff bits. A remote frame has no data bits.
     """
@@ -38,7 +38,7 @@ def frame_bits(frame: CanFrame) -> int:
 
 @cache
 def _header(can_id: int, remote: bool, length: int) -> tuple[_State, int, int]:
-    """(stuffing state, bits, CRC) after start of frame, identifier, RTR, IDE, r0 and DLC: 19 bits."""
+    """Return (stuffing state, bits, CRC) after start of frame, identifier, RTR, IDE, r0 and DLC: 19 bits."""
     bits = (can_id << 7) | (int(remote) << 6) | length
     state, count = _stuff(_IDLE, bits, 19)
     crc = 0
@@ -49,7 +49,7 @@ def _header(can_id: int, remote: bool, length: int) -> tuple[_State, int, int]:
 
 @cache
 def _stuff(state: _State, bits: int, width: int) -> tuple[_State, int]:
-    """(state, bits sent) after sending `width` bits, most significant first, with stuffing."""
+    """Return (state, bits sent) after `width` bits, most significant first, with stuffing."""
     level, run = state
     sent = width
     for shift in range(width - 1, -1, -1):

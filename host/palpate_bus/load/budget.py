@@ -1,8 +1,8 @@
-"""How much of a bus a hand needs, before anything is bought: every frame that is sent periodically, its bits.
+"""Bus load of a hand before any hardware is bought: the bits of every periodic frame.
 
-The frames and their lengths are those of the two EDS files. A frame takes 47 + 8 n bits (interframe space
-included) and stuff bits: none at best, floor((34 + 8 n - 1) / 4) at worst (Davis, Burns, Bril, Lukkien,
-Real-Time Systems 35, 2007, 239-272); the mean is counted bit by bit over values that are usual there.
+Frames and their lengths come from the two EDS files. A frame takes 47 + 8 n bits (with the interframe space)
+and stuff bits: none at best, floor((34 + 8 n - 1) / 4) at worst (Davis, Burns, Bril, Lukkien, Real-Time
+Systems 35, 2007, 239-272). The mean is counted bit by bit over ordinary values.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from palpate_edge.node.pdo_parameters import pdo_numbers
 
 SAMPLES = 200
 FITS_PERCENT = 80.0
-"""Worst-case load up to which a case is said to fit: a fifth is left for what nobody planned, and errors."""
+"""Worst-case load up to which a case fits; a fifth is left for unplanned traffic and errors."""
 
 HOST_NODE, FIRST_FINGERTIP, FIRST_DRIVE = 0x7F, 0x10, 1
 NODE_IDS = 127
 
-# What the objects usually carry, as raw values. What is not listed takes the whole range of its type.
+# Ordinary raw values of the objects. An object that is not listed takes the whole range of its type.
 _USUAL: dict[tuple[int, int], tuple[int, int]] = {
     **{(AI_INPUT, quantity.channel): quantity.usual_raw for quantity in QUANTITIES},
     (0x2010, 0): (4, 5),
@@ -55,7 +55,7 @@ _USUAL: dict[tuple[int, int], tuple[int, int]] = {
 class BudgetCase:
     """A hand on a bus. joints: of all fingers together, one drive each.
 
-    sdo_per_s: request and answer, reserved for the master's questions; time_stamps_per_s: 1013h.
+    sdo_per_s: SDO requests reserved for the master, each with a response; time_stamps_per_s: 1013h.
     """
 
     fingertips: int = 3
@@ -69,12 +69,13 @@ class BudgetCase:
 
     @property
     def nodes(self) -> int:
+        """Number of nodes, with the host."""
         return self.fingertips + self.joints + 1
 
 
 @dataclass(frozen=True, slots=True)
 class FrameStream:
-    """One kind of frame. per_s: of all senders together; least, mean, worst: bits a frame."""
+    """One kind of frame. per_s: of all senders together; least, mean, worst: bits per frame."""
 
     name: str
     length: int
@@ -88,7 +89,7 @@ class FrameStream:
 class Budget:
     """The streams of a case; loads in per cent of the bit rate.
 
-    burst_us: one frame of everything that goes with each tick or camera frame, back to back, at worst.
+    burst_us: longest time of one frame from each sender of the streams with 10 frames/s or more.
     """
 
     case: BudgetCase
@@ -97,26 +98,29 @@ class Budget:
 
     @property
     def mean_percent(self) -> float:
+        """Mean load."""
         return self._percent(stream.per_s * stream.mean for stream in self.streams)
 
     @property
     def worst_percent(self) -> float:
+        """Load if every frame has as many stuff bits as possible."""
         return self._percent(stream.per_s * stream.worst for stream in self.streams)
 
     @property
     def frames_per_s(self) -> float:
+        """Frames of all streams together."""
         return sum(stream.per_s for stream in self.streams)
 
     @property
     def verdict(self) -> str:
-        """``fits``, ``tight`` (below 100 % at worst) or ``does not fit``."""
+        """Verdict: ``fits``, ``tight`` (at most 100 % at worst) or ``does not fit``."""
         if self.case.nodes > NODE_IDS or self.worst_percent > 100.0:
             return "does not fit"
         in_time = self.burst_us <= 1e6 / self.case.tick_Hz
         return "fits" if in_time and self.worst_percent <= FITS_PERCENT else "tight"
 
     def percent_of(self, stream: FrameStream) -> float:
-        """The stream's mean load."""
+        """Return the stream's mean load."""
         return self._percent([stream.per_s * stream.mean])
 
     def _percent(self, bits_per_s: Iterable[float]) -> float:
@@ -124,7 +128,7 @@ class Budget:
 
 
 def budget(case: BudgetCase) -> Budget:
-    """The load of a case."""
+    """Return the load of a case."""
     streams = [
         *_pdo_streams("fingertip", FINGERTIP_EDS, FIRST_FINGERTIP, case.fingertips, case),
         *_pdo_streams("drive", CIA402_EDS, FIRST_DRIVE, case.joints, case),
@@ -141,13 +145,13 @@ def budget(case: BudgetCase) -> Budget:
 
 
 def largest_frame_rate(case: BudgetCase) -> float:
-    """Camera frames a second at which the worst-case load is FITS_PERCENT; 0 when nothing is left."""
+    """Return the camera frames/s at which the worst-case load is FITS_PERCENT; 0 if the rest exceeds it."""
     none, one = (budget(replace(case, frames_per_s=rate)).worst_percent for rate in (0.0, 1.0))
     return max(0.0, (FITS_PERCENT - none) / (one - none)) if one > none else 0.0
 
 
 def worst_bits(length: int) -> int:
-    """Bits of a data frame of `length` bytes with as many stuff bits as there can be."""
+    """Return the bits of a data frame of `length` bytes with as many stuff bits as possible."""
     return 47 + 8 * length + (34 + 8 * length - 1) // 4
 
 
@@ -156,7 +160,7 @@ def _senders(stream: FrameStream, case: BudgetCase) -> int:
 
 
 def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase) -> list[FrameStream]:
-    """One stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
+    """Return a stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
     od, neighbour = load_eds(eds, node_id), load_eds(eds, node_id + 1)
     streams = []
     for direction in PdoDirection:
@@ -170,7 +174,7 @@ def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase
 
 
 def _rate(od: ObjectDictionary, codec: PdoCodec, case: BudgetCase) -> float:
-    """Frames a second of one node by the PDO's transmission type and event timer."""
+    """Return the frames/s of one node by the PDO's transmission type and event timer."""
     index = codec.direction.communication_index + codec.number - 1
     if codec.direction is PdoDirection.RECEIVE:
         return case.tick_Hz

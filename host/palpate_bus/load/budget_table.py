@@ -1,4 +1,4 @@
-"""The budget as pictures in the terminal: a bar for each kind of frame, and a table of usual hands."""
+"""The budget for the terminal: a bar for each kind of frame, and a table of ordinary hands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ USUAL_CASES = (
 
 
 def breakdown(result: Budget) -> RenderableType:
-    """Each kind of frame of one case, with a bar of its mean load."""
+    """Return a table of the frames of one case, each with a bar of its mean load."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("frame")
     for title in ("bytes", "a second", "bits mean", "worst", "load %"):
@@ -52,7 +52,7 @@ def breakdown(result: Budget) -> RenderableType:
 
 
 def summary(result: Budget) -> Text:
-    """The sum, and what it means."""
+    """Return the total load, the verdict and the burst as text."""
     case = result.case
     text = Text(
         f"{case.fingertips} fingertips at {case.frames_per_s:g} FPS, {case.joints} drives at "
@@ -70,7 +70,7 @@ def summary(result: Budget) -> Text:
 
 
 def usual_hands(like: BudgetCase) -> Table:
-    """USUAL_CASES with the tick, bit rate and reserves of `like`."""
+    """Return a table of USUAL_CASES with the tick, bit rate and reserves of `like`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for title in ("fingertips", "drives", "FPS", "frames/s", "mean %", "worst %"):
         table.add_column(title, justify="right")
@@ -96,14 +96,14 @@ def usual_hands(like: BudgetCase) -> Table:
 
 
 def bar(value: float, full: float, colour: str) -> Text:
-    """A bar of BAR_WIDTH characters at `full`, to an eighth of a character."""
+    """Return a bar with BAR_WIDTH characters at `full` and a resolution of an eighth of a character."""
     eighths = round(8 * BAR_WIDTH * value / full) if full else 0
-    rest = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
-    return Text("█" * (eighths // 8) + rest, style=colour)
+    last = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
+    return Text("█" * (eighths // 8) + last, style=colour)
 
 
 def show(result: Budget, console: Console) -> None:
-    """Everything about one case, then the usual hands on the same bus."""
+    """Print all figures of one case, then those of ordinary hands on the same bus."""
     console.print(breakdown(result))
     console.print()
     console.print(usual_hands(result.case))

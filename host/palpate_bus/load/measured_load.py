@@ -1,4 +1,4 @@
-"""Bus load: bits on the wire in the last second, and counts for each identifier since the start."""
+"""Measured bus load: bits on the wire in the last second, and counts for each identifier since the start."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _BIN_US = 100_000
 
 
 class BusLoad:
-    """Counts frames and bits; time is the moment a frame won the wire."""
+    """Counts frames and bits; a frame counts at the time at which it won arbitration."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -18,7 +18,7 @@ class BusLoad:
         self._bins: deque[tuple[int, int]] = deque()  # (bin number, bits), oldest first
 
     def count(self, won_at_us: int, can_id: int, bits: int) -> None:
-        """Adds one frame."""
+        """Add one frame."""
         self.frames += 1
         self.bits += bits
         frames_of_id, bits_of_id = self.by_id.get(can_id, (0, 0))
@@ -31,7 +31,7 @@ class BusLoad:
         self._forget(won_at_us)
 
     def window_bits(self, now_us: int) -> int:
-        """Bits of the frames that won the wire in the second before `now_us`, to 0.1 s."""
+        """Return the bits of the frames that won arbitration in the second before `now_us`, to 0.1 s."""
         self._forget(now_us)
         return sum(bits for _, bits in self._bins)
 

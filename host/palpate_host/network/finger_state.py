@@ -1,4 +1,4 @@
-"""What the host remembers of one finger: its last contact, how old it is, and how often frames come."""
+"""The host's record of one finger: its last contact, the contact's age, and the frame rate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RATE_SAMPLES = 256
 
 
 class FingerRecord:
-    """One finger's fingertip and the times that the supervisor and the view ask for."""
+    """One finger's fingertip with the ages for the supervisor and the figures for the status."""
 
     def __init__(self, name: str, node_id: int) -> None:
         self.node_id = node_id
@@ -28,12 +28,12 @@ class FingerRecord:
         self._received_us: deque[int] = deque(maxlen=RATE_SAMPLES)
 
     def forget(self) -> None:
-        """What it said before counts no more: its first frame is awaited anew."""
+        """Drop all contacts, after a boot or a lost bus, and wait for the first frame."""
         self.tip.forget()
         self._last = self._valid_at_us = self._touched_at_us = None
 
     def note(self, contact: TipContact) -> None:
-        """Remember a coherent contact. Ages count from the exposure, the moment it was true."""
+        """Take a coherent contact. Ages count from its exposure."""
         self._last = contact
         self._received_us.append(contact.received_at_us)
         if contact.valid:
@@ -41,18 +41,18 @@ class FingerRecord:
         if contact.in_contact:
             self._touched_at_us = contact.exposed_at_us
 
-    def health(self, now_us: int, is_silent: bool) -> FingerHealth:
-        """For the supervisor."""
+    def health(self, now_us: int, heartbeat_timed_out: bool) -> FingerHealth:
+        """Return the finger's state for the supervisor."""
         return FingerHealth(
             name=self._name,
             frame_age_us=_age(now_us, self._valid_at_us),
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,
-            heartbeat_timed_out=is_silent,
+            heartbeat_timed_out=heartbeat_timed_out,
         )
 
     def status(self, now_us: int) -> FingerStatus:
-        """For the view."""
+        """Return the finger's part of the host's status."""
         while self._received_us and now_us - self._received_us[0] > RATE_WINDOW_US:
             self._received_us.popleft()
         last, counters = self._last, self.tip.counters

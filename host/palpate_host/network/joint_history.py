@@ -1,4 +1,4 @@
-"""Where the joints were: a bounded history, so that a late camera frame meets the pose it was exposed in."""
+"""History of the joint angles, so that a late camera frame is used with the pose of its exposure."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from palpate_edge.common.arrays import Array
 
 
 class JointHistory:
-    """Joint angles at growing times, the oldest forgotten beyond `capacity` samples."""
+    """Joint angles by increasing time; beyond `capacity` samples the oldest are dropped."""
 
     def __init__(self, capacity: int) -> None:
         self._samples: deque[tuple[int, Array]] = deque(maxlen=capacity)
 
     def add(self, time_us: int, q_rad: Array) -> None:
-        """Append (nq,) angles; a time not after the last one is left out."""
+        """Append (nq,) angles; a sample that is not later than the last one is ignored."""
         if not self._samples or time_us > self._samples[-1][0]:
             self._samples.append((time_us, q_rad))
 
     def at(self, time_us: int) -> Array | None:
-        """Angles at `time_us`, linear between samples, the newest for later ones; None before the oldest."""
+        """Return the angles at `time_us`: interpolated, or the newest; None before the oldest sample."""
         newer: tuple[int, Array] | None = None
         for sample in reversed(self._samples):
             if sample[0] <= time_us:

@@ -1,7 +1,7 @@
-"""The host as NMT master: brings the nodes up, beats, and notices who falls silent (CiA 301, 7.2.8).
+"""The host as NMT master: starts the nodes, sends its heartbeat and monitors theirs (CiA 301, 7.2.8).
 
-Pure: frames and times in, frames out. Every known node is reset once at the start, so that none is left in a
-state that somebody else brought it to; a node not heard of is asked by reset again each second.
+Pure: frames and times in, frames out. Every known node is reset once at the start, so that none keeps a state
+set by another master. A node without a boot-up or heartbeat is reset again every second.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ TIME_STAMP_ID = 0x1FF  # 1013h; every fingertip's RPDO 1
 HEARTBEAT_ID = 0x700
 EMCY_ID = 0x080
 
-ASK_AGAIN_US = 1_000_000
+RESET_AGAIN_US = 1_000_000
 START_AGAIN_US = 200_000
 TIME_STAMP_EVERY_US = 50_000
 
 
 def nmt(command: NmtCommand, node_id: int) -> CanFrame:
-    """The NMT frame for one node."""
+    """Return the NMT frame for one node."""
     return CanFrame(NMT_ID, bytes((command, node_id)))
 
 
 def foreign_stop(frame: CanFrame, host_node: int) -> bool:
-    """Whether another master takes all nodes, or this host, out of operation: an operator's stop by NMT.
+    """Return whether another master stops all nodes or this host: an operator's stop by NMT.
 
-    The host itself commands its nodes one by one, so its own frames never mean this.
+    The host commands its nodes one by one, so its own frames never match.
     """
     if frame.can_id != NMT_ID or len(frame.data) != 2:
         return False
@@ -39,10 +39,10 @@ def foreign_stop(frame: CanFrame, host_node: int) -> bool:
 
 
 class TimeStampProducer:
-    """The bus's clock: when a SYNC left, told after it as 1013h, microseconds modulo 2^32 (CiA 301).
+    """Producer of the bus clock: 1013h carries the time of the last SYNC in us, modulo 2^32 (CiA 301).
 
-    `sync_left` has the stamp that the interface gave to the host's own SYNC on the wire; the time at which it
-    was handed to the driver would lack its wait for the bus.
+    `sync_left` takes the interface's time stamp of the host's own SYNC on the wire. The time at which the
+    SYNC was handed to the driver would not include its wait for the bus.
     """
 
     def __init__(self) -> None:
@@ -50,11 +50,11 @@ class TimeStampProducer:
         self._next_us: int | None = None
 
     def sync_left(self, stamp_us: int) -> None:
-        """A SYNC of ours came back from the bus."""
+        """Take the time stamp of the host's own SYNC on the bus."""
         self._left_us.append(stamp_us)
 
     def due(self, tick_us: int) -> list[CanFrame]:
-        """The stamp of the last SYNC that left before this tick, every `TIME_STAMP_EVERY_US`."""
+        """Return the time stamp of the last SYNC before this tick, every `TIME_STAMP_EVERY_US`."""
         left_us = [stamp_us for stamp_us in self._left_us if stamp_us < tick_us]
         if not left_us:
             return []
@@ -66,27 +66,27 @@ class TimeStampProducer:
 
 
 class Network:
-    """The nodes the hand is made of, as NMT sees them."""
+    """The nodes of the hand with their NMT states and heartbeats."""
 
     def __init__(self, names: Mapping[int, str], host_node: int, heartbeat_us: int, timeout_us: int) -> None:
         self._names = dict(names)
         self._host_node = host_node
         self._heartbeat_us = heartbeat_us
         self._timeout_us = timeout_us
-        self._heard_us: dict[int, int] = {}
+        self._last_heartbeat_us: dict[int, int] = {}
         self._state: dict[int, int] = {}
-        self._asked_us: dict[int, int] = {}
+        self._reset_us: dict[int, int] = {}
         self._started_us: dict[int, int] = {}
         self._next_heartbeat_us: int | None = None
 
     def receive(self, stamp_us: int, frame: CanFrame) -> int | None:
-        """Take a heartbeat in; returns the node id when it is a boot-up. Other lengths than 1 are ignored."""
+        """Take a heartbeat; return the node id if it is a boot-up. A frame must have 1 byte."""
         node_id = frame.can_id - HEARTBEAT_ID
-        # A reset may still be on its way when the loop starts: what was said before it does not count.
-        if node_id not in self._asked_us or len(frame.data) != 1:
+        # The reset may wait in the transmit queue when the loop starts: heartbeats before it do not count.
+        if node_id not in self._reset_us or len(frame.data) != 1:
             return None
         state = frame.data[0] & 0x7F
-        self._heard_us[node_id] = stamp_us
+        self._last_heartbeat_us[node_id] = stamp_us
         self._state[node_id] = state
         if state != NmtState.INITIALISING:
             return None
@@ -95,15 +95,15 @@ class Network:
         return node_id
 
     def due(self, now_us: int, ready: Collection[int]) -> list[CanFrame]:
-        """The host's heartbeat, resets for the unheard, starts for those in `ready` that do not operate."""
+        """Return the host's heartbeat, resets of nodes without one, and starts of those in `ready`."""
         frames: list[CanFrame] = []
         if self._next_heartbeat_us is None or now_us >= self._next_heartbeat_us:
             self._next_heartbeat_us = now_us + self._heartbeat_us
             frames.append(CanFrame(HEARTBEAT_ID + self._host_node, bytes((NmtState.OPERATIONAL,))))
         for node_id in self._names:
-            if node_id not in self._heard_us:
-                if now_us >= self._asked_us.get(node_id, now_us - ASK_AGAIN_US) + ASK_AGAIN_US:
-                    self._asked_us[node_id] = now_us
+            if node_id not in self._last_heartbeat_us:
+                if now_us >= self._reset_us.get(node_id, now_us - RESET_AGAIN_US) + RESET_AGAIN_US:
+                    self._reset_us[node_id] = now_us
                     frames.append(nmt(NmtCommand.RESET_COMMUNICATION, node_id))
             elif node_id in ready and not self.operates(node_id) and self._may_start(node_id, now_us):
                 self._started_us[node_id] = now_us
@@ -115,33 +115,35 @@ class Network:
         return started_us is None or now_us >= started_us + START_AGAIN_US
 
     def stop_all(self) -> list[CanFrame]:
-        """NMT stop to each node of the hand, one by one: the bus may carry others."""
+        """Return NMT stop for each node of the hand, one by one: the bus may have other nodes."""
         return [nmt(NmtCommand.STOP, node_id) for node_id in self._names]
 
     def is_up(self, node_id: int) -> bool:
-        """Heard of since the reset."""
-        return node_id in self._heard_us
+        """Return whether the node has sent a heartbeat since its reset."""
+        return node_id in self._last_heartbeat_us
 
     def operates(self, node_id: int) -> bool:
+        """Return whether the node is operational."""
         return self._state.get(node_id) == NmtState.OPERATIONAL
 
     def restart(self) -> None:
-        """Forget every node: each is reset and started anew."""
-        for known in (self._heard_us, self._state, self._asked_us, self._started_us):
+        """Reset and start every node again."""
+        for known in (self._last_heartbeat_us, self._state, self._reset_us, self._started_us):
             known.clear()
 
     def missing(self) -> list[str]:
-        """Names of the nodes not heard of since their reset."""
-        return [self.name(node_id) for node_id in self._names if node_id not in self._heard_us]
+        """Return the names of the nodes without a heartbeat since their reset."""
+        return [self.name(node_id) for node_id in self._names if node_id not in self._last_heartbeat_us]
 
-    def is_silent(self, node_id: int, now_us: int) -> bool:
-        """It was heard once and its heartbeat has been away for longer than the time-out."""
-        heard_us = self._heard_us.get(node_id)
-        return heard_us is not None and now_us - heard_us > self._timeout_us
+    def heartbeat_timed_out(self, node_id: int, now_us: int) -> bool:
+        """Return whether the node's heartbeat has timed out after it was received at least once."""
+        last_us = self._last_heartbeat_us.get(node_id)
+        return last_us is not None and now_us - last_us > self._timeout_us
 
     def name(self, node_id: int) -> str:
+        """Return name and id of a node for messages."""
         return f"{self._names[node_id]} (node 0x{node_id:02X})"
 
     def not_operating(self) -> list[str]:
-        """Names of the nodes that do not operate yet."""
+        """Return the names of the nodes that are not operational yet."""
         return [self.name(node_id) for node_id in self._names if not self.operates(node_id)]

@@ -1,7 +1,7 @@
-"""The other nodes of the bus as the host knows them: what they said last, and what is to be asked of them.
+"""The other nodes of the bus as the host knows them: their last frames, and the frames for them.
 
-Frames go in with their stamps, and every tick begins with the frames of `tick`. What stops the hand for good
-is kept until `recover`: `fault` and `stop` say why in one line, the first reason stays.
+Input are frames with their time stamps; every tick begins with the frames of `tick`. A reason that stops the
+hand remains in `fault` or `stop`, one line each, until `recover`; the first reason is kept.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NMT_STOP = "stopped by another NMT master"
 
 @dataclass(frozen=True, slots=True)
 class PairedContact:
-    """A valid contact of a finger, and the hand's pose when its frame was exposed."""
+    """A valid contact of a finger with the hand's pose at its exposure."""
 
     finger: int
     contact: TipContact
@@ -46,7 +46,7 @@ class PairedContact:
 
 
 class Nodes:
-    """Drives, fingertips and NMT of one hand; `receive` understands the identifiers `accept_ids`."""
+    """Drives, fingertips and NMT of one hand; `receive` takes the identifiers `accept_ids`."""
 
     def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
         network = config.network
@@ -73,9 +73,9 @@ class Nodes:
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
-        """The identifiers wanted from the bus: for filters, and to pick a host's inputs from a log.
+        """Identifiers of the host's inputs: for receive filters, and to select the inputs in a log.
 
-        Its own SYNC is one of them: the bus's stamp of it is what 1013h tells.
+        The host's own SYNC is one of them: 1013h carries its time stamp.
         """
         nodes = self._config.node_names
         beats = [HEARTBEAT_ID + node for node in nodes]
@@ -84,7 +84,7 @@ class Nodes:
         return tuple(sorted([*others, *self.drives.receive_ids, *self._finger_by_id]))
 
     def receive(self, stamp_us: int, frame: CanFrame) -> PairedContact | None:
-        """Take a frame in; gives a contact to turn the object by. One that breaks the contract is a fault."""
+        """Take a frame; return a contact for the controller. A frame that contradicts its EDS is a fault."""
         try:
             return self._receive(stamp_us, frame)
         except BusError as exc:
@@ -92,7 +92,7 @@ class Nodes:
             return None
 
     def tick(self, tick_us: int) -> list[CanFrame]:
-        """Note where the joints were at the last SYNC; gives the frames up to this one."""
+        """Record the joint angles of the last SYNC; return the frames of this tick, SYNC last."""
         drives, asked_us = self.drives, self._last_sync_us
         if asked_us is not None:
             if tick_us > (due_us := asked_us + self._tick_us):
@@ -107,12 +107,12 @@ class Nodes:
         return [*frames, *drives.requests(tick_us, is_up), SYNC]
 
     def fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
-        """Why the hand must stop in a mode that moves joints; empty: it need not. Homing takes a step."""
+        """Return why the hand has to stop in a mode that moves joints, or an empty text; do a homing step."""
         if mode not in (*MOVING, Mode.HOME):
             return ""
         drives, network = self.drives, self.network
         for drive in drives.drives:
-            if network.is_silent(drive.node_id, tick_us):
+            if network.heartbeat_timed_out(drive.node_id, tick_us):
                 return f"{network.name(drive.node_id)}: heartbeat lost"
         emergency = self.last_emergency or "no EMCY"
         if mode is Mode.HOME:
@@ -130,7 +130,7 @@ class Nodes:
         return runaway.joint_fault(self._config.joints, torque_Nm, qdot_rad_s, self._config.limits)
 
     def bus_lost(self) -> None:
-        """What the nodes said counts no more."""
+        """Drop the nodes' states, after the bus was lost."""
         self._time_stamps = TimeStampProducer()
         self._last_sync_us = None
         self._forget_joints()
@@ -139,7 +139,7 @@ class Nodes:
             finger.forget()
 
     def recover(self) -> None:
-        """Every node is reset and begins anew, and what stopped the hand is done with."""
+        """Clear the reasons of the stop and reset every node."""
         self.fault = self.stop = self.last_emergency = ""
         self._forget_joints()
         self.network.restart()
@@ -180,8 +180,10 @@ class Nodes:
                 finger.tip.forget()
 
     def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
-        """A drive's temperature is a fault in every mode, even of a drive that goes on; a fingertip's is not:
-        its light derates by itself."""
+        """Count an emergency; a drive's temperature is a fault in every mode, even if the drive goes on.
+
+        A fingertip's temperature is no fault: its light is dimmed by its own controller.
+        """
         self.counters.emergencies += 1
         code = int.from_bytes(frame.data[:2], "little")
         name = self.network.name(node_id)
@@ -205,7 +207,7 @@ class Nodes:
         return PairedContact(index, contact, pose) if contact.valid else None
 
     def _pose_at_exposure(self, contact: TipContact, stamp_us: int) -> HandPose | None:
-        """None when the exposure lies before the joints' history or ahead of the clock."""
+        """Return the pose at the exposure; None if it is before the joints' history or ahead of the clock."""
         if contact.exposed_at_us > stamp_us + EXPOSURE_AHEAD_LIMIT_US:
             return None
         q_rad = self._history.at(contact.exposed_at_us)

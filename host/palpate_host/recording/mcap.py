@@ -10,10 +10,10 @@
 | /tactile/FINGER/quantities | JSON: every quantity of the contact; null where it is not known |
 | /object | PoseInFrame: orientation of the contact frame, Eq. (16), at the centroid of the tips |
 | /diagnostics | Log: every change of mode, with its reason, and of warning |
-| /host/status | JSON: all that the host told of the tick, from which every other topic is made |
+| /host/status | JSON: the host's whole status of the tick, from which every other topic is made |
 
-A file that was never closed (killed, power cut) is read by what follows the records and needs no index;
-`flush` ends a chunk, and what came before it is safe.
+A file that was never closed (killed process, power cut) is readable record by record without its index;
+`flush` ends a chunk, and everything before it is in the file.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ QUANTITIES_SCHEMA = {
 
 
 class McapRecording:
-    """One MCAP file; close it, or use it as a context."""
+    """Writer of one MCAP file; close it, or use it as a context manager."""
 
     def __init__(self, path: Path, hand: HandKinematics, fingers: Iterable[str]) -> None:
         """Open the file and declare the channels. Raises ConfigError when it cannot be written."""
@@ -79,7 +79,7 @@ class McapRecording:
         self._status = foxglove.Channel(STATUS_TOPIC, schema={"type": "object"}, context=context)
         self._encoder = msgspec.json.Encoder()
         self._last_sequence: dict[str, int | None] = {}
-        self._last_said = ("", "", "")
+        self._last_message = ("", "", "")
 
     def __enter__(self) -> McapRecording:
         return self
@@ -122,9 +122,9 @@ class McapRecording:
             if finger.sequence != self._last_sequence.get(finger.name):
                 self._last_sequence[finger.name] = finger.sequence
                 self._write_contact(finger, stamp, time_ns)
-        said = (status.mode.value, status.reason, status.warning)
-        if said != self._last_said:
-            self._last_said = said
+        message = (status.mode.value, status.reason, status.warning)
+        if message != self._last_message:
+            self._last_message = message
             level = fg.LogLevel.Warning if status.warning else fg.LogLevel.Info
             text = f"{status.mode.value}: {status.reason}" + (
                 f" ({status.warning})" if status.warning else ""
@@ -208,6 +208,6 @@ def _quaternion(R: Array) -> fg.Quaternion:
 
 
 def _along(direction: Array) -> fg.Quaternion:
-    """An orientation whose +x is `direction` (3,), a unit vector."""
+    """Return an orientation whose +x is `direction` (3,), a unit vector."""
     rotation, _ = Rotation.align_vectors([direction], [[1.0, 0.0, 0.0]])
     return _quaternion(rotation.as_matrix())

@@ -1,7 +1,8 @@
-"""One topic's messages from an MCAP file, also from one that was never finished.
+"""Reader of one topic of an MCAP file, also of a file that was never finished.
 
-Only what is needed to read our own recordings back: records in the order of the file, no index. Source of the
-format: the MCAP specification, version 0 (mcap.dev): magic, then records of opcode (U8), length (U64), body.
+Reads as much of the format as our own recordings need: records in the order of the file, no index. Source of
+the format: the MCAP specification, version 0 (mcap.dev): magic, then records of opcode (U8), length (U64),
+body.
 """
 
 from __future__ import annotations
@@ -23,21 +24,21 @@ CHUNK_HEADER = struct.Struct("<QQQI")  # first and last time, size when unpacked
 
 
 def messages(path: Path, topic: str) -> Iterator[bytes]:
-    """The payloads of `topic`. A last record or chunk that was cut off is left out.
+    """Yield the payloads of `topic`. A truncated last record or chunk is omitted.
 
-    ConfigError when the file is no MCAP, cannot be read, or has a chunk packed in a way unknown here.
+    Raises ConfigError if the file is no MCAP file, cannot be read, or has a chunk of unknown compression.
     """
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise ConfigError(f"{path}: is no MCAP file: give another")
+                raise ConfigError(f"{path}: not an MCAP file: give another file")
             wanted: set[int] = set()
             while len(head := file.read(RECORD.size)) == RECORD.size:
                 opcode, length = RECORD.unpack(head)
                 if opcode == DATA_END:
                     return
-                if length > size - file.tell():  # cut off, or a chunk whose length is told at its end
+                if length > size - file.tell():  # truncated, or a chunk that was not finished
                     return
                 yield from _payloads(path, opcode, file.read(length), topic, wanted)
     except OSError as exc:
@@ -45,7 +46,7 @@ def messages(path: Path, topic: str) -> Iterator[bytes]:
 
 
 def _payloads(path: Path, opcode: int, body: bytes, topic: str, wanted: set[int]) -> Iterator[bytes]:
-    """Of one record; `wanted` gathers the ids of the topic's channels."""
+    """Yield the payloads in one record; `wanted` collects the ids of the topic's channels."""
     if opcode == CHANNEL:
         (channel,) = struct.unpack_from("<H", body)
         (length,) = struct.unpack_from("<I", body, 4)
@@ -75,4 +76,6 @@ def _unpacked(path: Path, chunk: bytes) -> bytes:
     try:
         return bytes(pa.decompress(data, size, codec=packing, asbytes=True))
     except (ValueError, OSError, pa.ArrowException) as exc:
-        raise ConfigError(f"{path}: a chunk packed by {packing} cannot be unpacked ({exc})") from exc
+        raise ConfigError(
+            f"{path}: a chunk compressed with {packing} cannot be read ({exc}): record it again"
+        ) from exc

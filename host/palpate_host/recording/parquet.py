@@ -1,7 +1,7 @@
 """The rows of table.py as a Parquet file, in the types of LeRobot's datasets.
 
-There ``observation.state`` and `action` are vectors of float32, one a row, and ``timestamp`` is float32. The
-schema's metadata `names` tells, as JSON, what each vector's elements are. A value that is not known is NaN.
+``observation.state`` and ``action`` are vectors of float32, one a row, and ``timestamp`` is float32. The
+schema's metadata ``names`` is JSON with the names of each vector's elements. An unknown value is NaN.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def write_parquet(path: Path, statuses: Iterable[HostStatus]) -> int:
 
 
 def vector_names(row: dict[str, Cell]) -> dict[str, list[str]]:
-    """Vector column -> its elements: every number of `row` whose name has a part behind the vector's own."""
+    """Return the elements of each vector column: the numbers of `row` whose name is VECTOR.ELEMENT."""
     found: dict[str, list[str]] = {}
     for name, value in row.items():
         vector, _, element = name.rpartition(".")

@@ -1,8 +1,8 @@
-"""A recording that may run for days: a folder of numbered pieces, each a bus log and an MCAP file.
+"""A recording of any length: a folder of numbered pieces, each a bus log and an MCAP file.
 
-A piece ends after its bytes, and beyond the folder's bytes the oldest pieces go. Once a second all that came
-is on the disk, so that a power cut costs that second: a candump log is read line by line, an MCAP file
-without its end chunk by chunk (mcap_reader.py).
+A piece has a largest size; beyond the folder's largest size the oldest pieces are deleted. Everything is
+flushed to the disk once a second, so a power cut costs at most that second: a candump log is read line by
+line, an unfinished MCAP file chunk by chunk (mcap_reader.py).
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ FLUSH_EVERY_US = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """piece_bytes: of one piece, log and MCAP together; folder_bytes: of all."""
+    """Largest sizes. piece_bytes: of one piece, log and MCAP together; folder_bytes: of all pieces."""
 
     piece_bytes: int
     folder_bytes: int
 
 
 class SegmentedRecording:
-    """Writes pieces 000001, 000002, ... into a folder; use it as a context."""
+    """Writer of the pieces 000001, 000002, ... in a folder; use it as a context manager."""
 
     def __init__(self, folder: Path, config: HandConfig, hand: HandKinematics, bounds: Bounds) -> None:
-        """ConfigError when the folder cannot be made or holds a recording already."""
+        """Create the folder. Raises ConfigError if that fails, or if the folder has a recording already."""
         self._folder, self._config, self._hand, self._bounds = folder, config, hand, bounds
         self.frames = self.ticks = self.pieces = 0
         self._log: LogWriter | None = None
@@ -45,7 +45,7 @@ class SegmentedRecording:
         self._flushed_us: int | None = None
         make_folder(folder, ConfigError)
         if any(folder.glob("*.mcap")):
-            raise ConfigError(f"{folder}: holds a recording already: give another folder or remove it")
+            raise ConfigError(f"{folder}: already contains a recording: give another folder or remove it")
         self._begin()
 
     def __enter__(self) -> SegmentedRecording:
@@ -57,12 +57,12 @@ class SegmentedRecording:
         self.close()
 
     def write(self, now_us: int, records: Iterable[LogRecord], statuses: Iterable[HostStatus]) -> None:
-        """What has come until `now_us`. ConfigError, LogError when the disk refuses."""
+        """Write the frames and statuses up to `now_us`. Raises ConfigError, LogError if the disk fails."""
         assert self._log is not None and self._mcap is not None
         for record in records:
             self._log.write(record)
             self.frames += 1
-        self._log.flush()  # whole lines, so that a killed process leaves no cut one
+        self._log.flush()  # whole lines, so that a killed process leaves no truncated one
         for status in statuses:
             self._mcap.write(status)
             self.ticks += 1
@@ -72,10 +72,10 @@ class SegmentedRecording:
             if _size(self._paths(self.pieces)) >= self._bounds.piece_bytes:
                 self.close()
                 self._begin()
-            self._let_go()
+            self._delete_oldest()
 
     def close(self) -> None:
-        """End the piece; a second call does nothing."""
+        """End the piece; a second call has no effect."""
         if self._mcap is not None:
             self._mcap.close()
         if self._log is not None:
@@ -98,8 +98,8 @@ class SegmentedRecording:
             with path.open("rb") as file:
                 os.fsync(file.fileno())
 
-    def _let_go(self) -> None:
-        """The oldest pieces, as long as the folder is too large; the one that is written stays."""
+    def _delete_oldest(self) -> None:
+        """Delete the oldest pieces while the folder is too large; the present piece stays."""
         sizes = {log: _size((log, log.with_suffix(".mcap"))) for log in sorted(self._folder.glob("*.log"))}
         total = sum(sizes.values())
         for log in list(sizes)[:-1]:

@@ -1,7 +1,6 @@
-"""The host's status of every tick, followed over its control socket by a thread of its own.
+"""Subscriber to the host's status of every tick over its control socket, in a thread of its own.
 
-The host leaves ticks out for a reader that is slow and never waits for it. A host that is not there yet, or
-has ended, is asked for again.
+The host never waits for a reader: a slow one misses ticks. If no host is running, the connection is retried.
 """
 
 from __future__ import annotations
@@ -15,29 +14,29 @@ from palpate_host.common.command import CommandError
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.client import OperatorClient
 
-ASK_AGAIN_S = 0.2
-MOST_WAITING = 10_000
-"""Ticks that `take` may leave waiting; beyond it the oldest are lost."""
+RETRY_S = 0.2
+MAX_WAITING = 10_000
+"""Ticks that wait for `take`; beyond this the oldest are dropped."""
 
 
 class StatusFollower:
-    """Begins at once; a context manager. failure: why there is no host at the moment, or empty."""
+    """Subscribes at once; a context manager. failure: why no host is connected, or empty."""
 
     def __init__(self, path: Path) -> None:
-        """path: the control socket."""
+        """Start the thread. path: of the control socket."""
         self.failure = ""
         self._path = path
-        self._waiting: deque[HostStatus] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[HostStatus] = deque(maxlen=MAX_WAITING)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
         self._thread.start()
 
     def take(self) -> list[HostStatus]:
-        """What has come since the last call, without waiting."""
+        """Return the ticks since the last call, without waiting."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def close(self) -> None:
-        """Ask for no more. The thread is a daemon: it may still wait for a host that is silent."""
+        """End the subscription. The daemon thread may still wait for a host that does not respond."""
         self._ended.set()
 
     def __enter__(self) -> StatusFollower:
@@ -59,4 +58,4 @@ class StatusFollower:
                             return
             except CommandError as exc:
                 self.failure = str(exc)
-            self._ended.wait(ASK_AGAIN_S)
+            self._ended.wait(RETRY_S)

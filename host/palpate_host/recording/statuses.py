@@ -1,4 +1,4 @@
-"""The host's status of every tick from whatever holds it: a bus log, status lines, an MCAP file, a folder."""
+"""Reader of the host's status of every tick from a bus log, status lines, an MCAP file or a folder."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from palpate_host.service.replay import read_bound_log, steps
 
 
 def read_statuses(source: Path, config: HandConfig, hand: HandKinematics) -> Iterator[HostStatus]:
-    """Tick by tick.
+    """Yield the status of each tick.
 
     A bus log is replayed through the host; `.jsonl` (of `run --status`) and `.mcap` (of `record` or `export`)
-    hold what the host said; a folder of `record` is its `.mcap` files in order. What was cut off at the end
-    is left out. ConfigError, LogError when `source` cannot be read.
+    contain the statuses; a folder of `record` is read as its `.mcap` files in order. A truncated end is
+    omitted. Raises ConfigError, LogError if `source` cannot be read.
     """
     if source.is_dir():
         parts = sorted(source.glob("*.mcap"))
         if not parts:
-            raise ConfigError(f"{source}: holds no .mcap: name a folder of palpate-host record, or a file")
+            raise ConfigError(
+                f"{source}: no .mcap file in this folder: give a folder of palpate-host record, or a file"
+            )
         for part in parts:
             yield from _read_mcap(part)
     elif source.suffix == ".jsonl":
@@ -51,7 +53,7 @@ def _read_lines(source: Path) -> Iterator[HostStatus]:
 
 
 def _read_mcap(source: Path) -> Iterator[HostStatus]:
-    # pyarrow, which unpacks it, comes with the extra `record`
+    # pyarrow, which decompresses it, comes with the extra `record`
     from palpate_host.recording.mcap_reader import STATUS_TOPIC, messages  # noqa: PLC0415
 
     decoder = msgspec.json.Decoder(HostStatus)

@@ -1,9 +1,9 @@
-"""The host's status as rows, one a tick, with the columns that LeRobot's datasets use.
+"""The host's status as rows, one a tick, with the columns of LeRobot's datasets.
 
 timestamp (s from the first row), frame_index, episode_index, index, task_index; observation.state.JOINT
 (rad), observation.velocity.JOINT (rad/s), observation.effort.JOINT (N m), action.JOINT (commanded torque,
 N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty without a valid contact),
-.in_contact, .slip; mode.
+.in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ADDED = tuple(quantity for quantity in QUANTITIES if not quantity.in_tactile_vec
 
 
 def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
-    """One row a status, all with the same columns."""
+    """Yield one row for each status, all with the same columns."""
     first_us: int | None = None
     for number, status in enumerate(statuses):
         first_us = status.time_us if first_us is None else first_us

@@ -263,7 +263,7 @@ class HostCore:
             blind_by_choice=self._config.control.mode is ControlMode.BLIND,
             goal=self._goal,
             fingers=[
-                finger.health(tick_us, nodes.network.is_silent(finger.node_id, tick_us))
+                finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))
                 for finger in nodes.fingers
             ],
         )

@@ -239,8 +239,8 @@ def test_network_resets_starts_and_notices_silence():
     assert network.receive(95_000, CanFrame(0x701, b"\x05")) is None
     assert network.operates(1) and network.not_operating() == ["b (node 0x02)"]
     assert CanFrame(0, b"\x82\x02") in network.due(1_000_000, (1,))  # the unheard one is asked again
-    assert not network.is_silent(1, 595_000) and network.is_silent(1, 595_001)
-    assert not network.is_silent(2, 10_000_000)
+    assert not network.heartbeat_timed_out(1, 595_000) and network.heartbeat_timed_out(1, 595_001)
+    assert not network.heartbeat_timed_out(2, 10_000_000)
     assert network.stop_all() == [CanFrame(0, b"\x02\x01"), CanFrame(0, b"\x02\x02")]
 
 

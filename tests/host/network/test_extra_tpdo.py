@@ -138,7 +138,7 @@ def test_two_devices_that_mix_their_tpdo_5_are_found() -> None:
 
 def test_a_wrong_length_names_node_pdo_and_lengths() -> None:
     tip = Fingertip(NODE, "finger-1")
-    with pytest.raises(BusError, match=r"node 16 TPDO 5: 8 bytes, expected 4; .*EDS"):
+    with pytest.raises(BusError, match=r"node 16 TPDO 5: 8 bytes, expected 4: .*EDS"):
         tip.receive(START_US, CanFrame(0x300 + NODE, bytes(8)))
 
 

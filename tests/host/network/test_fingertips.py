@@ -60,7 +60,7 @@ def test_contact_without_valid_is_no_contact():
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_wrong_length_names_node_pdo_and_lengths(number):
     tip = Fingertip(NODE, "finger-1")
-    with pytest.raises(BusError, match=f"node 16 TPDO {number}: 3 bytes, expected 8; .*EDS") as caught:
+    with pytest.raises(BusError, match=f"node 16 TPDO {number}: 3 bytes, expected 8: .*EDS") as caught:
         tip.receive(START_US, CanFrame(0x180 + NODE + 0x100 * (number - 1), b"abc"))
     assert "\n" not in str(caught.value)
 

@@ -209,7 +209,7 @@ def test_status_lines_export_too_and_a_cut_last_line_is_left_out(tmp_path: Path)
         ("no-folder/hand.mcap", None, "cannot be written"),
         ("no-folder/hand.parquet", None, "cannot be written"),
         ("hand.csv", "{}\n", "line 1: not a host status (key time_us"),
-        ("hand.csv", "not-an-mcap", "is no MCAP file"),
+        ("hand.csv", "not-an-mcap", "not an MCAP file"),
     ],
 )
 def test_what_cannot_be_done_is_said(tmp_path: Path, name: str, text: str | None, message: str) -> None:

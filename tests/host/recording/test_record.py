@@ -151,7 +151,7 @@ def test_what_cannot_be_recorded_is_said(tmp_path: Path) -> None:
     hand = load_hand(TABLE_4)
     bounds = Bounds(piece_bytes=1_000_000, folder_bytes=10_000_000)
     SegmentedRecording(tmp_path / "r", *hand, bounds).close()
-    with pytest.raises(ConfigError, match="holds a recording already"):
+    with pytest.raises(ConfigError, match="already contains a recording"):
         SegmentedRecording(tmp_path / "r", *hand, bounds)
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="cannot be made"):
