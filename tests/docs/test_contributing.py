@@ -129,7 +129,7 @@ def with_drive(bench, tmp_path, hand_toml: str) -> Path:
     text, count = re.subn(rf'^  \{{name = "{JOINT}".*\n', line, bench.TABLE_4.read_text(), flags=re.MULTILINE)
     assert count == 1
     path = tmp_path / "hand.toml"
-    path.write_text(text)
+    path.write_text(text.replace('start = "command"', 'start = "auto"'))
     return path
 
 
