@@ -52,7 +52,7 @@ class Drift:
         """Return whether drift can have made a common motion (n, 2) since it was last followed."""
         return rms(common_px) <= min(self._unobserved_px, self._remaining_px())
 
-    def follow(self, split: SplitMotion, elapsed_s: float, *, at_once: bool) -> None:
+    def follow_motion(self, split: SplitMotion, elapsed_s: float, *, at_once: bool) -> None:
         """Follow the motion of an untouched frame.
 
         elapsed_s: since the frame before; at_once: take up all of the common part, as far as drift goes.

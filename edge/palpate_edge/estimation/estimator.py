@@ -89,7 +89,7 @@ class Estimator:
         """Return the contact of the next frame; a rejected frame gives `valid` False and the reason."""
         record = FrameRecord(frame)
         try:
-            self._image_check.check(frame.image)
+            self._image_check.check_image(frame.image)
             record.tracked = self._tracker.follow(plane(frame.image, self._calibration.appearance))
             record.found_count = record.tracked.found_count
             record.hidden = self._reader.hidden(record.tracked)

@@ -20,7 +20,7 @@ class ImageCheck:
         self._size_px = image_size_px
         self._last_image: Image | None = None
 
-    def check(self, image: Image) -> None:
+    def check_image(self, image: Image) -> None:
         """Raise FrameRejectedError for an image of another size, a repeated or a blank one."""
         last, self._last_image = self._last_image, image
         width, height = self._size_px

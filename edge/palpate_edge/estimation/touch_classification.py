@@ -60,7 +60,7 @@ class TouchClassifier:
         self._frames_without_contact += 1
         large = motion.size_px > LARGE * self._threshold_px
         if not above_threshold or large or self._frames_without_contact > STEADY_FRAMES:
-            self._drift.follow(split, elapsed_s, at_once=large)
+            self._drift.follow_motion(split, elapsed_s, at_once=large)
         return state
 
     def _state(self, split: SplitMotion, beads: Beads, motion_px: float) -> SkinState:

@@ -68,14 +68,14 @@ class Tracker:
 
     def _in_windows(self, expected_px: Array) -> Labelling:
         """Find every bead near `expected_px` (n, 2), the missing ones again near their neighbours."""
-        return self._complete(self._windows.find(expected_px))
+        return self._complete(self._windows.find_beads(expected_px))
 
     def _relabel(self, labelling: Labelling) -> Labelling:
         """Return the most ordered of this labelling and those from the reference and from the quiet skin."""
         from_reference = self._in_windows(self._reference.position_px)
         labelling = self._labels.more_ordered(labelling, from_reference)
         if self._region_growing.is_torn(*labelling):
-            grown = self._complete(self._region_growing.grow(*labelling, self._windows.find))
+            grown = self._complete(self._region_growing.grow(*labelling, self._windows.find_beads))
             labelling = self._labels.more_ordered(labelling, grown)
         return labelling
 
@@ -88,7 +88,7 @@ class Tracker:
         partner = assign(reference.position_px, blobs.position_px, self._neighbourhood.spacing_px)
         assigned = partner != NO_PARTNER
         expected_px = np.where(assigned[:, None], blobs.position_px[partner], reference.position_px)
-        position_px, found = self._windows.find(expected_px)
+        position_px, found = self._windows.find_beads(expected_px)
         return self._labels.drop_doubles((position_px, found & assigned), self._last_px)
 
     def _complete(self, labelling: Labelling) -> Labelling:
@@ -105,6 +105,6 @@ class Tracker:
             if not len(missing) or len(missing) == len(found):
                 return
             expected_px = self._neighbourhood.predict(position_px, found, missing)
-            position_px[missing], found[missing] = self._windows.find(expected_px, missing)
+            position_px[missing], found[missing] = self._windows.find_beads(expected_px, missing)
             if not found[missing].any():
                 return

@@ -23,10 +23,10 @@ class WindowSearch:
         self._acceptance = _Acceptance(reference)
 
     def load(self, dark: Plane) -> None:
-        """Take the plane in which :meth:`find` searches until the next one is loaded."""
+        """Take the plane in which :meth:`find_beads` searches until the next one is loaded."""
         self._refiner.load(dark)
 
-    def find(self, expected_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
+    def find_beads(self, expected_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,), all if None, and which of them (m,) were found.
 
         expected_px (m, 2): where the windows are placed.

@@ -1,4 +1,4 @@
-"""The canonical field: turns with the contact, mirrors, and reads smooth motion whatever the beads."""
+"""The canonical field: rotates with the contact, mirrors, and does not depend on the bead layout."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_turned_sensor_gives_the_same_field_at_a_turned_azimuth(turn, phi, the
 @FREE
 @given(phi=ANGLE, theta=st.floats(0.3, 1.1))
 def test_a_turned_press_on_the_same_beads_gives_nearly_the_same_field(phi, theta):
-    """What is left is that the beads lie elsewhere: 7 mm apart, they know a dent of 12 mm to 2 %."""
+    """The remaining difference is the beads' places: 7 mm apart, they sample a dent of 12 mm to 2 %."""
     here, there = (read(BEADS, dent(BEADS, contact(theta, at), 1.5, np.zeros(3))).values for at in (0.0, phi))
     assert np.linalg.norm(there - here) < 0.04 * np.linalg.norm(here)
 

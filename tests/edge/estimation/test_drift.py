@@ -1,4 +1,4 @@
-"""Slow drift is followed while nothing touches and stands still while something does."""
+"""Drift is followed while nothing touches and stands still during a contact."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NOISE_PX = 0.02
 
 
 class Watched:
-    """A drift fed with beads (n, 2) at times; remembers what it said."""
+    """A drift fed with beads (n, 2) at times; and its classifier."""
 
     def __init__(self, reference, period_us=SECOND_US // 10):
         self.reference, self.period_us, self.now_us = reference, period_us, 0
@@ -186,7 +186,7 @@ def test_there_is_an_end_to_it(watched):
 
 
 def warped(image, amount):
-    """The image as a camera sees it that has shifted, turned and zoomed: up to 2 px at the rim for 1."""
+    """The image as a camera sees it that has shifted, turned and zoomed: up to 2 px at the border for 1."""
     height, width = image.shape[:2]
     rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
     x, y = columns - width / 2, rows - height / 2

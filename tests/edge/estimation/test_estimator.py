@@ -1,4 +1,4 @@
-"""Frame -> Contact: what is refused, what is counted, and the tare."""
+"""The estimator: rejected frames, counters, and the tare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""30 % of the beads hidden at random: the error at most doubles and the radius says so."""
+"""With a random 30 % of the beads hidden the error at most doubles, and the radius grows with it."""
 
 from __future__ import annotations
 

@@ -48,13 +48,13 @@ def test_the_sample_shows_85_beads_close_to_the_layout(calibration):
 
 
 def test_the_fitted_camera_is_within_what_assembly_allows(calibration):
-    """A camera is up to 1 mm and 2 deg off and its focal length a few per cent, says the dataset's format."""
+    """A camera is up to 1 mm and 2 deg off and its focal length a few per cent (docs/press-dataset.md)."""
     assert math.hypot(*calibration.pose.offset_mm) < 1.5
     assert math.hypot(*calibration.pose.rotation_rad) < math.radians(3)
     assert abs(calibration.pose.focal_scale - 1) < 0.05
 
 
-def test_every_frame_of_the_sample_is_believed(estimates):
+def test_every_frame_of_the_sample_is_valid(estimates):
     assert len(estimates) == 60
     assert [contact.reason for _, contact in estimates if not contact.valid] == []
 

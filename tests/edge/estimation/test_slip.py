@@ -1,4 +1,4 @@
-"""The slip flag: contacts that travel over the skin, contacts that stick, and the recorded presses."""
+"""Slip detection: contacts that travel over the skin, contacts that stick, and recorded presses."""
 
 from __future__ import annotations
 

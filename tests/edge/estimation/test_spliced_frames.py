@@ -46,7 +46,7 @@ def splices(sample):
 
 
 def test_spliced_frames_are_refused(sample, calibration):
-    """Of 108; what is let through joins presses of nearly the same place."""
+    """At most 12 of 108 are accepted; these join presses of nearly the same place."""
     accepted, wrong = 0, 0
     for image, first, second in splices(sample):
         contact = Estimator(calibration).estimate(Frame(image, 0, 0, ""))

@@ -1,4 +1,4 @@
-"""The camera's projection against formulas written out here, its inverse, and the fit of where it is."""
+"""The camera's projection, compared with textbook formulas, its inverse, and the fit of its pose."""
 
 from __future__ import annotations
 

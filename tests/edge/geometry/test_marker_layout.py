@@ -1,4 +1,4 @@
-"""Layouts learned from reference frames, against the places from which the pictures were drawn."""
+"""Learned layouts, compared with the places from which the pictures were drawn."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def shell_sizes(rings):
 
 @pytest.fixture(scope="module")
 def seen(another_dome):
-    """Where the drawn camera, off by 1 mm and 2 deg, sees points of F."""
+    """Projection of points in F by the drawn camera, which is off by 1 mm and 2 deg."""
     dome = another_dome(width=640, height=480, focal_px=380.0, tilt_rad=(0.02, -0.028))
     return dome.project
 

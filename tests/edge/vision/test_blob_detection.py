@@ -1,4 +1,4 @@
-"""Finding and refining beads: places against the truth that the picture was drawn from."""
+"""Blob detection and sub-pixel places, compared with the places that the picture was drawn from."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_a_start_outside_the_picture_has_no_contrast_and_stays(scattered):
 
 @pytest.mark.parametrize("diameter_px", [8.0, 16.0])
 def test_a_whole_bead_at_the_border_is_found_as_well_as_any(diameter_px):
-    """Its window leaves the picture on one side, in the corners on two."""
+    """A bead's window leaves the picture on one side, in the corners on two."""
     inset = 0.5 * diameter_px + 1.3
     low, high = np.array([inset, inset]), np.array([99, 79]) - inset
     places = np.array([low, high, (low[0], 40.2), (50.6, high[1]), (50.4, 39.7)])

@@ -1,4 +1,4 @@
-"""Beads in a deep dent keep their labels: a lattice of known motion, and blobs that are taken by nearness."""
+"""Region growing on a lattice of known displacement: beads in a deep dent keep their labels."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def dent(depth, width, at=(30.0, -20.0), way=(0.9, 0.4)):
 
 
 def windows_on(blobs):
-    """What a window sees: the blob that is nearest, if it is near."""
+    """Return a search that finds the nearest blob within 0.45 spacings of the expected place."""
 
     def windows(start, _beads):
         apart = distances(start, blobs)

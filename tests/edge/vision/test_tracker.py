@@ -1,4 +1,4 @@
-"""Following beads: every bead keeps its number, a hidden one is told and comes back."""
+"""Tracking: every bead keeps its number; a hidden bead is reported lost and found again later."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_labels_stay_in_one_jump(skin, move, share):
     places = move(grid(), share * SPACING_PX)
     beads = Tracker(reference).follow(draw(places))
     error = np.linalg.norm(beads.position_px - places, axis=1)
-    assert (error[beads.found] < 0.3).all()  # a bead that is said to be found is the right one
+    assert (error[beads.found] < 0.3).all()  # a bead reported as found is the right one
     assert beads.found.mean() > 0.95
 
 
@@ -152,8 +152,10 @@ def test_interpolating_a_constant_gives_that_constant():
 
 
 def test_labels_hold_from_one_touch_to_the_opposite_one(another_dome):
-    """The skin goes from one side of its rest to the other between two frames: every bead but those of the
-    last column comes to stand nearer to where its neighbour was than to where it was itself."""
+    """The skin moves from one side of the reference to the other between two frames.
+
+    Every bead outside the last column then lies nearer to its neighbour's last place than to its own.
+    """
     rest = grid(12)
     dome = another_dome(width=384, height=384, noise=1.5)
     count = len(rest)
