@@ -16,9 +16,9 @@ from typing import Annotated, Any
 import can
 import msgspec
 
+from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
-from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
 # linux/can/error.h: class bits of an error frame's identifier.

@@ -12,11 +12,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
+from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.can_bus.bus import Bus
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
-from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
 FIRST_REOPEN_US, LONGEST_REOPEN_US = 100_000, 2_000_000  # pauses between two attempts to open the bus

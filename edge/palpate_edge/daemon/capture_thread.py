@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
+from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.capture.source import Source
-from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
 from palpate_edge.common.frame import Frame

@@ -2,7 +2,8 @@
 
 A save is written to a new file, flushed, read back and then renamed; the last save stays as
 ``NAME.previous``. Whenever the power fails, one of the two files is intact; a checksum detects a torn one.
-The file is text: a line with the checksum, then JSON.
+The file is text: a line with the checksum, then JSON. `common.atomic_write` is not enough here: it keeps no
+previous file and does not read back.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.can_bus.bus import Bus
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -21,7 +22,6 @@ from palpate_edge.can_bus.reconnecting_bus import (
     BusStateChange,
     Stamped,
 )
-from palpate_edge.common.back_off import BackOff
 from palpate_edge.common.errors import BusError, BusOffError
 
 
