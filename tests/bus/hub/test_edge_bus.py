@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 
 import can
 import msgspec
@@ -127,17 +128,23 @@ def test_any_other_error_is_not_retried():
 
 
 @pytest.mark.parametrize(
-    ("interface", "channel"),
-    [("socketcan", "can-not-there"), ("no-such-interface", "x"), ("palpate", "/nowhere/s")],
+    ("interface", "channel", "text"),
+    [
+        (
+            "socketcan",
+            "can-not-there",
+            r"no SocketCAN: load can_raw|socketcan bus can-not-there of finger-1 ",
+        ),
+        ("no-such-interface", "x", "no-such-interface bus x of finger-1 "),
+        ("palpate", "/nowhere/s", "no CAN bus at /nowhere/s .*palpate-host bus hub --socket /nowhere/s"),
+    ],
 )
-def test_a_bus_that_cannot_be_opened_is_one_line(interface, channel):
+def test_a_bus_that_cannot_be_opened_is_one_line(interface, channel, text):
     with pytest.raises(BusError) as refusal:
         open_bus(BusConfig(interface=interface, channel=channel), "finger-1")
     said = str(refusal.value)
     assert "\n" not in said
-    assert interface in said
-    assert channel in said
-    assert "finger-1" in said
+    assert re.search(text, said)
 
 
 def test_an_empty_filter_is_refused_since_python_can_takes_it_for_all():
