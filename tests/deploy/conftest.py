@@ -1,4 +1,4 @@
-"""What the tiers share. A tier of minutes runs only where its marker is named: docs/testing.md."""
+"""Fixtures shared by the tiers. A tier of minutes runs only where its marker is named: docs/testing.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The wheelhouse of the boards' own processor, run by an emulator: it imports, a frame gives its contact.
 
-What runs is Debian's Python for aarch64 and the wheels that a board installs; times say nothing about boards.
+What runs is Debian's Python for aarch64 and the wheels that a board installs; times do not apply to boards.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def serving(board):
 
 
 def links_of(board, file):
-    """How many releases have a file of the one that serves."""
+    """Return the number of releases that share a file with the active one."""
     site_packages = "/opt/palpate/current/lib/python3.11/site-packages"
     return int(board.machine.run("stat", "--format=%h", f"{site_packages}/{file}"))
 
@@ -248,7 +248,7 @@ def test_a_release_that_dies_is_rolled_back(board, another_release):
 
 
 def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
-    """It runs and is watched; its own check tells that every frame is refused."""
+    """The service runs with its watchdog; its check reports that every frame is rejected."""
     before = serving(board)
     blind = another_release(
         "blind",

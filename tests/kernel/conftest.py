@@ -1,4 +1,4 @@
-"""What the tests inside a kernel share: the daemon as a process, and patience."""
+"""Fixtures of the tests inside a kernel: the daemon as a process, and waiting with a timeout."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 
 @pytest.fixture(params=IN_A_KERNEL)
 def kernel(request: pytest.FixtureRequest) -> str:
-    """The kernel that a test runs in: whoever asks for this runs once in each."""
+    """Kernel in which a test runs; a test with this fixture runs once in each."""
     return str(request.param)
 
 
@@ -98,7 +98,7 @@ def run_fingertip(
 
 @pytest.fixture(scope="session")
 def vga_calibration(another_dome: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of a drawn sensor as large as the camera's image."""
+    """Return the dataset of a rendered sensor with the size of the camera's image."""
     folder = tmp_path_factory.mktemp("vga")
     dataset = another_dome(width=640, height=480, focal_px=380.0).write(folder / "dome")
     save_calibration(calibrate(read_dataset(dataset)), folder / "vga.cal")

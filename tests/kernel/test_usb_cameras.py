@@ -1,4 +1,4 @@
-"""Three USB cameras of one make are told apart, whatever numbers the kernel gives them."""
+"""Three USB cameras of one make are distinguished, independent of the numbers the kernel gives them."""
 
 from __future__ import annotations
 

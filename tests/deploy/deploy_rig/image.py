@@ -1,4 +1,4 @@
-"""What boards are made of: bare Debian, built once and kept in .cache/deploy, and the wheelhouse; needs no
+"""Image of the test boards: bare Debian, built once and kept in .cache/deploy, and the wheelhouse; needs no
 other library."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TOOLS = PROJECT / ".venv-deploy" / "bin"
 
 
 def missing(*tools: tuple[str, str]) -> str | None:
-    """What is not installed, and the way out."""
+    """Return what is not installed and how to install it."""
     if os.geteuid() != 0:
         return "only root can make a board's namespaces and files: sudo make deploy-test"
     path = f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/sbin"

@@ -1,4 +1,4 @@
-"""The host outside: hears what a board says on the bus, and starts its node whenever that waits for it."""
+"""The host outside: receives a board's frames on the bus, and starts its node whenever that waits for it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TPDO_2 = 0x280 + NODE
 
 
 class Master:
-    """Of node 10h, in a thread of its own. times_s: time.monotonic of each valid contact that came."""
+    """Contacts of node 10h, received in a thread. times_s: time.monotonic of each valid contact that came."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus

@@ -64,7 +64,7 @@ class NamespaceBoard:
         return answer.stdout.strip()
 
     def failures(self, service: str) -> list[str]:
-        """How the service ended each time it failed since the start, as process 1 put it into its log."""
+        """Return how each failure of the service since the start ended, from the log of process 1."""
         words = (f"UNIT={service}", "_PID=1", f"MESSAGE_ID={FAILED}", "--output-fields=UNIT_RESULT")
         lines = self.run("journalctl", "--quiet", "--output=json", *words).splitlines()
         return [json.loads(line)["UNIT_RESULT"] for line in lines]
@@ -95,7 +95,7 @@ class NamespaceBoard:
         self._remove_cgroup()
 
     def as_disk(self, disk: Path) -> None:
-        """What is on the card of this board, which is off, as an ext4 file system."""
+        """Write the card of this board, which is off, as an ext4 file system."""
         layers = f"lowerdir={self._tree},upperdir={self.written},workdir={self.folder}/work"
         make = f"/sbin/mke2fs -q -t ext4 -d {self.folder}/root {disk} 4G"
         mount = f"mount -t overlay -o {layers} board {self.folder}/root"

@@ -18,7 +18,7 @@ SSH = "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null -o LogLevel=E
 
 @dataclass(frozen=True)
 class Played:
-    """How a playbook went; changed: on all boards together."""
+    """Result of a playbook; changed: on all boards together."""
 
     status: int
     changed: int
@@ -29,12 +29,12 @@ class Played:
         return self
 
     def tells(self, words: str) -> bool:
-        """Whether it said this, on however many lines ansible put it."""
+        """Return whether the output contains a text, independent of line breaks."""
         return words in " ".join(self.said.split())
 
 
 class Playbooks:
-    """Of the boards of an inventory: group -> board -> the inventory's words on it."""
+    """Return the boards of an inventory: group -> board -> the inventory's words on it."""
 
     def __init__(self, folder: Path, key: Path, groups: dict[str, dict[str, dict[str, Any]]]) -> None:
         self._folder, self._key, self._groups = folder, key, groups

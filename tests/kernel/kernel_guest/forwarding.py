@@ -87,7 +87,7 @@ class Inside:
 
 
 def _outcome(reports: list[pytest.TestReport]) -> Outcome:
-    """Of the reports of a test's setup, call and teardown: the worst."""
+    """Return the worst of the reports of a test's setup, call and teardown."""
     test = reports[0].nodeid
     failed = [report for report in reports if report.failed]
     if failed:

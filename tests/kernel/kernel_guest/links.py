@@ -22,7 +22,7 @@ PATIENCE_S = 120.0  # only a hang waits so long; an emulated machine beside othe
 
 
 def receive(bus: Bus, count: int) -> list[CanFrame]:
-    """So many frames from a bus, or an assertion that says how many came."""
+    """So many frames from a bus, or an assertion with the number received."""
     frames: list[CanFrame] = []
     while len(frames) < count:
         batch = bus.receive(PATIENCE_S)
@@ -79,7 +79,7 @@ class SerialLink(Link):
         return [line.decode() for line in lines]
 
     def write(self, text: bytes) -> None:
-        """What the controller says, as slcan text."""
+        """Return the controller's output as slcan text."""
         os.write(self._wire, text)
 
     def close(self) -> None:

@@ -24,7 +24,7 @@ PASSED_ON = ("PALPATE_NO_SKIP", "TZ")  # of the surroundings outside, what the t
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """How one test ended inside. outcome: pytest's ``passed``, ``failed`` or ``skipped``; text: why."""
+    """Result of one test. outcome: pytest's ``passed``, ``failed`` or ``skipped``; text: why."""
 
     test: str
     outcome: str
@@ -33,7 +33,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Inside:
-    """What a machine sees: the project, the folder shared with the outside, the Python of the tests."""
+    """Files visible in a machine: the project, the shared folder, the Python of the tests."""
 
     project: Path
     folder: Path
@@ -48,10 +48,10 @@ class Machine(Protocol):
     limit_s: float
 
     def missing(self) -> str | None:
-        """What is not installed, and the way out; None where this machine can run."""
+        """Return what is not installed and how to install it; None where this machine can run."""
 
     def inside(self, project: Path, folder: Path) -> Inside:
-        """Makes what a boot needs and is not there yet; says where things will be."""
+        """Makes what a boot needs and is not there yet; reports where it will be."""
 
     def command(self, folder: Path) -> list[str]:
         """Boots, runs ``folder/run.sh``, and ends."""

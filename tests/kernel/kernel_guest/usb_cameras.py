@@ -116,7 +116,7 @@ class UsbCamera:
         _write(self._gadget / "UDC", "")
 
     def _answer(self, device: int) -> None:
-        """What the program in a camera does."""
+        """Run the program in a camera: respond to requests of the host."""
         poller = select.poll()
         poller.register(device, select.POLLPRI)
         while not self._unplugged.is_set():
@@ -146,7 +146,7 @@ def _answer_to(request: tuple[int, int, int, int, int]) -> bytes:
 
 
 def port_name(port: int) -> Path:
-    """What udev calls whatever camera is in a port."""
+    """Return udev's name of the camera in a port."""
     return BY_PATH / f"platform-vhci_hcd.0-usb-0:{port + 1}:1.0-video-index0"
 
 

@@ -61,7 +61,7 @@ def _has_wide_registers() -> bool:
 
 
 def _with_wide_registers(folder: Path) -> list[str]:
-    """What starts user-mode Linux on a processor whose registers it does not know (wide_registers.c)."""
+    """Return what starts user-mode Linux on a processor with wide registers (wide_registers.c)."""
     if not _has_wide_registers():
         return []
     library = folder / "wide_registers.so"

@@ -42,7 +42,7 @@ def main_pid(service: str) -> int:
 
 
 def failing_parts() -> set[str]:
-    """Of the fingertip, by its own check."""
+    """Return the state of the fingertip from `palpate-edge check`."""
     command = [str(CURRENT / "bin/palpate-edge"), "check", "--json", "--config", CONFIG]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, check=False)
