@@ -27,6 +27,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import read_config
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_config
+from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.operator.server import OperatorSocket
 from palpate_host.service.host_core import HostCore
@@ -171,6 +172,7 @@ def raw_hand(packages, tmp_path):
     install(packages, {"raw_torque_drive.py": files["raw_torque_drive.py"]}, files["pyproject.toml"])
     bench = virtual_bench()
     config = hand_config.load(with_drive(bench, tmp_path, files["hand.toml"]))
+    config = msgspec.structs.replace(config, run=RunConfig(start=StartMode.AUTO))
     index = [joint.name for joint in config.joints].index(JOINT)
     assert config.joints[index].drive_node == NODE
     _, hand = bench.load_table_4()
