@@ -17,7 +17,7 @@ PROJECT = HERE.parents[1]
 TABLE = HERE / "registers.toml"
 OUTPUTS = {
     "header": HERE / "registers.h",
-    "client": PROJECT / "edge" / "palpate_edge" / "illumination_registers.py",
+    "client": PROJECT / "edge" / "palpate_edge" / "illumination" / "registers.py",
     "page": PROJECT / "docs" / "illumination.md",
 }
 NOTE = "Written by firmware/illumination/generate.py from registers.toml: change that."
@@ -97,19 +97,19 @@ def client(table: dict[str, Any]) -> str:
     lines = [f'"""The illumination controller\'s registers.\n\n{NOTE}\n"""', ""]
     lines += ["from __future__ import annotations", "", "import enum", ""]
     lines += [f"{name.upper()} = 0x{table[name]:04X}" for name in CONSTANTS]
-    lines += [f"MAP_CRC = 0x{table['crc']:04X}", "", "", "class Register(enum.IntEnum):"]
+    lines += [f"MAP_CRC = 0x{table['crc']:04X}", "", "", "class LightRegister(enum.IntEnum):"]
     lines += ['    """SMBus command of each 16-bit register."""', ""]
     lines += [f"    {r['name']} = 0x{r['address']:02X}" for r in table["register"]]
     lines += ["", "", "class Fault(enum.IntFlag):", '    """Bits of FAULTS and FAULT_CLEAR."""', ""]
     lines += [f"    {f['name']} = 0x{1 << f['bit']:02X}" for f in table["fault"]]
     lines += ["", "", "RANGES = {"]
     lines += [
-        f"    Register.{r['name']}: ({r['min']}, {r['max']}),"
+        f"    LightRegister.{r['name']}: ({r['min']}, {r['max']}),"
         for r in table["register"]
         if "w" in r["access"]
     ]
     lines += ["}", '"""Least and greatest value of each register that can be written."""', ""]
-    signed = ", ".join(f"Register.{r['name']}" for r in table["register"] if r["signed"])
+    signed = ", ".join(f"LightRegister.{r['name']}" for r in table["register"] if r["signed"])
     lines += [f"SIGNED = frozenset({{{signed}}})"]
     return "\n".join(lines) + "\n"
 
