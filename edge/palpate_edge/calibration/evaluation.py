@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibration_file import check_sensor
+from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
-from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.estimation.calibration import Calibration

@@ -15,9 +15,9 @@ from palpate_edge.calibration.evaluation import (
     write_json,
 )
 from palpate_edge.calibration.evaluation_report import as_table
+from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
-from palpate_edge.common.stopwatch import Stopwatch
 from palpate_edge.datasets.press_dataset import Press
 from palpate_edge.estimation.estimator import Method
 
