@@ -20,7 +20,12 @@ TESTS = Path(__file__).parent
 STARTS_A_PROCESS = {"subprocess", "multiprocessing"}
 """Modules: whoever uses one of them starts processes."""
 
-PROCESS_FILES = ("host/operator/test_session.py", "systemd/test_units.py", "twin/demo/test_demo_film.py")
+PROCESS_FILES = (
+    "host/operator/test_session.py",
+    "systemd/test_units.py",
+    "twin/demo/test_demo_film.py",
+    "twin/demo/test_demo_processes.py",
+)
 """Files whose tests start processes through the code under test."""
 
 PROCESS_FIXTURES = {"any_bus"}
