@@ -40,7 +40,7 @@ def test_every_rate_turns_the_target_in_the_same_time(bench, table_4, tick_Hz):
 
 def hand_of(tmp_path, bench, count):
     """Table 4's finger, `count` times around the palm."""
-    text = bench.TABLE_4.read_text()
+    text = bench.TABLE_4.read_text().replace('start = "command"', 'start = "auto"')
     head, *_ = text.split("[[fingers]]")
     first = text.split("[[fingers]]")[1]
     azimuths = [360.0 * number / count for number in range(count)]
