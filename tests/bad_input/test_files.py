@@ -196,7 +196,7 @@ def test_reference_frames_of_another_size(calibrate, dataset, another_dome):
     larger = another_dome(width=400, height=300)
     for path in (dataset / "reference").iterdir():
         cv2.imwrite(str(path), larger.picture(larger.beads_mm(), 1))
-    says(calibrate(dataset), "is 400x300, sensor.toml says 320x240", "correct one of them")
+    says(calibrate(dataset), "is 400x300, sensor.toml has 320x240", "correct one of them")
 
 
 def test_no_rings_in_the_description_nor_in_the_reference_frames(calibrate, dataset):

@@ -84,7 +84,7 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
 
 
 def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
-    """With the camera's roll, which a learned layout does not tell, from the presses."""
+    """Return the measurement with the camera's roll from the presses; a learned layout leaves it open."""
     from palpate_edge.calibration.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 

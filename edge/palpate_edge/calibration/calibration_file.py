@@ -17,7 +17,7 @@ AGAIN = "make it again with palpate-edge calibrate"
 
 
 class _Head(msgspec.Struct, frozen=True):
-    """What every version of the file has."""
+    """The keys that every version of the file has."""
 
     format: str
     version: int

@@ -31,7 +31,7 @@ LIGHT_SHARE = 1 / 3
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What the images of a dataset's reference frames and presses show.
+    """Measurement of a dataset's reference frames and presses.
 
     view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
     threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
@@ -95,12 +95,12 @@ def force_that_moves(size_px: float, force_N: Array, motion_px: Array) -> float 
 
 
 def _read(dataset: PressDataset, path: Path) -> Image:
-    """An image of the size that the dataset's description says."""
+    """Read an image; its size has to be that of the dataset's description."""
     image = read_image(path)
     width, height = dataset.sensor.image_size_px
     if image.shape[:2] != (height, width):
         raise CalibrationError(
-            f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml says {width}x{height}: "
+            f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml has {width}x{height}: "
             "correct one of them"
         )
     return image

@@ -94,7 +94,7 @@ def make_folder(path: Path, error: type[PalpateError]) -> None:
 
 @contextmanager
 def refused_as(path: Path, error: type[PalpateError]) -> Iterator[None]:
-    """Turn an OSError of the block into `error`, which says that `path` cannot be written, and why."""
+    """Turn an OSError of the block into `error`, with `path` and the reason."""
     try:
         yield
     except OSError as refusal:

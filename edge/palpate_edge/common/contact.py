@@ -17,7 +17,7 @@ MIN_BEADS_SHARE = 0.6  # of the beads that a frame must show; with fewer it is r
 
 @dataclass(frozen=True, slots=True)
 class Contact(OptionalQuantities):
-    """What one frame says of touch.
+    """Estimate of one frame.
 
     sequence, exposed_at_us: of the frame it was estimated from.
     valid: False when the frame was refused; then nothing but `reason` and the bead counts has a meaning.
@@ -65,7 +65,7 @@ def tangential_force_N(position_mm: Vector3, force_N: Vector3) -> Vector3:
 def refused_contact(
     sequence: int, exposed_at_us: int, reason: str, beads_found: int, beads_expected: int
 ) -> Contact:
-    """The contact of a frame that cannot be believed."""
+    """Return the contact of a rejected frame."""
     return Contact(
         sequence=sequence,
         exposed_at_us=exposed_at_us,

@@ -1,4 +1,4 @@
-"""The daemon's own clock: microseconds that never step, and the way to it from the kernel's stamps."""
+"""Local clock that never steps, and the conversion of the kernel's time stamps to it, in microseconds."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Callable
 
 
 def monotonic_us() -> int:
-    """CLOCK_MONOTONIC in us."""
+    """Return CLOCK_MONOTONIC in us."""
     return time.monotonic_ns() // 1000
 
 
 def unix_ahead_us() -> int:
-    """What CLOCK_REALTIME shows more than CLOCK_MONOTONIC, in us."""
+    """Return CLOCK_REALTIME minus CLOCK_MONOTONIC in us."""
     return time.time_ns() // 1000 - monotonic_us()
 
 
 class LocalClock:
-    """Unix time as it was at the start, carried on by CLOCK_MONOTONIC, or by the `monotonic` of a twin."""
+    """Unix time at the start, advanced by CLOCK_MONOTONIC or by the `monotonic` clock of a simulation."""
 
     def __init__(self, monotonic: Callable[[], int] = monotonic_us) -> None:
         self._monotonic_us = monotonic
@@ -27,9 +27,9 @@ class LocalClock:
         return self.at_monotonic_us(self._monotonic_us())
 
     def at_monotonic_us(self, stamp_us: int) -> int:
-        """A stamp of CLOCK_MONOTONIC (V4L2) on this clock."""
+        """Convert a stamp of CLOCK_MONOTONIC (V4L2) to this clock."""
         return stamp_us + self._offset_us
 
     def at_unix_us(self, stamp_us: int) -> int:
-        """A recent stamp of CLOCK_REALTIME (CAN frames) on this clock, however the system's clock was set."""
+        """Convert a recent stamp of CLOCK_REALTIME (CAN frames), independent of steps of the system clock."""
         return self.at_monotonic_us(stamp_us - unix_ahead_us())

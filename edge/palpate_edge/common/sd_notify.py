@@ -1,4 +1,4 @@
-"""What a service tells systemd: READY, STATUS, WATCHDOG, STOPPING (sd_notify(3)), where it listens."""
+"""Notify systemd of READY, STATUS, WATCHDOG and STOPPING, if it listens (sd_notify(3))."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 class Notifier:
     """A datagram socket to $NOTIFY_SOCKET.
 
-    watchdog_us: within this time systemd wants to hear from us; None when it does not watch this process.
+    watchdog_us: systemd expects a notification within this time; None without a watchdog.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ, pid: int | None = None) -> None:

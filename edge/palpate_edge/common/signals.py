@@ -1,4 +1,4 @@
-"""Signals as calls: SIGTERM and SIGINT to stop, and what else a running fingertip is told by one."""
+"""Signal handlers: SIGTERM and SIGINT stop; three more control a running fingertip."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RECORD, RECORD_NO_MORE, IDENTIFY = signal.SIGUSR1, signal.SIGUSR2, signal.SIGRTM
 
 @contextmanager
 def called_by_signals(calls: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[None]:
-    """Call what stands beside a signal when it comes; the former handlers come back afterwards."""
+    """Install signal handlers; restore the previous ones on exit."""
     former = {number: signal.signal(number, lambda *_, call=call: call()) for number, call in calls.items()}
     try:
         yield
@@ -31,7 +31,7 @@ def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def stop_event() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set."""
+    """Yield an event that SIGTERM and SIGINT set."""
     stopped = threading.Event()
     with on_stop_signal(stopped.set):
         yield stopped

@@ -1,4 +1,4 @@
-"""Say in one line why plain data (dicts, lists, numbers, text) does not fit a msgspec struct.
+"""Explain in one line why plain data (dicts, lists, numbers, text) does not fit a msgspec struct.
 
 Types that are understood: msgspec structs (tagged ones too), enums, Literal, unions, tuples, lists, dicts,
 numbers with bounds, text with a length or a pattern.
@@ -140,7 +140,7 @@ def _union_faults(value: object, kind: Any, key: Key) -> Iterator[str]:
 
 
 def _tagged_faults(value: dict[str, object], options: Sequence[Any], key: Key) -> Iterator[str]:
-    """Yield the faults of an object whose tag tells which of several structs it is."""
+    """Yield the faults of an object whose tag selects one of several structs."""
     tags = {option.__struct_config__.tag: option for option in options}
     name = options[0].__struct_config__.tag_field
     tag, names = value.get(name), ", ".join(tags)

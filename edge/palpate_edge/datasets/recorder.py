@@ -30,7 +30,7 @@ RENEW_INDEX_EVERY = 30  # frames; between them it may name frames that have gone
 
 @dataclass(frozen=True, slots=True)
 class RingLimits:
-    """What a recording may take: bytes of images and seconds from its first to its last frame."""
+    """Limits of a recording: bytes of images, and seconds from its first to its last frame."""
 
     bytes: int
     seconds: float
@@ -48,7 +48,7 @@ class FrameRing:
     """The ring's files; one thread uses it."""
 
     def __init__(self, folder: Path, limits: RingLimits) -> None:
-        """Makes the folder and forgets what an interrupted recording left half-written.
+        """Make the folder and remove half-written files of an interrupted recording.
 
         Raises CaptureError when the disk refuses, or for a folder with frames of an earlier recording.
         """
@@ -62,7 +62,7 @@ class FrameRing:
             for half_written in folder.glob(".*.tmp"):
                 half_written.unlink()
             if any(folder.glob("*.png")):
-                raise CaptureError(f"{folder} holds frames already: choose another folder or remove it")
+                raise CaptureError(f"{folder} has frames already: choose another folder or remove it")
         except OSError as error:
             raise CaptureError(f"no recording in {folder}: {error.strerror}") from error
 
@@ -80,7 +80,7 @@ class FrameRing:
             self.write_index()
 
     def write_index(self) -> None:
-        """frames.csv, as it is now."""
+        """Write frames.csv for the frames that are kept."""
         self._since_index = 0
         lines = [f"{one.path.name},{one.exposed_at_us},{one.sequence}\n" for one in self._kept]
         text = INDEX_HEADER + "".join(lines)
@@ -114,7 +114,7 @@ class Recorder:
 
     @property
     def is_recording(self) -> bool:
-        """Also while the last frames are written."""
+        """Return whether a recording runs or its last frames are being written."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, name: str) -> Path:
@@ -128,7 +128,7 @@ class Recorder:
         return ring.folder
 
     def offer(self, frame: Frame) -> None:
-        """From the pixel thread."""
+        """Queue a frame if a recording runs; called by the capture thread."""
         if not self.is_recording or self._asked_to_stop.is_set():
             return
         try:
@@ -137,7 +137,7 @@ class Recorder:
             self.left_out += 1
 
     def stop(self) -> None:
-        """What is queued is still written; it does not wait for that."""
+        """End the recording; queued frames are still written, without waiting for them here."""
         self._asked_to_stop.set()
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class Recorder:
 
 
 def recorded_fps(folder: Path) -> float | None:
-    """At which rate the frames of a recording were exposed; None for a folder that is none."""
+    """Return the frame rate of a recording; None when the folder is not one."""
     try:
         lines = (folder / INDEX).read_text().splitlines()[1:]
         rows = [line.split(",") for line in lines]

@@ -137,7 +137,7 @@ def all_frames(recording: Recording) -> Iterator[Frame]:
 class RealTimeSource:
     """Plays a recording at its own rate, dropping what the reader is too slow for.
 
-    clock_us and sleep_s are the rim's; tests give their own. With `loop` the recording starts over at its
+    clock_us, sleep_s: replaced by tests. With `loop` the recording starts over at its
     end.
     """
 

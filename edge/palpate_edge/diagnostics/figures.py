@@ -25,8 +25,8 @@ def draw_beads(image: Image, position_px: Array, diameter_px: float) -> Image:
 
 
 def draw_followed(followed: Followed) -> Image:
-    """Where each marker went: the way forth as a line, a circle where it began (red if it did not come back),
-    its number and the share of frames in which it was found."""
+    """Draw the track of each marker: the way forth as a line, a circle where it began (red if it did not
+    return), its number and the share of frames in which it was found."""
     panel = Panel(followed.first, SHEET_WIDTH / followed.first.shape[1], dim=0.75)
     found = followed.forth_found.mean(axis=0)
     home = followed.home
@@ -66,7 +66,7 @@ def draw_residuals(image: Image, calibration: Calibration) -> Image:
 
 
 def _fitted_layout_mm(calibration: Calibration) -> Array:
-    """Where sensor.toml's layout, or the rings learned, have each bead of the calibration, (n, 3) in F."""
+    """Return each bead's place by sensor.toml's layout or the learned rings, (n, 3) in F."""
     sensor = calibration.sensor
     if sensor.markers.rings:
         return bead_layout_mm(sensor.markers)[0]

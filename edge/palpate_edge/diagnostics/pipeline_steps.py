@@ -71,9 +71,9 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
 
 
 def contact_text(contact: Contact) -> str:
-    """One line that says where and how hard."""
+    """Return position and normal force of a contact in one line."""
     if not contact.valid:
-        return f"refused: {contact.reason}"
+        return f"rejected: {contact.reason}"
     if contact.position_mm is None:
         return "nothing touches"
     x, y, z = contact.position_mm

@@ -1,6 +1,6 @@
 """Following the markers of a video of any skin forwards and backwards, to see whether labels hold.
 
-Truth is not needed: a marker that is followed to the video's end and back must come back to where it began,
+Truth is not needed: a marker that is followed to the video's end and back must return to where it began,
 and must be where it was on the way there. One that took its neighbour's place does not.
 """
 
@@ -51,12 +51,12 @@ class Followed:
 
     @property
     def home(self) -> Mask:
-        """(n,): markers that came back to within `HOME_PX` of where they began."""
+        """(n,): markers that returned to within `HOME_PX` of where they began."""
         return np.asarray(np.linalg.norm(self.back_px[0] - self.start_px, axis=1) < HOME_PX)
 
     @property
     def swapped(self) -> Mask:
-        """(n,): markers that came back to another one's place."""
+        """(n,): markers that returned to another one's place."""
         apart = np.linalg.norm(self.back_px[0][:, None] - self.start_px[None], axis=2)
         return np.asarray(apart.argmin(axis=1) != np.arange(len(self.start_px)))
 

@@ -67,4 +67,4 @@ def _print(reports: list[NodeReport], found: dict[int, FoundNode], expected: set
         elif node.answers > 1:
             raise BusError(f"{node.answers} nodes have the id 0x{node_id:02X}: give one another (bus lss)")
     wrong = sum(bool(report.problems) for report in reports)
-    click.echo(f"{len(reports)} nodes, {wrong} with problems")
+    click.echo(f"{wrong} of {len(reports)} nodes have problems")

@@ -1,4 +1,4 @@
-"""`palpate-host command`: tells a running hand what to do."""
+"""`palpate-host command`: commands for a running hand."""
 
 from __future__ import annotations
 
@@ -27,13 +27,16 @@ ANGLE = click.FloatRange(-180, 180)
 )
 @click.pass_context
 def command(context: click.Context, path: Path | None) -> None:
-    """Tell a running hand what to do. Leaves with 0 when it obeys, 8 when it refuses, 9 when none runs.
+    """Send a command to a running hand.
+
+    Exit status: 0 accepted, 8 refused, 9 no host running.
 
     \b
-    palpate-host command grasp
-    palpate-host command rotate 0 0 30 --ramp 3
-    palpate-host command status
-    palpate-host command release
+    Examples:
+      palpate-host command grasp
+      palpate-host command rotate 0 0 30 --ramp 3
+      palpate-host command status
+      palpate-host command release
     """
     context.obj = path or default_control_socket()
 
@@ -41,47 +44,59 @@ def command(context: click.Context, path: Path | None) -> None:
 @command.command()
 @click.pass_obj
 def grasp(path: Path) -> None:
-    """Close and hold; while turning: turn no more."""
-    _tell(path, Grasp())
+    """Close the fingers and hold; stop a turn."""
+    _send(path, Grasp())
 
 
 @command.command(context_settings={"ignore_unknown_options": True})
 @click.argument("roll", type=ANGLE)
 @click.argument("pitch", type=ANGLE)
 @click.argument("yaw", type=ANGLE)
-@click.option("--ramp", "ramp_s", type=click.FloatRange(0, 600), help="In so many seconds.")
+@click.option(
+    "--ramp",
+    "ramp_s",
+    type=click.FloatRange(0, 600),
+    help="Duration in s.",
+)
 @click.pass_obj
 def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | None) -> None:
     """Turn the held object by ROLL PITCH YAW degrees about the hand's fixed axes."""
-    _tell(path, Rotate((roll, pitch, yaw), ramp_s))
+    _send(path, Rotate((roll, pitch, yaw), ramp_s))
 
 
 @command.command()
 @click.pass_obj
 def release(path: Path) -> None:
-    """Open, then let the joints go."""
-    _tell(path, Release())
+    """Open the fingers, then disable the drives."""
+    _send(path, Release())
 
 
 @command.command()
 @click.pass_obj
 def stop(path: Path) -> None:
-    """Quick stop, drives off. `recover` leads on."""
-    _tell(path, Stop())
+    """Stop at once and disable the drives; continue with `recover`."""
+    _send(path, Stop())
 
 
 @command.command()
 @click.pass_obj
 def recover(path: Path) -> None:
-    """Leave fault or stop: every node is reset, nothing moves until `grasp`."""
-    _tell(path, Recover())
+    """Leave fault or stop: reset every node and wait for `grasp`."""
+    _send(path, Recover())
 
 
 @command.command()
-@click.option("--json", "as_json", is_flag=True, help="The whole status as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print the whole status as one JSON object.")
 @click.pass_obj
 def status(path: Path, as_json: bool) -> None:
-    """Print mode, reason, fingers and joints. Leaves with 8 in fault and stop."""
+    """Print mode, reason, fingers and joints.
+
+    Exit status: 0, 8 in the modes fault and stop, 9 no host running.
+
+    \b
+    Example:
+      palpate-host command status --json
+    """
     with OperatorClient(path) as client:
         found = client.ask(Status())
     if found is None:
@@ -91,13 +106,13 @@ def status(path: Path, as_json: bool) -> None:
         sys.exit(CommandError.exit_status)
 
 
-def _tell(path: Path, what: Command) -> None:
+def _send(path: Path, what: Command) -> None:
     with OperatorClient(path) as client:
         client.ask(what)
 
 
 def status_text(status: HostStatus) -> str:
-    """For a person, some lines."""
+    """Return the status as lines of text."""
     lines = [f"{status.mode.value}: {status.reason}"]
     if status.warning:
         lines.append(f"warning: {status.warning}")

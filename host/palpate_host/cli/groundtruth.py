@@ -135,7 +135,7 @@ def track(
     output: Path,
     picture: Path | None,
 ) -> None:
-    """Place and turn of the object in every picture; pictures that cannot be believed are told with a reason.
+    """Measure place and turn of the object in every picture; rejected pictures get a reason.
 
     Roll, pitch and yaw are the turn since the first pose. Fails when no picture has one.
     """

@@ -1,4 +1,4 @@
-"""``palpate-host record``: listens on the bus and to the host, and keeps what they said."""
+"""``palpate-host record``: records the bus and the host's status."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def record(
     piece_mb: float,
     keep_mb: float,
 ) -> None:
-    """Keep all that is said on the bus, and what the host tells of itself, as bus logs and MCAP.
+    """Record all frames of the bus and the host's status as bus logs and MCAP.
 
     A process of its own, which sends nothing on the bus and which the host never waits for; it may be started
     before the host or later. Ends at SIGTERM or SIGINT. A power cut costs the last second; the files it
@@ -87,5 +87,5 @@ def record(
         while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
             records = [LogRecord(stamp_us, frame) for stamp_us, frame in bus.receive(WAIT_S)]
             recording.write(now_us(), records, follower.take())
-    said = f"{recording.frames} frames, {recording.ticks} ticks in {output}"
-    click.echo(f"record: {said}, piece {recording.pieces}")
+    summary = f"{recording.frames} frames, {recording.ticks} ticks in {output}"
+    click.echo(f"record: {summary}, piece {recording.pieces}")

@@ -24,7 +24,7 @@ GO_ON = "tm"
 
 
 class Speed(click.ParamType[float]):
-    """How many times faster than the recording; ``max`` is infinity."""
+    """Speed relative to the recording; ``max`` is infinity."""
 
     name = "speed"
 

@@ -45,7 +45,11 @@ _OS_ERROR = re.compile(r"os error (\d+)")
     "--duration", "duration_s", type=click.FloatRange(min=0), help="Live: stop after so many seconds."
 )
 @click.option(
-    "--scene-hz", type=click.FloatRange(0.1, 1000), default=30.0, show_default=True, help="Of the 3-D hand."
+    "--scene-hz",
+    type=click.FloatRange(0.1, 1000),
+    default=30.0,
+    show_default=True,
+    help="Redraws of the 3-D hand per second.",
 )
 def view(
     source: Path | None,
@@ -57,10 +61,10 @@ def view(
     duration_s: float | None,
     scene_hz: float,
 ) -> None:
-    """Show a hand in 3-D with its contacts, forces, joints and what the host says.
+    """Show a hand in 3-D with its contacts, forces, joints and status.
 
     SOURCE is a recording: a bus log, status lines, an MCAP file or a folder of `record`. Without it the hand
-    is shown live, as the host tells over its control socket. The viewer is Rerun's own, on this machine.
+    is shown live, from the host's control socket. The viewer is Rerun's own, on this machine.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""What an operator may ask of the hand: plain data, the same for the control socket, Python and tests."""
+"""Commands of an operator: plain data, the same for the control socket, Python and tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RampSeconds = Annotated[float, msgspec.Meta(ge=0, le=600)]
 
 
 class CommandError(PalpateError):
-    """The hand's mode does not allow a command, or a command is garbled; says what to do first."""
+    """The hand's mode does not allow a command, or a command is invalid; the message has the next step."""
 
     exit_status = 8
 
@@ -45,7 +45,7 @@ class Stop(_Command, frozen=True):
 
 
 class Recover(_Command, frozen=True):
-    """Leave FAULT or STOP: reset the nodes, start anew from INIT, ask for no movement."""
+    """Leave FAULT or STOP: reset the nodes, restart from INIT without movement."""
 
 
 Command = Grasp | Rotate | Release | Stop | Recover

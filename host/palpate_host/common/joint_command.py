@@ -1,4 +1,4 @@
-"""What a tick asks of a joint and what a joint answers, whatever the drive behind it."""
+"""Command to a joint and state of a joint, independent of its drive."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 class Follows(enum.Enum):
-    """What a hand's drives follow (control.drives_follow in hand.toml).
+    """Quantity that a hand's drives follow (control.drives_follow in hand.toml).
 
     TORQUE: u itself. VELOCITY: the admittance qdot = u / B_d. POSITION: that velocity's integral.
     """
@@ -18,8 +18,7 @@ class Follows(enum.Enum):
 
 
 class DriveGoal(enum.Enum):
-    """Where a drive shall be: without power, following something, looking for its zero, or braked by its own
-    quick stop."""
+    """Goal of a drive: disabled, following a quantity, homing, or braked by its own quick stop."""
 
     OFF = "off"
     TORQUE = "torque"

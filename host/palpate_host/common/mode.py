@@ -6,7 +6,7 @@ import enum
 
 
 class Mode(enum.Enum):
-    """What the host does with the joints."""
+    """Mode of the host."""
 
     INIT = "init"  # nodes missing: drives off
     CHECK = "check"  # nodes are there: drives say what they are, all are started

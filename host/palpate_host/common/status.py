@@ -1,4 +1,4 @@
-"""What the host tells of itself each tick: everything a live view needs, immutable and ready for JSON."""
+"""Status of the host in each tick, for views and recordings: immutable and ready for JSON."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FingerStatus(OptionalQuantities):
 
 @dataclass(frozen=True, slots=True)
 class JointStatus:
-    """One joint: where it is, what was asked of it, what its drive says."""
+    """One joint: its position, its command and the state of its drive."""
 
     name: str
     position_rad: float | None

@@ -12,7 +12,7 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
 class Axis(enum.Enum):
-    """What a joint does to its finger."""
+    """Direction of a joint's movement."""
 
     ABDUCTION = "abduction"
     FLEXION = "flexion"

@@ -34,7 +34,7 @@ class ControlMode(enum.Enum):
 
 
 class ForceLaw(enum.Enum):
-    """What the sensor's force does to the grasp (contact_force.py says more)."""
+    """Effect of the measured contact force on the grasp (contact_force.py)."""
 
     OPEN = "open"
     INTEGRAL = "integral"
@@ -78,7 +78,7 @@ class FingerConfig(Strict, frozen=True):
 
 
 class ControlConfig(Strict, frozen=True):
-    """Gains of Eqs. (9)-(14) (control.Gains says what each is) and how the object's orientation is followed.
+    """Gains of Eqs. (9)-(14) (described at control.Gains) and how the object's orientation is followed.
 
     reference_frames: contacts a finger must give before its normal is a reference.
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
@@ -88,7 +88,7 @@ class ControlConfig(Strict, frozen=True):
     let go.
     velocity_joints: the drives turn with torque / B_d: u has then neither gravity nor damping.
     force_law, force_per_s: regulate the contact force, and how fast. soft_limit_rad: before the end of a
-    joint's range the torque outwards fades. drives_follow: what the drives are told; B_d_Nms_rad,
+    joint's range the torque outwards fades. drives_follow: quantity that the drives follow; B_d_Nms_rad,
     speed_limit_rad_s, acceleration_limit_rad_s2: of velocity and position; torque_rate_Nm_s: of torque
     (drives/joint_orders.py).
     """
@@ -118,7 +118,7 @@ class ControlConfig(Strict, frozen=True):
 
 
 class TargetConfig(Strict, frozen=True):
-    """How far to turn the object about the hand's fixed axes, and in what time (>= 1 s advised)."""
+    """Turn of the object about the hand's fixed axes, and its duration (>= 1 s advised)."""
 
     rpy_deg: tuple[float, float, float]
     ramp_s: NotNegative
@@ -139,7 +139,7 @@ class StalenessConfig(Strict, frozen=True):
 
 
 class LimitsConfig(Strict, frozen=True):
-    """What is a fault when it comes back from the hand (runaway.py).
+    """Limits of measured values; beyond one of them the hand goes to fault (runaway.py).
 
     contact_force_N: of a fingertip, normal or shear. joint_speed_rad_s: of any joint. torque_ratio: torque
     that a drive reports over its joint's torque_limit_Nm.
@@ -161,14 +161,14 @@ class StartMode(enum.Enum):
 
 
 class RunConfig(Strict, frozen=True):
-    """How `palpate-host run` behaves. real_time: ask for SCHED_FIFO and locked memory (real_time.py)."""
+    """Behaviour of `palpate-host run`. real_time: request SCHED_FIFO and locked memory (real_time.py)."""
 
     start: StartMode = StartMode.AUTO
     real_time: bool = False
 
 
 class HomingConfig(Strict, frozen=True):
-    """How drives without a zero of their own find it, one after another, before the hand is ready.
+    """Homing of drives without an absolute zero, one after another, before the hand is ready.
 
     method: 6098h; 17 and 18 seek the lower and the upper limit switch, 37 is here, -1 the drive's own way.
     search_rad_s, zero_rad_s: towards the switch and off it. timeout_s: of each joint.

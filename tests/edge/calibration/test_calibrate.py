@@ -174,7 +174,7 @@ def test_a_picture_of_another_size_is_named(drawn_dome, another_dome, tmp_path, 
     larger = another_dome(width=330).write(tmp_path / "larger", presses=2)
     name = {"reference": "3.png", "frames": "001.png"}[where]
     (folder / where / name).write_bytes((larger / where / name).read_bytes())
-    with pytest.raises(CalibrationError, match=rf"{where}/{name} is 330x240, sensor.toml says 320x240"):
+    with pytest.raises(CalibrationError, match=rf"{where}/{name} is 330x240, sensor.toml has 320x240"):
         calibrate_paper(folder)
 
 

@@ -70,7 +70,7 @@ def test_what_a_killed_recorder_left_half_written_is_never_a_frame(tmp_path):
 
 def test_a_folder_with_frames_is_not_mixed(tmp_path):
     FrameRing(tmp_path / "r", LARGE).add(noisy(1))
-    with pytest.raises(CaptureError, match="holds frames already"):
+    with pytest.raises(CaptureError, match="has frames already"):
         FrameRing(tmp_path / "r", LARGE)
 
 

@@ -210,7 +210,7 @@ def test_check_tells_whether_the_bus_is_the_hand_of_the_file(config, tmp_path):
 
     right = check(config)
     assert (right.returncode, right.stderr) == (0, "")
-    assert "12 nodes, 0 with problems" in right.stdout
+    assert "0 of 12 nodes have problems" in right.stdout
     assert "0x01  drive of abduction_1" in right.stdout and "cst, 1.9 N m" in right.stdout
     assert (tmp_path / "hand.png").read_bytes().startswith(b"\x89PNG")
     text = config.read_text().replace("drive_node = 9,", "drive_node = 0x33,")
@@ -221,10 +221,10 @@ def test_check_tells_whether_the_bus_is_the_hand_of_the_file(config, tmp_path):
     wrong = check(tmp_path / "wrong.toml")
     assert wrong.returncode == 1
     for said in (
-        "is no CiA 404 device (1000h says CiA 402)",
-        "is no CiA 402 device (1000h says CiA 404)",
+        "is not a CiA 404 device (its 1000h is of CiA 402)",
+        "is not a CiA 402 device (its 1000h is of CiA 404)",
         "does not answer",
         "0x09 is on the bus and not in the file (CiA 402 drive)",
-        "12 nodes, 3 with problems",
+        "3 of 12 nodes have problems",
     ):
         assert said in wrong.stdout

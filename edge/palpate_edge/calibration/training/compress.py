@@ -1,6 +1,6 @@
 """Fewer centres for a fitted kernel expansion: what a board must compute for every frame.
 
-Neighbouring centres of a smooth kernel say nearly the same. Pivoted Cholesky picks those that tell the
+Neighbouring centres of a smooth kernel are nearly redundant. Pivoted Cholesky picks those that explain the
 others best (each time the one least explained so far); the weights are fitted anew to what the whole
 expansion says at all of its centres. (Fine and Scheinberg, Efficient SVM Training Using Low-Rank Kernel
 Representations, 2001, section 4: the incomplete factorisation and its pivots.)
@@ -35,7 +35,7 @@ def compressed(
 
 def pivoted_cholesky(points: Array, kernel: Kernel, count: int) -> tuple[NDArray[np.intp], Array]:
     """Indices (m,) of the pivots and factor (n, m): factor @ factor.T is the kernel matrix (n, n) but for
-    what m <= count points cannot tell. The kernel of a point with itself is 1."""
+    what m <= count points cannot explain. The kernel of a point with itself is 1."""
     left = np.ones(len(points))
     factor = np.zeros((len(points), min(count, len(points))))
     pivots: list[int] = []

@@ -1,7 +1,7 @@
 """Kernel ridge regression from canonical fields to contact direction, force and uncertainty.
 
 The field is split into its shape (norm 1) and its size (logarithm of the norm): a press keeps nearly the
-same shape while it deepens, so shape tells the place, and force over size is nearly constant.
+same shape while it deepens, so shape determines the place, and force over size is nearly constant.
 
 Two kernel expansions are added: one fitted to the dome model (presses of other domes), one fitted to what the
 sensor's own presses leave of it. Either may be absent.
@@ -61,7 +61,7 @@ class Regression:
 
     centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
     N/mm, log radius; hidden_slope: log radius a blind spot. stiffness_scale: forces of this
-    sensor over the dome model's; None when no press was there to tell, and then forces are the dome's.
+    sensor over the dome model's; None without presses, and then forces are the dome's.
     answer_field: what field an answer would make.
     """
 

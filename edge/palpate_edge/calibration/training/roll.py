@@ -1,9 +1,9 @@
-"""How far the camera is rolled about its axis, from presses of known place, where the layout was learned.
+"""Roll of the camera about its axis from presses of known place, for a learned layout.
 
-Beads of a known layout tell the camera's roll. Beads of a learned one do not: the layout is turned with the
-camera, and all contacts with it, by up to a millimetre on the paper's dome. What the sensor itself learns
-cannot mend that, as its presses are taken with their mirror images. A press of known place tells the roll:
-the dome model says where it is, and the azimuth between the two is the roll and the model's error.
+Beads of a known layout determine the camera's roll. Beads of a learned one do not: the layout is turned with
+the camera, and all contacts with it, by up to a millimetre on the paper's dome. What the sensor itself learns
+cannot mend that, as its presses are taken with their mirror images. A press of known place gives the roll:
+the dome model estimates where it is, and the azimuth between the two is the roll and the model's error.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MODEL_SIGMA = 0.03  # of the dome model's error across the meridian, over the do
 
 
 def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], dome: DomeModel) -> float:
-    """The likeliest angle, rad, about z from what the view says to what is true; 0 without presses.
+    """The likeliest angle, rad, about z from the view to the truth; 0 without presses.
 
     dome: of the size of the reader's sphere of beads.
     """

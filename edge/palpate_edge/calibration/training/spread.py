@@ -1,9 +1,9 @@
-"""How far a prediction may be off: errors of presses left out in turn, smoothed and raised to cover 95 %.
+"""Uncertainty of a prediction: errors of presses left out in turn, smoothed and raised to cover 95 %.
 
 Errors are taken in parts of what a faint touch must err by (motion.faintness) and of what one must that is
 far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
-angle. What is left of them has much the same spread on every sensor, so that few presses need not tell all of
-it: beside them stand as many of a typical sensor as `PRIOR_PRESSES`, drawn from a log-normal distribution.
+angle. What is left of them has much the same spread on every sensor, so that few presses need not determine
+all of it: beside them stand as many of a typical sensor as `PRIOR_PRESSES`, drawn from a log-normal distribution.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> A
 
 
 def _upper_limit(above: Array, presses: int) -> float:
-    """What 95 % of new values stay below: the quantile of the sensor's own presses and the typical ones
-    together, and what choosing by the same presses has made too small."""
+    """Return the value that 95 % of new values stay below: the quantile of the sensor's own presses and the
+    typical ones together, and what choosing by the same presses has made too small."""
     typical = NormalDist(0.0, PRIOR_DEVIATION)
     prior = [typical.inv_cdf((number + 0.5) / 1000) for number in range(1000)]
     values = np.concatenate([above, prior])
