@@ -29,8 +29,9 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     = 15-30 deg above the base plane, 5 = 75-90), by thirds of the largest force, and over all presses.
 
     \b
-    Example:
-      palpate-edge evaluate demo/recording/press --calibration finger-1.cal
+    Examples:
+      palpate-edge evaluate dome-7 --calibration dome-7.cal
+      palpate-edge evaluate demo/recording/press --calibration finger-1.cal --split train
     """
     from palpate_edge.calibration.calibration_file import load_calibration  # noqa: PLC0415
     from palpate_edge.calibration.evaluation import evaluate_dataset, write_json  # noqa: PLC0415

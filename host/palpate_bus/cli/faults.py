@@ -12,12 +12,19 @@ from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID
 
 _HELP = {
-    FaultKind.DROP: "Drop frames before they reach the wire.",
-    FaultKind.DUPLICATE: "Send frames twice.",
-    FaultKind.DELAY: "Delay frames; a range of delays also reorders them.",
-    FaultKind.TX_FULL: "Refuse frames as if the sender's transmit buffer were full (ENOBUFS).",
-    FaultKind.BUS_OFF: "Set a port bus-off.",
+    FaultKind.DROP: ("Drop frames before they reach the wire.", "drop --id 0x190 --probability 0.1"),
+    FaultKind.DUPLICATE: ("Send frames twice.", "duplicate --port finger-1 --count 100"),
+    FaultKind.DELAY: (
+        "Delay frames; a range of delays also reorders them.",
+        "delay --delay-ms 5 --delay-max-ms 20",
+    ),
+    FaultKind.TX_FULL: (
+        "Refuse frames as if the sender's transmit buffer were full (ENOBUFS).",
+        "tx-full --port host --duration-ms 500",
+    ),
+    FaultKind.BUS_OFF: ("Set a port bus-off.", "bus-off --port finger-1 --duration-ms 2000"),
 }
+"""What each command does, and an example of its use."""
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Any]
 
@@ -107,4 +114,6 @@ def _command(
     callback: Callable[..., Any] = run
     for option in reversed(options):
         callback = option(callback)
-    return click.command(kind.value, help=_HELP[kind])(callback)
+    summary, example = _HELP[kind]
+    text = f"{summary}\n\n\b\nExample:\n  palpate-host bus fault {example}"
+    return click.command(kind.value, help=text)(callback)

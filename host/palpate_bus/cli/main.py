@@ -193,7 +193,12 @@ def fault() -> None:
 @fault.command()
 @SOCKET
 def clear(socket_path: Path) -> None:
-    """End every fault; bus-off ports become active again."""
+    """End every fault; bus-off ports become active again.
+
+    \b
+    Example:
+      palpate-host bus fault clear
+    """
     ask(socket_path, ClearFaults())
 
 

@@ -39,7 +39,12 @@ def az() -> None:
 @az.command()
 @_CONFIG
 def gateway(config_path: Path) -> None:
-    """Serves each axis as a CiA 402 node until SIGTERM or SIGINT, then lets the joints go."""
+    """Serve each axis as a CiA 402 node until SIGTERM or SIGINT, then disable the drives.
+
+    \b
+    Example:
+      palpate-host az gateway --config az.toml
+    """
     config = az_config.load(config_path)
     nodes = ", ".join(str(axis.drive_node) for port in config.ports for axis in port.axes)
     with (
@@ -57,7 +62,12 @@ def gateway(config_path: Path) -> None:
 @az.command()
 @_CONFIG
 def simulate(config_path: Path) -> None:
-    """Serves every port of az.toml with simulated drives, behind a link at its path."""
+    """Simulate the drives of every port of az.toml, behind a link at the port's path.
+
+    \b
+    Example:
+      palpate-host az simulate --config az.toml
+    """
     simulated_port = load_plugin(SIMULATORS, "az_port")
     config = az_config.load(config_path)
     with stop_event() as stop, ExitStack() as stack:
