@@ -44,7 +44,12 @@ def command(context: click.Context, path: Path | None) -> None:
 @command.command()
 @click.pass_obj
 def grasp(path: Path) -> None:
-    """Close the fingers and hold; stop a turn."""
+    """Close the fingers and hold; stop a turn.
+
+    \b
+    Example:
+      palpate-host command grasp
+    """
     _send(path, Grasp())
 
 
@@ -60,28 +65,48 @@ def grasp(path: Path) -> None:
 )
 @click.pass_obj
 def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | None) -> None:
-    """Turn the held object by ROLL PITCH YAW degrees about the hand's fixed axes."""
+    """Turn the held object by ROLL PITCH YAW degrees about the hand's fixed axes.
+
+    \b
+    Example:
+      palpate-host command rotate 0 0 30 --ramp 3
+    """
     _send(path, Rotate((roll, pitch, yaw), ramp_s))
 
 
 @command.command()
 @click.pass_obj
 def release(path: Path) -> None:
-    """Open the fingers, then disable the drives."""
+    """Open the fingers, then disable the drives.
+
+    \b
+    Example:
+      palpate-host command release
+    """
     _send(path, Release())
 
 
 @command.command()
 @click.pass_obj
 def stop(path: Path) -> None:
-    """Stop at once and disable the drives; continue with `recover`."""
+    """Stop at once and disable the drives; continue with `recover`.
+
+    \b
+    Example:
+      palpate-host command stop
+    """
     _send(path, Stop())
 
 
 @command.command()
 @click.pass_obj
 def recover(path: Path) -> None:
-    """Leave fault or stop: reset every node and wait for `grasp`."""
+    """Leave fault or stop: reset every node and wait for `grasp`.
+
+    \b
+    Example:
+      palpate-host command recover
+    """
     _send(path, Recover())
 
 
@@ -92,6 +117,10 @@ def status(path: Path, as_json: bool) -> None:
     """Print mode, reason, fingers and joints.
 
     Exit status: 0, 8 in the modes fault and stop, 9 no host running.
+
+    \b
+    Example:
+      palpate-host command status --json
 
     \b
     Example:

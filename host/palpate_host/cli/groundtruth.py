@@ -62,7 +62,12 @@ def groundtruth() -> None:
 @BOARD
 @click.option("-o", "--output", type=FILE, required=True, help="Picture to write (.png).")
 def board(board: tuple[int, int, float, float], output: Path) -> None:
-    """Draw the ChArUco board to print and glue onto something flat. Measure its squares afterwards."""
+    """Draw the ChArUco board to print and glue onto something flat. Measure its squares afterwards.
+
+    \b
+    Example:
+      palpate-host groundtruth board -o board.png
+    """
     write_picture(output, _board(board).picture(), ConfigError)
     click.echo(f"{output}")
 
@@ -89,6 +94,10 @@ def calibrate_command(
     """Focal lengths, centre and distortion from a video of the board, moved and tilted before the camera.
 
     A camera is recorded until Ctrl-C or for --duration.
+
+    \b
+    Example:
+      palpate-host groundtruth calibrate board.mp4 -o camera.json
     """
     frames = (image for _, image in _frames(source, size, fps, exposure_us, duration_s))
     found = calibrate(frames, _board(board))
@@ -138,6 +147,10 @@ def track(
     """Measure place and turn of the object in every picture; rejected pictures get a reason.
 
     Roll, pitch and yaw are the turn since the first pose. Fails when no picture has one.
+
+    \b
+    Example:
+      palpate-host groundtruth track run.mp4 --intrinsics camera.json --marker 7 30 -o truth.csv
     """
     intrinsics = read_intrinsics(intrinsics_path)
     tracker = ObjectTracker(intrinsics, _marker(marker), None if base is None else _marker(base))

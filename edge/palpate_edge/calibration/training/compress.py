@@ -1,7 +1,7 @@
 """Fewer centres for a fitted kernel expansion: what a board must compute for every frame.
 
 Neighbouring centres of a smooth kernel are nearly redundant. Pivoted Cholesky picks those that explain the
-others best (each time the one least explained so far); the weights are fitted anew to what the whole
+others best (each time the one least explained so far); the weights are fitted again to what the whole
 expansion says at all of its centres. (Fine and Scheinberg, Efficient SVM Training Using Low-Rank Kernel
 Representations, 2001, section 4: the incomplete factorisation and its pivots.)
 """

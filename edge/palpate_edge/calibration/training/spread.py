@@ -3,7 +3,7 @@
 Errors are taken in parts of what a faint touch must err by (motion.faintness) and of what one must that is
 far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
 angle. What is left of them has much the same spread on every sensor, so that few presses need not determine
-all of it: beside them stand as many of a typical sensor as `PRIOR_PRESSES`, drawn from a log-normal distribution.
+all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal distribution.
 """
 
 from __future__ import annotations
