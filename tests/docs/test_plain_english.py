@@ -20,15 +20,15 @@ FIRST_WORDS = re.compile(
     r"(Of|It|Its|That|What|Where|Who|Whose|Whether|How|They|Them|Those|These|This|There|One of|When)\b"
 )
 IDIOM = re.compile(
-    r"\b((is|are|was|were|be|been) told|tells?|hears?|heard|wish(es|ed)?|goes away|comes? back|came back|asks? of|"
-    r"believe[sd]?|the rim|for ever|says?|said|anew|reckons?|obeys?|names it|leaves with|stands beside|"
-    r"is the matter|in the midst|makes? up|nothing is lost but|whoever|whatever|by itself alone)\b",
+    r"\b((is|are|was|were|be|been) told|tells?|hears?|heard|wish(es|ed)?|goes away|"
+    r"comes? back|came back|asks? of|believe[sd]?|the rim|for ever|says?|said|anew|reckons?|obeys?|names it|"
+    r"leaves with|stands beside|is the matter|in the midst|makes? up|nothing is lost but|whoever|whatever|by itself alone)\b",
     re.IGNORECASE,
 )
 
 
 def texts(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Yield line, kind (docstring or message) and text of everything that a reader of the program may meet."""
+    """Yield line, kind (docstring or message) and text of all that a reader of the program may meet."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     for node in ast.walk(tree):

@@ -2,7 +2,7 @@
 
 Neighbouring centres of a smooth kernel are nearly redundant. Pivoted Cholesky picks those that explain the
 others best (each time the one least explained so far); the weights are fitted again to what the whole
-expansion says at all of its centres. (Fine and Scheinberg, Efficient SVM Training Using Low-Rank Kernel
+expansion gives at all of its centres. (Fine and Scheinberg, Efficient SVM Training Using Low-Rank Kernel
 Representations, 2001, section 4: the incomplete factorisation and its pivots.)
 """
 
