@@ -22,7 +22,8 @@ FIRST_WORDS = re.compile(
 IDIOM = re.compile(
     r"\b((is|are|was|were|be|been) told|tells?|hears?|heard|wish(es|ed)?|goes away|"
     r"comes? back|came back|asks? of|believe[sd]?|the rim|for ever|says?|said|anew|reckons?|obeys?|names it|"
-    r"leaves with|stands beside|is the matter|in the midst|makes? up|nothing is lost but|whoever|whatever|by itself alone)\b",
+    r"leaves with|stands beside|is the matter|in the midst|makes? up|nothing is lost but|"
+    r"whoever|whatever|by itself alone)\b",
     re.IGNORECASE,
 )
 
