@@ -115,3 +115,23 @@ def test_examples_run(tmp_path: Path) -> None:
         command = [sys.executable, "-m", MODULES[program], *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        ("palpate-edge run --config none.toml", 2),
+        ("palpate-edge calibrate none -o out.cal", 3),
+        ("palpate-edge estimate none --calibration none.cal --csv out.csv", 4),
+        ("palpate-host run --config none.toml", 2),
+        ("palpate-host command --socket none.sock status", 9),
+    ],
+)
+def test_exit_statuses_are_those_of_the_help(tmp_path: Path, line: str, status: int) -> None:
+    program, *words = shlex.split(line)
+    command = [sys.executable, "-m", MODULES[program], *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1

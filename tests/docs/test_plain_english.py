@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,3 +74,48 @@ def test_a_room_is_written_in_plain_english(room: Path) -> None:
 )
 def test_the_old_idiom_is_found(tmp_path: Path, text: str) -> None:
     assert FIRST_WORDS.match(text) or IDIOM.search(text)
+
+
+def refusals() -> Iterator[tuple[Path, int, str]]:
+    """Yield file, line and literal text of every error of ours that is raised."""
+    for room in ROOMS:
+        for path in sorted(room.rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                    name = ast.unparse(node.exc.func)
+                    if (
+                        name.endswith("Error")
+                        and name not in BUILT_IN
+                        and (text := " ".join(strings(node.exc)))
+                    ):
+                        yield path, node.lineno, text
+
+
+BUILT_IN = {name for name in dir(builtins) if name.endswith("Error")}
+OLD_PHRASES = re.compile(
+    r"the dataset names it|is no (image|video|whole|capture|ring)\b|numbers that are none|"
+    r"cannot be made anew|^no host on|Object contains|Invalid enum|\bErrno\b"
+)
+
+
+def test_no_error_has_a_phrase_of_the_old_messages() -> None:
+    found = [f"{path.relative_to(ROOT)}:{line}: {text}" for path, line, text in refusals()]
+    assert len(found) > 200  # the scan sees the errors
+    assert not [text for text in found if OLD_PHRASES.search(text.split(": ", 1)[1])]
+
+
+def test_no_error_passes_on_the_words_of_another_library() -> None:
+    """An exception of msgspec inside an f-string would bring its text to the user."""
+    wrong = []
+    for room in ROOMS:
+        for path in sorted(room.rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if not isinstance(node, ast.ExceptHandler) or node.name is None or node.type is None:
+                    continue
+                if "msgspec" in ast.unparse(node.type):
+                    used = {
+                        part.id for part in ast.walk(ast.Module(node.body, [])) if isinstance(part, ast.Name)
+                    }
+                    if node.name in used:
+                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert not wrong, wrong

@@ -113,7 +113,9 @@ def evaluate_dataset(
     check_sensor(calibration, calibration_path, dataset.sensor, folder / "sensor.toml")
     presses = dataset.split(split)
     if not presses:
-        raise DatasetError(f"{folder / 'truth.csv'} has no row of the split {split!r}: nothing to measure on")
+        raise DatasetError(
+            f"{folder / 'truth.csv'} has no row of the split {split!r}: give another --split (train or test)"
+        )
     estimator = Estimator(calibration, method)
     grey = calibration.appearance.channel == "grey"
     watch = Stopwatch()

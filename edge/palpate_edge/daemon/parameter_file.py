@@ -158,7 +158,7 @@ def decode(content: bytes) -> StoredParameters:
         raise ValueError("not an intact parameter file")
     try:
         kept = msgspec.json.decode(body, type=_Content)
-    except msgspec.DecodeError as error:
-        raise ValueError(f"not a parameter file of this version: {error}") from error
+    except msgspec.DecodeError:
+        raise ValueError("not a parameter file of this version") from None
     objects = {(int(key[:4], 16), int(key[5:], 16)): value for key, value in kept.objects.items()}
     return StoredParameters(kept.eds, kept.node_id, kept.bit_rate_kbit_s, objects)

@@ -27,7 +27,9 @@ DIFFERS = 1
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=0.3, show_default=True)
 @click.option("--offline", is_flag=True, help="Check the file and draw; ask nothing of the bus.")
 def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bool) -> None:
-    """Compare hand.toml with the nodes on its bus, while no host runs. Exit status 1 when they differ.
+    """Compare hand.toml with the nodes on its bus, while no host runs.
+
+    Exit status: 0 when they agree, 1 when they differ.
 
     \b
     palpate-host check --config hand.toml

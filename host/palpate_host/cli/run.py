@@ -67,6 +67,7 @@ def contract(config_path: Path) -> None:
     """Print the options that bind a recorded bus log to this hand's EDS files and nodes.
 
     \b
+    palpate-host contract --config hand.toml
     palpate-host bus hub --log hand.log $(palpate-host contract --config hand.toml)
     """
     config, _ = host.load_hand(config_path)

@@ -22,4 +22,10 @@ COMMANDS = {  # name: module and attribute, line in --help
 
 @click.command(cls=LazyGroup, table=COMMANDS)
 def simulate() -> None:
-    """Simulate sensors, cameras, drives and hands."""
+    """Simulate sensors, cameras, drives and hands.
+
+    \b
+    Examples:
+      palpate-host simulate sensor demo/recording/press/sensor.toml
+      palpate-host simulate hand --hand table4
+    """

@@ -72,7 +72,7 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
     whole = all(np.isfinite(array).all() for array in arrays.values())
     if not (count and whole and arrays["markers_radius_mm"] > 0):
         raise CalibrationError(
-            f"{path} holds no presses or numbers that are none: make it again with palpate-edge train"
+            f"{path} contains no presses, or NaN or infinite values: make it again with palpate-edge train"
         )
 
 

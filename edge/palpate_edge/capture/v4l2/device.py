@@ -112,8 +112,8 @@ class VideoDevice:
         needed = Capability.VIDEO_CAPTURE | Capability.STREAMING
         if self.capabilities.device_caps & needed != needed:
             raise CaptureError(
-                f"camera {self.path} is no capture device that streams: choose the camera's node that ends "
-                "with video-index0 (ls -l /dev/v4l/by-path)"
+                f"camera {self.path} is not a capture device that streams: choose the camera's node that "
+                "ends with video-index0 (ls -l /dev/v4l/by-path)"
             )
 
     def _failure(self, what: str, error: OSError) -> CaptureError:
