@@ -132,3 +132,25 @@ def test_csv_and_json_on_standard_output(drawn_dataset: Path, drawn_calibration_
         assert done.stdout.startswith(begins)
         assert done.stdout.rstrip().endswith("}" if begins == "{" else "")
         assert "written" in done.stderr or "region 1" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "begins"),
+    [
+        (("replay", LOG, "--config", HAND, "-o", "-"), "# palpate"),
+        (("simulate", "hand", "--hand", "table4", "--write", "-"), "<mujoco"),
+    ],
+    ids=["replay", "simulate hand"],
+)
+def test_the_hosts_text_on_standard_output(command: tuple[object, ...], begins: str) -> None:
+    """Nothing but the file's content is there; notes go to standard error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "palpate_host.cli.main", *map(str, command)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(begins), done.stdout[:200]
+    assert "frames out" not in done.stdout
+    assert done.stderr

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from pathlib import Path
 
 import click
+
+from palpate_edge.common.atomic_write import STANDARD_OUTPUT
+
+
+@contextmanager
+def notes_beside(output: Path | None) -> Iterator[None]:
+    """Print the block's notes to standard error when `output`, the command's file, is standard output."""
+    with redirect_stdout(sys.stderr) if output == STANDARD_OUTPUT else nullcontext():
+        yield
 
 
 @contextmanager

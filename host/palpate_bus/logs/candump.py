@@ -24,6 +24,7 @@ from types import TracebackType
 from typing import TextIO
 
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.errors import BusError
 
 FORMAT_KEY = "palpate-log"
@@ -221,7 +222,7 @@ class LogWriter:
 
 
 def write_log(path: Path, header: LogHeader, records: Iterable[LogRecord]) -> None:
-    """Write a whole log."""
-    with LogWriter(path, header) as writer:
-        for record in records:
-            writer.write(record)
+    """Write a whole log, complete or not at all; ``-`` is standard output. Raises LogError."""
+    with atomic_text(path, LogError) as file:
+        file.writelines(f"{line}\n" for line in header.lines())
+        file.writelines(f"{format_record(record)}\n" for record in records)

@@ -12,6 +12,7 @@ import numpy as np
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.picture_file import write_picture
+from palpate_edge.common.progress import notes_beside
 from palpate_edge.common.signals import stop_event
 from palpate_host.groundtruth.frames import camera_frames, is_camera, recorded_frames
 from palpate_host.groundtruth.intrinsics import Board, calibrate, read_intrinsics, write_intrinsics
@@ -79,7 +80,9 @@ def board(board: tuple[int, int, float, float], output: Path) -> None:
 @FPS
 @EXPOSURE
 @DURATION
-@click.option("-o", "--output", type=FILE, required=True, help="Intrinsics to write (.json).")
+@click.option(
+    "-o", "--output", type=FILE, required=True, help="JSON file of intrinsics to write; - is standard output."
+)
 @click.option("--picture", type=FILE, help="Draw where the board's corners were (.png).")
 def calibrate_command(
     source: Path,
@@ -103,10 +106,11 @@ def calibrate_command(
     found = calibrate(frames, _board(board))
     write_intrinsics(output, found.intrinsics)
     i = found.intrinsics
-    click.echo(f"{output}: {i.pictures} pictures, corners {i.rms_px:.2f} px off")
-    click.echo(f"fx {i.fx_px:.1f} fy {i.fy_px:.1f} cx {i.cx_px:.1f} cy {i.cy_px:.1f} px")
-    for reason, count in found.refused.items():
-        click.echo(f"{count} pictures refused: {reason}")
+    with notes_beside(output):
+        click.echo(f"{output}: {i.pictures} pictures, corners {i.rms_px:.2f} px off")
+        click.echo(f"fx {i.fx_px:.1f} fy {i.fy_px:.1f} cx {i.cx_px:.1f} cy {i.cy_px:.1f} px")
+        for reason, count in found.refused.items():
+            click.echo(f"{count} pictures refused: {reason}")
     if picture is not None:
         drawn = np.full((i.height_px, i.width_px, 3), 255, dtype=np.uint8)
         for x, y in found.corners_px:
@@ -130,7 +134,9 @@ def calibrate_command(
     metavar="ID SIDE_MM",
     help="On the hand's base, its x and y along the hand's: angles are then about the hand's axes.",
 )
-@click.option("-o", "--output", type=FILE, required=True, help="Poses to write (.csv).")
+@click.option(
+    "-o", "--output", type=FILE, required=True, help="CSV file of poses to write; - is standard output."
+)
 @click.option("--picture", type=FILE, help="The last picture with the marker drawn in (.png).")
 def track(
     source: Path,
@@ -163,9 +169,10 @@ def track(
     if picture is not None and last is not None:
         write_picture(picture, draw(last, sights[-1], intrinsics, marker[1] * 1e-3), ConfigError)
     refused = refusals(sights)
-    click.echo(f"{output}: {len(sights) - sum(refused.values())} of {len(sights)} pictures have a pose")
-    for reason, count in refused.items():
-        click.echo(f"{count} refused: {reason}")
+    with notes_beside(output):
+        click.echo(f"{output}: {len(sights) - sum(refused.values())} of {len(sights)} pictures have a pose")
+        for reason, count in refused.items():
+            click.echo(f"{count} refused: {reason}")
     if sum(refused.values()) == len(sights):
         raise ConfigError(f"{source}: no picture has a pose: see the reasons above")
 

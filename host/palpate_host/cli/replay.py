@@ -12,6 +12,7 @@ import click
 from palpate_bus.decode.decoder import Decoder
 from palpate_bus.decode.monitor_lines import line
 from palpate_bus.logs.candump import LogRecord
+from palpate_edge.common.progress import notes_beside
 from palpate_host.cli.run import CONFIG
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service import host
@@ -41,7 +42,13 @@ class Speed(click.ParamType[float]):
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
 @CONFIG
-@click.option("-o", "--output", "output_path", type=FILE, help="Write the host's answers as a candump log.")
+@click.option(
+    "-o",
+    "--output",
+    "output_path",
+    type=FILE,
+    help="Candump log to write with the host's frames; - is standard output.",
+)
 @click.option("--speed", type=Speed(), default="max", show_default=True, help="0.1, 1, 10, ... or max.")
 @click.option("--frames", is_flag=True, help="Show every frame, decoded.")
 @click.option("--step", "stepwise", is_flag=True, help="Wait for a key after each frame and tick.")
@@ -65,10 +72,12 @@ def replay(
         taken = _by_key(taken, config, begin_us)
     else:
         taken = _shown(_paced(taken, speed), config, begin_us, frames)
-    result = replay_steps(taken, config)
+    with notes_beside(output_path):
+        result = replay_steps(taken, config)
     if output_path is not None:
         write_output(output_path, result)
-    _summarise(result)
+    with notes_beside(output_path):
+        _summarise(result)
 
 
 def _summarise(result: Replay) -> None:

@@ -9,6 +9,7 @@ import click
 
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.progress import notes_beside
 from palpate_twin.cli.options import FILE, FOLDER, hand_file, hand_option
 
 CONTACT_NOISE_MM = 0.15
@@ -133,10 +134,12 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
     from palpate_twin.paper.describe import describe, draw, mjcf  # noqa: PLC0415
 
     path = hand_file(hand_name)
-    click.echo(describe(path))
+    with notes_beside(write):
+        click.echo(describe(path))
     if write is not None:
         write_atomically(write, mjcf(path).encode(), ConfigError)
-        click.echo(f"{write}")
+        with notes_beside(write):
+            click.echo(f"{write}")
     if picture is not None:
         draw(path, picture)
         click.echo(f"{picture}")
