@@ -363,7 +363,7 @@ def test_a_second_node_with_the_same_id_stops_the_process() -> None:
             stranger.send(can.Message(arbitration_id=0x706, data=[0], is_extended_id=False))
             running.join()
         assert running.error is not None
-        assert "node id 6" in str(running.error)
+        assert "node id 0x06 is taken" in str(running.error)
 
 
 class ListeningDrive(SimulatedDrive):

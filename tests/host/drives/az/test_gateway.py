@@ -312,8 +312,8 @@ def test_heat_is_told_of_a_drive_that_is_in_fault_already(
 
 def deny_temperatures(drive: SimulatedAz) -> None:
     """The drive answers a read of its temperatures with Modbus' illegal address."""
-    knows = drive.knows
-    drive.knows = (  # type: ignore[method-assign]
+    knows = drive.readable
+    drive.readable = (  # type: ignore[method-assign]
         lambda address, count: address != DRIVER_TEMPERATURE.address and knows(address, count)
     )
 
