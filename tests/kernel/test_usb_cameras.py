@@ -48,5 +48,6 @@ def test_a_camera_is_found_by_its_serial_number_in_whatever_port_it_is(usb_camer
 def test_a_serial_number_that_two_have_is_refused_and_their_ports_are_named(usb_cameras):
     for port in (0, 1):
         usb_cameras(REVISIONS[port], "01.00.00").plug(port)
-    with pytest.raises(CaptureError, match=f"2 cameras have .*: {port_name(0)}, {port_name(1)}: name one"):
+    named = f"2 cameras have .*: {port_name(0)}, {port_name(1)}: set capture.path"
+    with pytest.raises(CaptureError, match=named):
         find_camera("", "01.00.00")
