@@ -27,7 +27,7 @@ def code_block(language: str) -> str:
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What the example prints in a checkout in which nothing else was done."""
+    """Output of the example in a fresh checkout."""
     checkout = tmp_path_factory.mktemp("checkout")
     (checkout / "demo").symlink_to(ROOT / "demo")
     program, *arguments = shlex.split(code_block("sh"))

@@ -51,7 +51,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class _Place:
-    """What stands around a node: its statement's first line, and whether its function has a result."""
+    """Surroundings of a node: its statement's first line, and whether its function has a result."""
 
     statement_line: int = 1
     in_function: bool = False

@@ -1,4 +1,4 @@
-"""What became of the mutants, as a table and as JSON."""
+"""Report of the mutants, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OUTCOMES = (*KILLED, "survived", "uncovered")
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a mutant. tests: how many ran; covering: how many could have; by: the first to fail."""
+    """Result of a mutant. tests: how many ran; covering: how many could have; by: the first to fail."""
 
     area: str
     mutant: Mutant

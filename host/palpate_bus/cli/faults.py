@@ -24,7 +24,7 @@ _HELP = {
     ),
     FaultKind.BUS_OFF: ("Set a port bus-off.", "bus-off --port finger-1 --duration-ms 2000"),
 }
-"""What each command does, and an example of its use."""
+"""Summary of each command and an example of its use."""
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Any]
 

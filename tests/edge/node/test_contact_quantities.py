@@ -92,7 +92,7 @@ OPTIONAL = {field.name: ANY_FLOAT for field in fields(OptionalQuantities)}
 
 @dataclass(frozen=True)
 class Measured:
-    """What the codec reads: any value for any quantity, on a contact that touches."""
+    """Contact with any value for any quantity, as the codec reads it."""
 
     values: dict[str, float | Vector3 | None]
 
