@@ -23,16 +23,18 @@ help:  ## this list
 demo: $(VENV)/host.stamp  ## set up, then a simulated hand turns an object for 20 s, all processes real
 	$(BIN)/palpate-host demo
 
-# The linters run beside the tests; what they print comes at the end.
+# $(call beside_lint,TARGETS): make them while the linters run; what those print comes at the end.
+beside_lint = $(MAKE) --no-print-directory --output-sync=recurse lint & lint=$$!; \
+  $(MAKE) --no-print-directory $(1); tests=$$?; wait $$lint && test $$tests = 0
+
 check: $(VENV)/dev.stamp  ## set up, then format, lint, types, rooms and the tests that need no process, no FEM, no kernel
-	$(call timed,\
-	  $(MAKE) --no-print-directory --output-sync=recurse lint & lint=$$!; \
-	  $(MAKE) --no-print-directory check-tests; tests=$$?; wait $$lint && test $$tests = 0)
+	$(call timed,$(call beside_lint,check-tests))
 
 check-tests: $(VENV)/dev.stamp
 	$(call timed,$(PYTEST) -q $(WORKERS) -m check $(PYTEST_ARGS))
 
-test: lint unit demo-test  ## set up, then every check and test but make slow-test's and vm-test's (a test whose tool is missing skips)
+test: $(VENV)/dev.stamp $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## set up, then every check and test but make slow-test's and vm-test's (a test whose tool is missing skips)
+	$(call timed,$(call beside_lint,unit demo-test))
 
 lint: lint-format lint-ruff lint-types lint-rooms  ## ruff, mypy, import-linter
 

@@ -245,6 +245,19 @@ def sample_calibration(shared_data: Callable[[str], Path]) -> Calibration:
     return calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model())
 
 
+@pytest.fixture(scope="session")
+def real_time_demo(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder of a demo that ran for 9 s as a user starts it, and what it printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    command = [sys.executable, "-m", "palpate_host.cli.main", "demo", "--no-view", "--output", str(folder)]
+    run = subprocess.run(
+        [*command, "--duration", "9"], check=False, capture_output=True, text=True, timeout=300
+    )
+    return folder, run
+
+
 @pytest.fixture
 def made_fingertips(fingertips_of_the_demo: Path, tmp_path: Path) -> None:
     """A demo with tmp_path as its output finds its fingertips made, as the second demo of a person does."""

@@ -36,22 +36,35 @@ FEM_FILES = ("twin/dome/test_dome_solver.py", "twin/dome/test_dome_cli.py", "twi
 
 LONG_FILES = (
     "bad_input/test_files.py",
+    "bad_input/test_outputs.py",
+    "docs/test_readme_example.py",
     "edge/calibration/test_calibrate.py",
     "edge/calibration/training/test_calibrate_with_dome.py",
     "edge/calibration/training/test_pretrain.py",
     "edge/calibration/training/test_roll.py",
     "edge/diagnostics/test_video_tracking.py",
+    "edge/estimation/test_correction_model.py",
     "edge/estimation/test_spliced_frames.py",
+    "edge/node/test_fuzz_million.py",
     "firmware/test_identify.py",
     "firmware/test_light.py",
     "firmware/test_wire.py",
     "host/control/test_rates_and_fingers.py",
+    "host/drives/az/test_az_port.py",
+    "host/drives/az/test_gateway.py",
+    "host/drives/test_drive_modes.py",
     "host/experiment/test_experiment.py",
+    "host/service/test_closed_loop.py",
+    "host/service/test_commands.py",
+    "twin/closed_loop/test_live_hand.py",
     "twin/dome/test_dome_samples.py",
     "twin/paper/test_hand_loop.py",
     "twin/paper/test_hand_paper.py",
 )
 """Files that take seconds each."""
+
+SLOW_IN_USER_MODE_LINUX = ("kernel/test_fingertip_on_socketcan.py", "kernel/test_host_on_socketcan.py")
+"""Files whose tests take a minute in user-mode Linux, where a process of ours starts slowly."""
 
 LONG_FIXTURES = {"sample_calibration"}
 """Fixtures that take seconds."""
@@ -60,6 +73,7 @@ FIRST = (
     "deploy/test_namespace_board.py",
     "edge/node/test_fuzz_million.py",
     "edge/estimation/test_endurance.py",
+    "twin/demo/test_demo.py",
     "host/service/test_closed_loop.py",
     "kernel/test_host_on_socketcan.py",
     "kernel/test_fingertip_on_socketcan.py",
@@ -141,6 +155,8 @@ def _markers(item: pytest.Item) -> Iterator[str]:
         yield "process"
     if file in FEM_FILES:
         yield "fem"
+    if file in SLOW_IN_USER_MODE_LINUX and item.get_closest_marker("uml"):
+        yield "slow"
     if file in LONG_FILES or LONG_FIXTURES & set(fixtures):
         yield "long"
     if "effort" in fixtures:

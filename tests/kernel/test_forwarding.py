@@ -62,6 +62,7 @@ def run(tmp_path):
     running.close()
 
 
+@pytest.mark.slow
 def test_outcomes_come_out_and_a_machine_that_hangs_is_ended(run):
     assert run.outcome("test_inner.py::test_passes").outcome == "passed"
     failed = run.outcome("test_inner.py::test_fails")

@@ -1,4 +1,4 @@
-"""A hundred thousand frames in one process (ten thousand without --effort=full): nothing grows."""
+"""A hundred thousand frames in one process (7,000 without --effort=full): nothing grows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 
-REDUCED, FULL, WARM_UP = 10_000, 100_000, 5_000
+REDUCED, FULL, WARM_UP = 7_000, 100_000, 3_500
 MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more
 
 

@@ -15,7 +15,7 @@ from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 HIDDEN = 25  # of 85
-SEEDS = range(10)
+SEEDS = range(10)  # the first four without --effort=full
 
 
 def painted(image, beads_px, diameter_px, random):
@@ -30,7 +30,7 @@ def painted(image, beads_px, diameter_px, random):
     return image
 
 
-def test_error_at_most_doubles_and_the_radius_grows(shared_data, sample_calibration):
+def test_error_at_most_doubles_and_the_radius_grows(shared_data, sample_calibration, effort):
     sample = read_dataset(shared_data("press-sample"))
     calibration = sample_calibration
     reference = calibration.reference()
@@ -48,7 +48,7 @@ def test_error_at_most_doubles_and_the_radius_grows(shared_data, sample_calibrat
 
     clean_mm, clean_radius_mm = look(images)
     inside, answered = 0, 0
-    for seed in SEEDS:
+    for seed in SEEDS[: effort(4, len(SEEDS))]:
         random = np.random.default_rng(seed)
         error_mm, radius_mm = look(
             painted(image, place, reference.diameter_px, random)

@@ -16,7 +16,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 
-OWN_PRESSES = (0, 180)
+OWN_PRESSES = (0, pytest.param(180, marks=pytest.mark.slow))
 
 
 @pytest.fixture(scope="module")

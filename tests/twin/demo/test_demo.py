@@ -26,8 +26,6 @@ from palpate_twin.demo.film import make_film
 from palpate_twin.demo.run_folder import RunFolder
 from palpate_twin.hand.motion import read_motion
 
-pytestmark = pytest.mark.demo
-
 FINGERS = ("finger-1", "finger-2", "finger-3")
 TIMEOUT_S = 300
 RECORDING = Path(__file__).parents[3] / "demo" / "recording"
@@ -122,9 +120,10 @@ def check_that_a_film_may_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     check_report(tmp_path / "report.html", len(FINGERS) + 4, (f"No film: {why}", "error to target"))
 
 
-def test_the_closed_loop(tmp_path, processes_of):
+@pytest.mark.demo
+def test_the_closed_loop(real_time_demo, processes_of):
     """The hand grasps, turns the object by 30 deg in roll, and back, by the twin's truth."""
-    run = finished(command(tmp_path, "--duration", "9"))
+    tmp_path, run = real_time_demo
     assert (run.returncode, run.stderr) == (0, "")
     assert processes_of(tmp_path) == {}
     assert list(tmp_path.rglob("*.sock")) == []
@@ -187,6 +186,7 @@ def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     check_that_a_film_may_fail(tmp_path, monkeypatch)
 
 
+@pytest.mark.demo
 def test_recorded_contacts(tmp_path, processes_of):
     run = finished(command(tmp_path, "--duration", "5", "--recording", str(RECORDING)))
     assert (run.returncode, run.stderr) == (0, "")

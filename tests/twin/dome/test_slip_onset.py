@@ -94,6 +94,7 @@ def test_a_sphere_that_sticks_does_not():
 
 
 @pytest.mark.fem
+@pytest.mark.slow
 def test_a_sliding_flat_face_is_not_detected():
     """The beads do not move differently: docs/calibrating.md states this limit."""
     steps = slide(Probe.PLATE, 0.3, 0.8)
