@@ -27,7 +27,7 @@ class ContactValidation:
         Raise FrameRejectedError when the camera was knocked or no single contact fits the displacement.
         """
         if record.skin is SkinState.KNOCKED:
-            raise FrameRejectedError("the beads have moved as one: a knocked camera; tare")
+            raise FrameRejectedError("all beads moved together (camera knocked out of place): tare")
         if record.skin is not SkinState.TOUCHED:
             return
         motion_px, located = record.motion.size_px, record.located
@@ -36,7 +36,7 @@ class ContactValidation:
         position = (record.radius95_mm or 0.0) / self._dome_radius_mm
         limit = MAX_MISFIT + NOISE_MISFIT * noise**2 + POSITION_MISFIT * position**2
         if located.misfit > limit:
-            raise FrameRejectedError("skin moves unlike any single press: a torn frame, or several contacts")
+            raise FrameRejectedError("displacement does not fit a single contact (torn frame or several contacts)")
 
     def _radius95_mm(self, radius95_mm: float | None, motion_px: float) -> float | None:
         """Scale the 95 % radius for faint contacts, at most to the dome's radius: position unknown."""

@@ -15,9 +15,9 @@ def check_beads(record: FrameRecord) -> None:
     if found < MIN_BEADS_SHARE * expected:
         raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
     if record.motion.roughness > MAX_ROUGHNESS:
-        raise ImplausibleBeadsError("beads do not move as one skin: another sensor, or no dome")
+        raise ImplausibleBeadsError("bead displacements are not smooth (another sensor, or no dome)")
     if record.hidden.blind_spot > MAX_BLIND_SPOT:
-        raise ImplausibleBeadsError("the beads of a whole region are hidden")
+        raise ImplausibleBeadsError("all beads of a region are hidden: a contact there could not be detected")
 
 
 class ImplausibleBeadsError(FrameRejectedError):

@@ -97,7 +97,7 @@ def test_a_hidden_region_is_refused_and_as_many_scattered_beads_are_not(
     region = np.argsort(np.linalg.norm(places - places[40], axis=1))[:20]
     contact = estimator.estimate(frame_of(PRESS, hidden=region.tolist()))
     assert not contact.valid
-    assert contact.reason == "the beads of a whole region are hidden"
+    assert contact.reason == "all beads of a region are hidden: a contact there could not be detected"
     assert estimator.estimate(frame_of(PRESS, hidden=range(2, 82, 4), sequence=1)).valid
 
 
