@@ -9,7 +9,9 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: threads of the matrix
 # library beside it cost a third more processor time.
 PYTEST  = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --junitxml=.cache/tests/$@.xml
+# Many tests of `unit` wait for processes: one worker more than the two cores that the times are published for.
 WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
+UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 
 # $(call timed,COMMAND): run it and print how long it took.
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
@@ -51,7 +53,7 @@ lint-rooms: $(VENV)/dev.stamp
 	$(call timed,$(BIN)/lint-imports)
 
 unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, but for the real-time demo; PYTEST_ARGS adds options
-	$(call timed,$(PYTEST) $(WORKERS) -m "not demo" $(PYTEST_ARGS))
+	$(call timed,$(PYTEST) $(UNIT_WORKERS) -m "not demo" $(PYTEST_ARGS))
 
 slow-test: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## at full length what make test shortens, and boards in namespaces (root)
 	$(call timed,$(PYTEST) $(WORKERS) --effort=full -m "slow or reduced or deploy_namespace" $(PYTEST_ARGS))
