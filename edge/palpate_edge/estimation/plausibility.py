@@ -15,7 +15,7 @@ def check_beads(record: FrameRecord) -> None:
     if found < MIN_BEADS_SHARE * expected:
         raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
     if record.motion.roughness > MAX_ROUGHNESS:
-        raise ImplausibleBeadsError("bead displacements are not smooth (another sensor, or no dome)")
+        raise ImplausibleBeadsError("displacements of the beads are not smooth (another sensor, or no dome)")
     if record.hidden.blind_spot > MAX_BLIND_SPOT:
         raise ImplausibleBeadsError("all beads of a region are hidden: a contact there could not be detected")
 
