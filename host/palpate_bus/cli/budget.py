@@ -54,7 +54,9 @@ def budget(
     time_stamps: float,
     sdo: float,
 ) -> None:
-    """Compute the bus load of a hand from exact frame lengths, with mean and worst-case bit stuffing.
+    """Compute the bus load of a hand.
+
+    The load is computed from exact frame lengths, with mean and worst-case bit stuffing.
 
     Exit status: 0 the load fits, 1 it does not fit.
 

@@ -14,7 +14,7 @@ FOUND_ERRORS = 1
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--quiet", is_flag=True, help="Print errors only, no warnings.")
 def check_eds(paths: tuple[Path, ...], quiet: bool) -> None:
-    """Check electronic data sheets against CiA 306 and CiA 301, line by line.
+    """Check electronic data sheets against CiA 306 and CiA 301.
 
     Each finding is printed on one line: file, line number, problem, remedy. Exit status: 0 no error, 1 errors
     found.

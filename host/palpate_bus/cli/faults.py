@@ -19,7 +19,7 @@ _HELP = {
         "delay --delay-ms 5 --delay-max-ms 20",
     ),
     FaultKind.TX_FULL: (
-        "Refuse frames as if the sender's transmit buffer were full (ENOBUFS).",
+        "Refuse frames as if a transmit buffer were full (ENOBUFS).",
         "tx-full --port host --duration-ms 500",
     ),
     FaultKind.BUS_OFF: ("Set a port bus-off.", "bus-off --port finger-1 --duration-ms 2000"),

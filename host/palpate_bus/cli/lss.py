@@ -24,7 +24,9 @@ def lss() -> None:
 @lss.command("list")
 @BUS_OPTIONS
 def list_(**bus: Any) -> None:
-    """Find every device without a node id by fastscan and print vendor:product:revision:serial.
+    """Print vendor:product:revision:serial of devices without id.
+
+    The devices are found by fastscan.
 
     \b
     Example:

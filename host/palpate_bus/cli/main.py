@@ -98,7 +98,9 @@ def hub(
     log_path: Path | None,
     clock_path: Path | None,
 ) -> None:
-    """Run the hub until SIGTERM or SIGINT, then log one line of counters.
+    """Run the hub until SIGTERM or SIGINT.
+
+    At the end the hub logs one line of counters.
 
     Exit status: 0 stopped, 6 the socket cannot be created or another hub uses it.
 
@@ -128,7 +130,9 @@ def hub(
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after this many seconds.")
 @click.argument("log_path", metavar="LOG", type=FILE)
 def log(socket_path: Path, header_entries: tuple[str, ...], duration_s: float | None, log_path: Path) -> None:
-    """Write all frames to LOG (candump -L format) until SIGTERM, SIGINT or the duration.
+    """Write all frames to LOG in the format of candump -L.
+
+    The command ends at SIGTERM, at SIGINT or after --duration.
 
     \b
     Example:

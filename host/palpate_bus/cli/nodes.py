@@ -46,7 +46,9 @@ EDS = click.option(
 @click.option("--lss/--no-lss", default=True, help="Also search for nodes without an id.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per node.")
 def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any) -> None:
-    """List the nodes with state, profile and identity; find nodes without an id by LSS fastscan.
+    """List the nodes with state, profile and identity.
+
+    Nodes without an id are found by LSS fastscan.
 
     \b
     Examples:
@@ -105,7 +107,9 @@ def _print_table(found: list[FoundNode]) -> None:
 
 @click.group()
 def sdo() -> None:
-    """Read and write a node's objects, by index or by their names in the EDS.
+    """Read and write a node's objects.
+
+    An object is given by its index or by its name in the EDS.
 
     \b
     Examples:
@@ -176,7 +180,9 @@ def write(
     file_path: Path | None,
     **bus: Any,
 ) -> None:
-    """Write VALUE to OBJECT of NODE: a raw number, a number with the object's unit, text, or hex:0102.
+    """Write VALUE to OBJECT of NODE.
+
+    VALUE is a raw number, a number with the object's unit, text, or bytes as hex:0102.
 
     Exit status: 0 written, 2 unknown object or value out of range, 6 the node aborts or does not respond.
 

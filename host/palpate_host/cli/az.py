@@ -39,7 +39,9 @@ def az() -> None:
 @az.command()
 @_CONFIG
 def gateway(config_path: Path) -> None:
-    """Serve each axis as a CiA 402 node until SIGTERM or SIGINT, then disable the drives.
+    """Serve each axis as a CiA 402 node until SIGTERM or SIGINT.
+
+    The gateway disables the drives when it ends.
 
     \b
     Example:
@@ -62,7 +64,9 @@ def gateway(config_path: Path) -> None:
 @az.command()
 @_CONFIG
 def simulate(config_path: Path) -> None:
-    """Simulate the drives of every port of az.toml, behind a link at the port's path.
+    """Simulate the drives of every port of az.toml.
+
+    Each port's path becomes a symbolic link to the simulated serial line.
 
     \b
     Example:

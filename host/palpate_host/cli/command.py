@@ -65,7 +65,9 @@ def grasp(path: Path) -> None:
 )
 @click.pass_obj
 def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | None) -> None:
-    """Turn the held object by ROLL PITCH YAW degrees about the hand's fixed axes.
+    """Turn the held object by ROLL PITCH YAW degrees.
+
+    The axes are the hand's and do not turn with the object.
 
     \b
     Example:

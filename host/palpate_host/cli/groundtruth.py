@@ -37,11 +37,13 @@ SIZE = click.option(
     help="Of a camera.",
 )
 FPS = click.option(
-    "--fps", type=click.FloatRange(1, 240), default=30.0, show_default=True, help="Of a camera."
+    "--fps", type=click.FloatRange(1, 240), default=30.0, show_default=True, help="Frame rate of a camera."
 )
-EXPOSURE = click.option("--exposure-us", type=click.IntRange(1), help="Of a camera, held.")
+EXPOSURE = click.option(
+    "--exposure-us", type=click.IntRange(1), help="Exposure time of a camera, held constant."
+)
 DURATION = click.option(
-    "--duration", "duration_s", type=click.FloatRange(0.1), help="Of a camera's recording."
+    "--duration", "duration_s", type=click.FloatRange(0.1), help="Length of a camera's recording."
 )
 
 
@@ -94,9 +96,10 @@ def calibrate_command(
     output: Path,
     picture: Path | None,
 ) -> None:
-    """Focal lengths, centre and distortion from a video of the board, moved and tilted before the camera.
+    """Calibrate a camera from a video of the calibration board.
 
-    A camera is recorded until Ctrl-C or for --duration.
+    The result is the focal lengths, the image centre and the distortion. Move and tilt the board before the
+    camera. A camera is recorded until Ctrl-C or for --duration.
 
     \b
     Example:
@@ -150,9 +153,10 @@ def track(
     output: Path,
     picture: Path | None,
 ) -> None:
-    """Measure place and turn of the object in every picture; rejected pictures get a reason.
+    """Measure the object's pose in every picture.
 
-    Roll, pitch and yaw are the turn since the first pose. Fails when no picture has one.
+    Roll, pitch and yaw are relative to the first pose. A rejected picture has its reason in place of a pose.
+    The command fails when no picture has a pose.
 
     \b
     Example:

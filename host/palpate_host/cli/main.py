@@ -8,25 +8,31 @@ from palpate_edge import __version__
 from palpate_edge.common.entry_point import run_cli
 from palpate_host.common.lazy_group import LazyGroup
 
-COMMANDS = {  # name: module and attribute, and what --help says of it
-    "demo": ("plugin:demo", "A whole hand on this machine, shown live, with a report."),
+COMMANDS = {  # name: module and attribute, and its summary in --help
+    "demo": ("plugin:demo", "Run a simulated hand with a live view and a report."),
     "run": ("palpate_host.cli.run:run", "Control the hand on its bus."),
     "check": ("palpate_host.cli.check:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.cli.command:command", "Command a running hand: grasp, rotate, release, stop."),
     "replay": ("palpate_host.cli.replay:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.cli.run:contract", "Print the header that binds a bus log to a hand."),
     "record": ("palpate_host.cli.record:record", "Record bus and host status: bus logs and MCAP."),
-    "view": ("palpate_host.cli.view:view", "The hand in 3-D, live or from a recording (Rerun)."),
-    "export": ("palpate_host.cli.export:export", "A recording as MCAP, CSV or Parquet."),
-    "groundtruth": ("palpate_host.cli.groundtruth:groundtruth", "The object's pose by an external camera."),
+    "view": ("palpate_host.cli.view:view", "Show the hand in 3-D, live or from a recording (Rerun)."),
+    "export": ("palpate_host.cli.export:export", "Convert a recording to MCAP, CSV or Parquet."),
+    "groundtruth": (
+        "palpate_host.cli.groundtruth:groundtruth",
+        "Measure the object's pose by an external camera.",
+    ),
     "experiment": (
         "palpate_host.cli.experiment:experiment",
-        "Both laws compared, as in the paper's Fig. 20.",
+        "Compare both control laws, as in the paper's Fig. 20.",
     ),
-    "drives": ("plugin:drives", "Simulated CiA 402 drives for each joint of a hand."),
-    "az": ("palpate_host.cli.az:az", "Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
-    "simulate": ("plugin:simulate", "The twin: the dome, its camera, datasets."),
-    "bus": ("palpate_bus.cli.main:bus", "The local CAN hub, logs, statistics and faults."),
+    "drives": ("plugin:drives", "Simulate a CiA 402 drive for each joint of a hand."),
+    "az": ("palpate_host.cli.az:az", "Serve Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
+    "simulate": ("plugin:simulate", "Simulate domes, tactile cameras and datasets (the twin)."),
+    "bus": (
+        "palpate_bus.cli.main:bus",
+        "Run a local CAN hub; show nodes, logs and statistics.",
+    ),
 }
 
 
@@ -37,7 +43,7 @@ COMMANDS = {  # name: module and attribute, and what --help says of it
 )
 @click.version_option(__version__, prog_name="palpate-host")
 def cli() -> None:
-    """Touch for robot hands, the part on the host.
+    """Control, record and simulate a robot hand with tactile fingertips.
 
     \b
     Examples:

@@ -81,7 +81,9 @@ def analysis(
     depth_mm: float = 2.0,
     probe_name: str = "plate",
 ) -> None:
-    """Print the ratios of the paper's Table 2, and one press on meshes of increasing resolution.
+    """Print the ratios of the paper's Table 2.
+
+    One press on meshes of increasing resolution follows.
 
     \b
     Example:
@@ -136,7 +138,9 @@ def press(
     probe_name: str,
     picture: Path | None,
 ) -> None:
-    """Compute one press: forces on dome and base, centre of pressure, and a picture (Fig. 11).
+    """Compute one press.
+
+    The results are the forces on dome and base, the centre of pressure, and a picture (Fig. 11).
 
     \b
     Example:
@@ -176,7 +180,9 @@ def press(
 )
 @click.option("--out", type=FILE, help="File to write.  [default: the library in the package]")
 def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path | None) -> None:
-    """Solve the library of displacement fields (half an hour on one core).
+    """Solve the library of displacement fields.
+
+    This takes half an hour on one core.
 
     \b
     Example:
@@ -210,7 +216,9 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
 @click.option("--seed", default=1, show_default=True, help="Random seed of sensors and presses.")
 @click.option("--out", type=FILE, help="File to write.  [default: the dome model in the package]")
 def model(seed: int, out: Path | None) -> None:
-    """Create the dome model, from which calibrations start, from the library's fields.
+    """Create the dome model from the library's fields.
+
+    Calibrations start from this model.
 
     \b
     Example:
