@@ -67,9 +67,14 @@ def calibrate(
 
 
 def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) -> PaperModel:
-    """The paper's correction function and stiffness from presses of known place and force."""
+    """Fit the paper's correction function and, where forces are known, its stiffness to the presses."""
     mesh = VirtualPointMesh(measured.reference.position_px, ring_of)
-    firm = [touch for touch in measured.touches if touch[0].normal_force_N >= MIN_PRESS_FORCE_N]
+    has_forces = all(press.force_N is not None for press, _ in measured.touches)
+    firm = [
+        (press, beads)
+        for press, beads in measured.touches
+        if press.normal_force_N is None or press.normal_force_N >= MIN_PRESS_FORCE_N
+    ]
     raw = [
         raw_contact(mesh, mesh.points(beads.position_px, beads.found), measured.view, radius_mm)
         for _, beads in firm
@@ -79,7 +84,7 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
         theta_raw=np.array([contact.theta_rad for contact in raw]),
         theta_true=polar_angle(places),
         spread_px=np.array([contact.spread_px for contact in raw]),
-        force_N=np.array([press.normal_force_N for press, _ in firm]),
+        force_N=np.array([press.normal_force_N for press, _ in firm]) if has_forces else None,
     )
 
 

@@ -85,7 +85,7 @@ class Figures(msgspec.Struct, frozen=True):
     split: str
     method: str
     frames: int
-    largest_force_N: float
+    largest_force_N: float | None  # None where no force was measured
     overall: Band
     regions: tuple[Band, ...]
     forces: tuple[Band, ...]
@@ -144,11 +144,12 @@ def _figures(
     watch: Stopwatch,
     threshold_N: float | None,
 ) -> Figures:
-    largest_N = max(float(np.linalg.norm(answer.press.force_N)) for answer in answers)
+    forces_N = [answer.press.force_N for answer in answers]
+    known_N = [float(np.linalg.norm(force_N)) for force_N in forces_N if force_N is not None]
+    largest_N = max(known_N) if len(known_N) == len(forces_N) else None
     valid = [answer for answer in answers if answer.contact.valid]
     both = [a for a in valid if a.press.position_mm is not None and a.contact.position_mm is not None]
     angle = np.array([_angle_above_base_deg(answer.press) for answer in both])
-    force = np.array([np.linalg.norm(answer.press.force_N) for answer in both])
     regions = [
         _band(
             f"region {number} ({low}-{high} deg)",
@@ -156,14 +157,6 @@ def _figures(
             largest_N,
         )
         for number, (low, high) in enumerate(REGIONS_DEG, start=1)
-    ]
-    thirds = [
-        _band(
-            f"force {third}/3 to {third + 1}/3",
-            _select(both, (3 * force >= largest_N).astype(int) + (3 * force >= 2 * largest_N) == third),
-            largest_N,
-        )
-        for third in range(3)
     ]
     return Figures(
         dataset=name,
@@ -173,26 +166,37 @@ def _figures(
         largest_force_N=largest_N,
         overall=_band("all", both, largest_N),
         regions=tuple(regions),
-        forces=tuple(thirds),
+        forces=() if largest_N is None else _force_bands(both, largest_N),
         confusion=_confusion(valid, threshold_N),
         refused=dict(Counter(answer.contact.reason for answer in answers if not answer.contact.valid)),
         times=tuple(StageTime(stage, *watch.median_and_p99_ms(stage)) for stage in watch.stages),
     )
 
 
-def _band(name: str, answers: Sequence[_Answer], largest_N: float) -> Band:
+def _force_bands(answers: Sequence[_Answer], largest_N: float) -> tuple[Band, ...]:
+    """Return the errors by third of the largest force."""
+    force = np.array([np.linalg.norm(answer.press.force_N) for answer in answers])  # type: ignore[arg-type]
+    third_of = (3 * force >= largest_N).astype(int) + (3 * force >= 2 * largest_N)
+    return tuple(
+        _band(f"force {third}/3 to {third + 1}/3", _select(answers, third_of == third), largest_N)
+        for third in range(3)
+    )
+
+
+def _band(name: str, answers: Sequence[_Answer], largest_N: float | None) -> Band:
+    """largest_N: of the dataset; None leaves all figures of force open."""
     if not answers:
         return Band(name, 0)
     error = np.array([_position_error_mm(answer) for answer in answers])
     radius = [answer.contact.radius95_mm for answer in answers]
     known = [r is not None for r in radius]
     covered = [r is not None and e <= r for r, e in zip(radius, error, strict=True)]
-    forces = [answer for answer in answers if answer.contact.force_N is not None]
+    forces = [a for a in answers if a.contact.force_N is not None and a.press.force_N is not None]
     truth = np.array([answer.press.force_N for answer in forces]).reshape(-1, 3)
     given = np.array([answer.contact.force_N for answer in forces], dtype=np.float64).reshape(-1, 3)
     rmse = float(np.sqrt(((given - truth) ** 2).sum(axis=1).mean())) if forces else None
     size = np.linalg.norm(truth, axis=1) * np.linalg.norm(given, axis=1)
-    firm = (np.linalg.norm(truth, axis=1) > DIRECTION_FORCE_SHARE * largest_N) & (size > 0)
+    firm = (np.linalg.norm(truth, axis=1) > DIRECTION_FORCE_SHARE * (largest_N or 0.0)) & (size > 0)
     cosine = (truth * given).sum(axis=1)[firm] / size[firm]
     return Band(
         name=name,
@@ -202,7 +206,7 @@ def _band(name: str, answers: Sequence[_Answer], largest_N: float) -> Band:
         p95_mm=float(np.percentile(error, 95)),
         max_mm=float(error.max()),
         force_rmse_N=rmse,
-        force_rmse_percent=100 * rmse / largest_N if rmse is not None and largest_N > 0 else None,
+        force_rmse_percent=100 * rmse / largest_N if rmse is not None and largest_N else None,
         direction_deg=float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean()) if firm.any() else None,
         covered_percent=float(100 * sum(covered) / sum(known)) if any(known) else None,
     )
@@ -213,12 +217,16 @@ def _confusion(answers: Sequence[_Answer], threshold_N: float | None) -> Confusi
     missed = [
         answer.press.normal_force_N
         for answer in answers
-        if answer.press.position_mm is not None and not answer.contact.in_contact
+        if answer.press.position_mm is not None
+        and answer.press.normal_force_N is not None
+        and not answer.contact.in_contact
     ]
     below = [
         answer
         for answer in answers
-        if answer.press.position_mm is not None and answer.press.normal_force_N < (threshold_N or 0.0)
+        if answer.press.position_mm is not None
+        and answer.press.normal_force_N is not None
+        and answer.press.normal_force_N < (threshold_N or 0.0)
     ]
     return Confusion(
         touch_as_touch=counts[True, True],

@@ -7,9 +7,9 @@ from palpate_edge.calibration.evaluation import Band, Confusion, Figures
 
 def as_table(figures: Figures) -> str:
     """The figures for people."""
-    head = (
-        f"{figures.dataset}, split {figures.split}, method {figures.method}: {figures.frames} frames, "
-        f"largest force {figures.largest_force_N:.2f} N"
+    largest_N = figures.largest_force_N
+    head = f"{figures.dataset}, split {figures.split}, method {figures.method}: {figures.frames} frames, " + (
+        "force unknown" if largest_N is None else f"largest force {largest_N:.2f} N"
     )
     columns = "band", "n", "mean", "median", "p95", "max mm", "force N", "%", "deg", "in 95% radius"
     rows = [columns, *(_row(band) for band in (*figures.regions, *figures.forces, figures.overall))]

@@ -78,7 +78,7 @@ def measure(
         tuple(touch for touch, moved_px in zip(touches, motion_px, strict=True) if moved_px > threshold_px),
         threshold_px,
         force_that_moves(
-            threshold_px, np.array([press.normal_force_N for press, _ in touches]), np.array(motion_px)
+            threshold_px, np.array([press.normal_force_N or 0.0 for press, _ in touches]), np.array(motion_px)
         ),
     )
 

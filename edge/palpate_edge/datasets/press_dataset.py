@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate_edge.common.contact import Vector3
@@ -16,6 +16,7 @@ from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
 SPLITS = frozenset({"train", "test"})
+FORCES = ("fn_N", "fx_N", "fy_N", "fz_N")
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,15 +24,16 @@ class Press:
     """One row of truth.csv.
 
     frame: file name under frames/. position_mm: point of first touch on the undeformed outer surface, None
-    without contact. normal_force_N: >= 0. force_N: total force on the dome. lost: number of hidden beads.
+    without contact. normal_force_N: >= 0; force_N: total force on the dome; both None for a contact whose
+    force was not measured. lost: number of hidden beads.
     """
 
     frame: str
     split: str
     time_s: float
     position_mm: Vector3 | None
-    normal_force_N: float
-    force_N: Vector3
+    normal_force_N: float | None
+    force_N: Vector3 | None
     probe: str
     lost: int
 
@@ -71,7 +73,10 @@ def read_dataset(folder: Path) -> PressDataset:
 
 
 def read_truth(path: Path) -> tuple[Press, ...]:
-    """Read all rows of a truth.csv. Raises DatasetError with the line and the column."""
+    """Read all rows of a truth.csv. Raises DatasetError with the line and the column.
+
+    Forces are unknown where no contact has any: its four columns are blank, or 0 in every row.
+    """
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
@@ -83,7 +88,22 @@ def read_truth(path: Path) -> tuple[Press, ...]:
         ) from None
     if not rows or rows[0] != COLUMNS:
         raise DatasetError(f"{path}: the first line must be {','.join(COLUMNS)}")
-    return tuple(_press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row)
+    presses = {number: _press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row}
+    touches = {number: press for number, press in presses.items() if press.position_mm is not None}
+    blank = [number for number, press in touches.items() if press.force_N is None]
+    if blank and len(blank) < len(touches):
+        raise DatasetError(
+            f"{path}, line {blank[0]}: {', '.join(FORCES)} are blank, but {len(touches) - len(blank)} other "
+            "contacts have a force: give the force of every contact, or of none"
+        )
+    if not any(_has_force(press) for press in touches.values()):
+        for number, press in touches.items():
+            presses[number] = replace(press, normal_force_N=None, force_N=None)
+    return tuple(presses.values())
+
+
+def _has_force(press: Press) -> bool:
+    return press.force_N is not None and any((press.normal_force_N, *press.force_N))
 
 
 def _press(path: Path, number: int, row: list[str]) -> Press:
@@ -111,13 +131,17 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
             f"{path}, line {number}: split = {value_text(cell['split'])} is not one of train, test"
         )
     touches = any(cell[column] for column in ("x_mm", "y_mm", "z_mm"))
+    normal_force_N: float | None = None if touches else 0.0
+    force_N: Vector3 | None = None if touches else (0.0, 0.0, 0.0)
+    if any(cell[column] for column in FORCES):
+        normal_force_N, force_N = value("fn_N"), (value("fx_N"), value("fy_N"), value("fz_N"))
     return Press(
         frame=cell["frame"],
         split=cell["split"],
         time_s=value("t_s"),
         position_mm=(value("x_mm"), value("y_mm"), value("z_mm")) if touches else None,
-        normal_force_N=value("fn_N"),
-        force_N=(value("fx_N"), value("fy_N"), value("fz_N")),
+        normal_force_N=normal_force_N,
+        force_N=force_N,
         probe=cell["probe"],
         lost=int(value("lost")),
     )

@@ -126,9 +126,12 @@ def on_dome(theta_rad: float, phi_rad: float, radius_mm: float) -> Array:
     return radius_mm * np.array([sin * np.cos(phi_rad), sin * np.sin(phi_rad), np.cos(theta_rad)])
 
 
-def fit_paper_model(theta_raw: Array, theta_true: Array, spread_px: Array, force_N: Array) -> PaperModel:
+def fit_paper_model(
+    theta_raw: Array, theta_true: Array, spread_px: Array, force_N: Array | None
+) -> PaperModel:
     """Fit both polynomials to n presses by least squares; angles in rad, force_N the normal force.
 
+    Without force_N no stiffness is fitted.
     With fewer than `2 * degree` presses the degree is lowered; without presses the model is empty.
     """
     count = len(theta_raw)
@@ -138,7 +141,7 @@ def fit_paper_model(theta_raw: Array, theta_true: Array, spread_px: Array, force
         powers = np.stack([theta_raw ** (k + 1) for k in range(1, degree + 1)], axis=1)
         theta = _solve(powers, theta_true - theta_raw)
     stiffness: tuple[float, ...] = ()
-    if count >= 2:
+    if count >= 2 and force_N is not None:
         powers = np.stack([theta_true**k for k in range(min(3, count // 2 + 1))], axis=1)
         stiffness = _solve(powers * spread_px[:, None], force_N)
     return PaperModel(theta, stiffness)

@@ -136,7 +136,7 @@ def _run(
         presses = [
             press for finger in hand.fingers for press in read_dataset(recording / finger.name).presses
         ]
-        largest_N = max((press.normal_force_N for press in presses), default=largest_N)
+        largest_N = max((press.normal_force_N or 0.0 for press in presses), default=largest_N)
 
     def run(report_progress: Callable[[str], None], show: ShowSample) -> None:
         if seed is None:

@@ -40,7 +40,7 @@ TruthOf = Callable[[int], TrueContact | None]
 
 def truth_of_recording(presses: Sequence[Press]) -> TruthOf:
     """Return the truth of a recording that is played in a loop."""
-    contacts = [TrueContact(press.position_mm, press.normal_force_N) for press in presses]
+    contacts = [TrueContact(press.position_mm, press.normal_force_N or 0.0) for press in presses]
     return lambda sequence: contacts[sequence % len(contacts)]
 
 

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.evaluation import evaluate_dataset
+from palpate_edge.calibration.evaluation_report import as_table
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.recording import all_frames, open_recording
-from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.sensor import View
 
 SIX_EVERYWHERE = ((0, 1, 0), *((4.5 + 5.4 * ring, 6, 30 * (ring % 2)) for ring in range(1, 15)))
@@ -188,3 +191,27 @@ def test_progress_ends_at_its_total(drawn_dome, tmp_path):
     assert len(steps) >= 8  # 5 reference frames, 3 presses to train on
     assert list(done) == sorted(set(done))
     assert set(totals) == {done[-1]}
+
+
+@pytest.mark.parametrize("force", ["", "0"])
+@pytest.mark.long
+def test_a_dataset_without_newtons_calibrates_position_and_leaves_force_unknown(drawn_dome, tmp_path, force):
+    pytest.importorskip("onnxruntime")
+    folder = drawn_dome.write(tmp_path / "d", presses=40)
+    header, *rows = (folder / "truth.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    (folder / "truth.csv").write_text(
+        "\n".join([header, *(",".join([*row[:6], *4 * [force], *row[10:]]) for row in cells)]) + "\n"
+    )
+    calibration = calibrate(read_dataset(folder), dome=load_dome_model())
+    assert calibration.stiffness_scale is None
+    assert calibration.contact_threshold_N is None
+    assert calibration.paper.theta != ()
+    assert calibration.paper.stiffness_N_px == ()
+    for method in Method:
+        figures = evaluate_dataset(folder, "test", calibration, folder / "d.cal", method)
+        assert figures.overall.mean_mm < 3.0
+        assert figures.overall.force_rmse_N is None
+        assert figures.largest_force_N is None
+        assert figures.forces == ()
+        assert "force unknown" in as_table(figures)

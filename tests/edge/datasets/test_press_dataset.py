@@ -39,6 +39,24 @@ def test_a_row_is_read_as_written(tmp_path):
     assert rows[1] == Press("b.jpg", "test", 0.6, None, 0.0, (0.0, 0.0, 0.0), "none", 0)
 
 
+@pytest.mark.parametrize("force", [",,,", "0,0,0,0", "0.0,0,-0.0,0e3"])
+def test_a_contact_without_newtons_has_an_unknown_force(tmp_path, force):
+    contact, free = f"a.jpg,train,0,1,2,29,{force},plate,0", f"b.jpg,train,0,,,,{force},none,0"
+    rows = read_truth(truth(tmp_path, contact, free))
+    assert (rows[0].position_mm, rows[0].normal_force_N, rows[0].force_N) == ((1.0, 2.0, 29.0), None, None)
+    assert (rows[1].position_mm, rows[1].normal_force_N, rows[1].force_N) == (None, 0.0, (0.0, 0.0, 0.0))
+
+
+def test_a_contact_of_no_force_among_others_weighs_nothing(tmp_path):
+    rows = read_truth(truth(tmp_path, GOOD, "b.jpg,train,0,1,2,29,0,0,0,0,plate,0"))
+    assert [row.normal_force_N for row in rows] == [1.25, 0.0]
+
+
+def test_forces_of_some_contacts_alone_are_refused(tmp_path):
+    said = refusal(read_truth, truth(tmp_path, GOOD, "b.jpg,train,0,1,2,29,,,,,plate,0"))
+    assert "line 3: fn_N, fx_N, fy_N, fz_N are blank, but 1 other contacts have a force" in said
+
+
 @pytest.mark.parametrize(
     ("row", "said"),
     [
@@ -95,7 +113,8 @@ def test_random_rows_are_refused_or_finite(tmp_path, rows):
         assert "\n" not in str(error)
         return
     for press in presses:
-        values = (press.time_s, press.normal_force_N, *press.force_N, *(press.position_mm or ()))
+        force = () if press.force_N is None else (press.normal_force_N, *press.force_N)
+        values = (press.time_s, *force, *(press.position_mm or ()))
         assert all(math.isfinite(value) for value in values)
         assert press.split in {"train", "test"}
         assert "/" not in press.frame

@@ -61,7 +61,7 @@ class Regression:
 
     centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
     N/mm, log radius; hidden_slope: log radius a blind spot. stiffness_scale: forces of this
-    sensor over the dome model's; None without presses, and then forces are the dome's.
+    sensor over the dome model's; None without presses of known force, and then forces are the dome's.
     answer_field: what field an answer would make.
     """
 
@@ -117,7 +117,11 @@ def fit(
     """
     projection = _project(samples, dome)
     base = _fit_dome(projection, dome) if dome is not None else None
-    scale = _stiffness_scale(projection, base, samples) if base is not None and samples is not None else None
+    scale = None
+    if samples is not None and not samples.has_forces:
+        samples = _with_assumed_forces(samples, projection, base)
+    elif samples is not None:
+        scale = 1.0 if base is None else _stiffness_scale(projection, base, samples)
     if base is not None and scale is not None:
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
@@ -137,7 +141,7 @@ def fit(
         weights=joined.weights,
         offset=joined.offset,
         hidden_slope=spread.hidden_slope,
-        stiffness_scale=scale if base is not None else 1.0,
+        stiffness_scale=scale,
         answer_field=answer_field,
     )
 
@@ -158,6 +162,16 @@ def _fit_dome(projection: Projection, dome: DomeModel) -> _Expansion:
     offset = np.asarray(target.mean(axis=0))
     gram = gaussian_kernel(points, points, DOME_LENGTH) + DOME_RIDGE * np.eye(len(points))
     return _Expansion(points, DOME_LENGTH, np.linalg.solve(gram, target - offset), offset)
+
+
+def _with_assumed_forces(samples: Samples, projection: Projection, base: _Expansion | None) -> Samples:
+    """Return the samples with the dome model's forces, inward ones without it, in place of unknown ones.
+
+    The place is then learned as from any presses; the forces are never given out.
+    """
+    size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
+    relative = -samples.directions if base is None else base.at(projection.points(samples.fields))[:, 3:]
+    return replace(samples, forces_N=np.asarray(relative * size))
 
 
 def _stiffness_scale(projection: Projection, base: _Expansion, samples: Samples) -> float:

@@ -41,6 +41,11 @@ def pretrain(
         found = training_presses(measured)
         if not found:
             raise DatasetError(f"{dataset.folder} has no train press that moves the skin: leave it out")
+        if found[0].force_N is None:
+            raise DatasetError(
+                f"{dataset.folder / 'truth.csv'} has no force, and a dome model needs that of every press: "
+                "leave this dataset out"
+            )
         own_radius_mm = dataset.sensor.markers.radius_mm
         reader = DisplacementReader(measured.reference.position_px, measured.view, own_radius_mm)
         copies = max(1, MOST_SAMPLES // (2 * len(found) * len(datasets)))

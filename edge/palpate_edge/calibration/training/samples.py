@@ -24,12 +24,12 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class TrainingPress:
-    """A press as tracked: its beads, where it touched (unit vector (3,) in F), its force (3,) N in F and its
-    motion.faintness."""
+    """A press as tracked: its beads, where it touched (unit vector (3,) in F), its force (3,) N in F (None
+    where it was not measured) and its motion.faintness."""
 
     beads: Beads
     direction: Array
-    force_N: Array
+    force_N: Array | None
     faintness: float = 1.0
 
 
@@ -37,7 +37,7 @@ class TrainingPress:
 class Samples:
     """s samples: fields (s, 2 g) mm, directions (s, 3), forces_N (s, 3) in the canonical frame, hidden (s,)
     blind spots, faintness (s,), press (s,) index of the press each comes from, plain (s,): neither turned nor
-    hidden."""
+    hidden. forces_N are 0 throughout where no force was measured."""
 
     fields: Array
     directions: Array
@@ -47,6 +47,11 @@ class Samples:
     press: NDArray[np.intp]
     plain: NDArray[np.bool_]
 
+    @property
+    def has_forces(self) -> bool:
+        """Return whether the presses' forces are known."""
+        return bool(self.forces_N.any())
+
 
 def training_presses(measured: Measured) -> list[TrainingPress]:
     """The touches of a dataset as training presses; rows without a place are left out."""
@@ -55,7 +60,7 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
         TrainingPress(
             beads,
             np.array(press.position_mm) / np.linalg.norm(press.position_mm),
-            np.array(press.force_N),
+            None if press.force_N is None else np.array(press.force_N),
             faintness(skin.measure(beads).size_px, measured.threshold_px),
         )
         for press, beads in measured.touches
@@ -84,7 +89,8 @@ def make_samples(
                 beads, turn = _hide(press.beads, rng), float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
             to_canonical = rotation_about_z(field.azimuth_rad).T
-            direction, force = to_canonical @ press.direction, to_canonical @ press.force_N
+            direction = to_canonical @ press.direction
+            force = np.zeros(3) if press.force_N is None else to_canonical @ press.force_N
             for values, sign in ((field.values, np.ones(3)), (mirrored(field.values), MIRROR)):
                 fields.append(values)
                 directions.append(direction * sign)

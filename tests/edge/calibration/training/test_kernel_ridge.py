@@ -119,3 +119,15 @@ def test_progress_ends_at_its_total(problem):
     done, totals = zip(*steps, strict=True)
     assert list(done) == list(range(1, totals[0] + 1))
     assert len(set(totals)) == 1
+
+
+@pytest.mark.parametrize("with_dome", [False, True])
+def test_places_are_learned_as_well_without_forces(problem, test_presses, with_dome):
+    samples = problem.samples(80, seed=1)
+    dome = dome_of(problem.samples(200, seed=4)) if with_dome else None
+    known = fit(samples, dome, RADIUS_MM)
+    unknown = fit(replace(samples, forces_N=np.zeros_like(samples.forces_N)), dome, RADIUS_MM)
+    assert unknown.stiffness_scale is None
+    with_forces_mm, without_forces_mm = (errors(model, test_presses)[0].mean() for model in (known, unknown))
+    assert without_forces_mm < 1.3 * with_forces_mm
+    assert np.isfinite(unknown.misfit(test_presses.fields)).all()
