@@ -59,7 +59,7 @@ def calibrate(
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
         source=CalibrationSource(
-            dataset.folder.resolve().name, len(dataset.reference), len(measured.touches)
+            dataset.folder.resolve().name, len(dataset.reference), len(measured.touches), measured.dropped
         ),
         model=model,
         stiffness_scale=stiffness_scale,

@@ -13,6 +13,7 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, PressDataset
+from palpate_edge.estimation.calibration import DroppedPresses
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.points import spacing
 from palpate_edge.geometry.sensor import View
@@ -27,6 +28,9 @@ THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen wit
 THRESHOLD_FLOOR_PX = 0.02
 STIFFEST_PERCENTILE = 5  # of the skin's motion a newton, of the lightest third of the presses
 LIGHT_SHARE = 1 / 3
+NAMED_FRAMES = 3  # of those dropped for one reason
+NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
+NOT_MOVED = "the skin moves less than the contact threshold"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +39,7 @@ class Measured:
 
     view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
     threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
-    the dome is stiffest, None where no press's force is known.
+    the dome is stiffest, None where no press's force is known; dropped: the frames left out, by reason.
     """
 
     registration: Registration
@@ -44,6 +48,7 @@ class Measured:
     touches: tuple[tuple[Press, Beads], ...]
     threshold_px: float
     threshold_N: float | None
+    dropped: tuple[DroppedPresses, ...] = ()
 
 
 def measure(
@@ -58,12 +63,13 @@ def measure(
     tracker, skin = Tracker(reference), SkinMotion(reference)
     touches: list[tuple[Press, Beads]] = []
     motion_px: list[float] = []
+    torn: list[Press] = []
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         beads = tracker.follow(plane(_read(dataset, dataset.path(press)), registration.appearance))
         moved = skin.measure(beads)
         if moved.roughness > MAX_ROUGHNESS:
-            pass  # beads taken for their neighbours would teach nonsense; the estimator refuses such a frame
+            torn.append(press)  # would teach nonsense; the estimator refuses such a frame
         elif press.position_mm is None:
             rest_motion.append(moved.size_px)
         else:
@@ -71,6 +77,9 @@ def measure(
             motion_px.append(moved.size_px)
         progress(len(dataset.reference) + number)
     threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
+    still = [
+        press for (press, _), moved_px in zip(touches, motion_px, strict=True) if moved_px <= threshold_px
+    ]
     return Measured(
         registration,
         reference,
@@ -79,6 +88,11 @@ def measure(
         threshold_px,
         force_that_moves(
             threshold_px, np.array([press.normal_force_N or 0.0 for press, _ in touches]), np.array(motion_px)
+        ),
+        tuple(
+            DroppedPresses(reason, len(frames), tuple(press.frame for press in frames[:NAMED_FRAMES]))
+            for reason, frames in ((NOT_ONE_SKIN, torn), (NOT_MOVED, still))
+            if frames
         ),
     )
 

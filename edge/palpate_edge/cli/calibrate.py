@@ -54,12 +54,15 @@ def calibrate(
     save_calibration(calibration, output)
     if picture is not None:
         _draw_residuals(dataset, calibration, picture)
-    pose = calibration.pose
+    pose, source = calibration.pose, calibration.source
     click.echo(
         f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
         f"({'bright' if calibration.appearance.bright else 'dark'} on {calibration.appearance.channel}), "
-        f"{calibration.source.reference_frames} reference frames, {calibration.source.presses} presses"
+        f"{source.reference_frames} reference frames, {source.presses} presses"
     )
+    for dropped in source.dropped:
+        names = ", ".join(dropped.frames) + (", ..." if dropped.count > len(dropped.frames) else "")
+        click.echo(f"  left out {dropped.count} train frames: {dropped.reason}: {names}")
     click.echo(
         "  camera off by "
         + ", ".join(f"{value:+.2f}" for value in pose.offset_mm)

@@ -36,12 +36,22 @@ class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ring: int
 
 
-class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Origin of a calibration: dataset folder, number of reference frames and of presses used."""
+class DroppedPresses(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Train frames left out for one reason: their number, and the names of the first few."""
+
+    reason: str
+    count: int
+    frames: tuple[str, ...]
+
+
+class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Origin of a calibration: dataset folder, number of reference frames and of presses used, and what was
+    left out (an older file does not have it)."""
 
     dataset: str
     reference_frames: int
     presses: int
+    dropped: tuple[DroppedPresses, ...] = ()
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

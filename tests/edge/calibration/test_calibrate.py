@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+import shutil
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from palpate_edge.calibration.calibrate import calibrate
+from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.calibration.evaluation import evaluate_dataset
 from palpate_edge.calibration.evaluation_report import as_table
+from palpate_edge.calibration.measurement import NOT_MOVED, NOT_ONE_SKIN
 from palpate_edge.calibration.training.dome_model import load_dome_model
+from palpate_edge.cli.main import cli
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.press_dataset import read_dataset
@@ -215,3 +221,24 @@ def test_a_dataset_without_newtons_calibrates_position_and_leaves_force_unknown(
         assert figures.largest_force_N is None
         assert figures.forces == ()
         assert "force unknown" in as_table(figures)
+
+
+def test_dropped_presses_are_counted_and_named_by_reason(drawn_dome, tmp_path):
+    folder = drawn_dome.write(tmp_path / "d", presses=24)
+    unmoved, beads_mm = folder / "reference" / "0.png", drawn_dome.beads_mm()
+    for number in (0, 8):
+        shutil.copy(unmoved, folder / "frames" / f"{number:03}.png")
+    scattered_mm = beads_mm + np.random.default_rng(1).normal(0, 0.8, beads_mm.shape)
+    torn = ("001.png", "002.png", "004.png", "005.png")
+    for name in torn:
+        assert cv2.imwrite(str(folder / "frames" / name), drawn_dome.picture(scattered_mm, seed=7))
+    calibration = calibrate_paper(folder)
+    dropped = {group.reason: (group.count, group.frames) for group in calibration.source.dropped}
+    assert dropped == {NOT_ONE_SKIN: (4, torn[:3]), NOT_MOVED: (2, ("000.png", "008.png"))}
+    touches = [press for press in read_dataset(folder).split("train") if press.position_mm]
+    assert calibration.source.presses == len(touches) - 6
+    ran = CliRunner().invoke(cli, ["calibrate", str(folder), "-o", str(tmp_path / "d.cal"), "--no-model"])
+    assert ran.exit_code == 0
+    assert f"left out 4 train frames: {NOT_ONE_SKIN}: 001.png, 002.png, 004.png, ..." in ran.output
+    assert f"left out 2 train frames: {NOT_MOVED}: 000.png, 008.png" in ran.output
+    assert load_calibration(tmp_path / "d.cal").source.dropped == calibration.source.dropped
