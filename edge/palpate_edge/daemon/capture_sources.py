@@ -1,16 +1,14 @@
 """Registry of capture sources by their name in a fingertip's configuration (`CaptureConfig.source`).
 
 Another package adds a source under the entry-point group ``palpate_edge.capture_sources``; CONTRIBUTING.md
-has a worked example. Openers are imported when they are needed, since each brings its own libraries.
+has a worked example.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
-from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.plugins import load_part, part_names
 
 GROUP = "palpate_edge.capture_sources"
 OWN_SOURCES = {
@@ -23,7 +21,7 @@ OWN_SOURCES = {
 
 def source_names() -> list[str]:
     """Return the names of all sources: palpate's own, then those of other packages."""
-    return [*OWN_SOURCES, *sorted({point.name for point in entry_points(group=GROUP)} - OWN_SOURCES.keys())]
+    return part_names(GROUP, OWN_SOURCES)
 
 
 def find_opener(name: str) -> Any:
@@ -31,14 +29,4 @@ def find_opener(name: str) -> Any:
 
     Raises ConfigError when no installed package has that source, or when the package cannot be imported.
     """
-    try:
-        if name in OWN_SOURCES:
-            module, _, function = OWN_SOURCES[name].partition(":")
-            return getattr(import_module(module), function)
-        for point in entry_points(group=GROUP, name=name):
-            return point.load()
-    except (ImportError, AttributeError) as exc:
-        raise ConfigError(
-            f"capture.source = {name!r} cannot be imported ({exc}): repair the package that provides it"
-        ) from exc
-    raise ConfigError(f"capture.source = {name!r} is not one of {', '.join(source_names())}")
+    return load_part(GROUP, name, f"capture.source = {name!r}", OWN_SOURCES)

@@ -46,8 +46,8 @@ def monitor(
 ) -> None:
     """Print every frame decoded.
 
-    PDOs are printed as named values with units; EMCY, SDO, NMT and heartbeats as text. The names come from EDS
-    files. A node's EDS is given by the log's header, --config or --eds; otherwise nodes 0x10 to 0x1F are
+    PDOs are printed as named values with units; EMCY, SDO, NMT and heartbeats as text. The names come from
+    EDS files. A node's EDS is given by the log's header, --config or --eds; otherwise nodes 0x10 to 0x1F are
     fingertips and nodes 1 to 15 drives.
 
     \b

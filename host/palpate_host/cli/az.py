@@ -10,9 +10,10 @@ import click
 
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.logs import logging_to_stderr
+from palpate_edge.common.plugins import load_part
 from palpate_edge.common.sd_notify import Notifier
 from palpate_edge.common.signals import stop_event
-from palpate_host.common.plugins import SIMULATORS, load_plugin
+from palpate_host.common.plugin_groups import SIMULATORS
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.gateway import run_gateway
 
@@ -72,7 +73,7 @@ def simulate(config_path: Path) -> None:
     Example:
       palpate-host az simulate --config az.toml
     """
-    simulated_port = load_plugin(SIMULATORS, "az_port")
+    simulated_port = load_part(SIMULATORS, "az_port", "the simulated drive az_port")
     config = az_config.load(config_path)
     with stop_event() as stop, ExitStack() as stack:
         for port in config.ports:

@@ -8,7 +8,8 @@ import click
 
 from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.plugins import SIMULATORS, load_plugin
+from palpate_edge.common.plugins import load_part
+from palpate_host.common.plugin_groups import SIMULATORS
 from palpate_host.config.packaged import MODELS
 from palpate_host.experiment.protocol import cases, load
 
@@ -57,7 +58,7 @@ def experiment(protocol: Path, output: Path, only_list: bool) -> None:
     make_folder(output, ConfigError)
     results = []
     if config.on == "twin":
-        run_twin_trial = load_plugin(SIMULATORS, "trial")
+        run_twin_trial = load_part(SIMULATORS, "trial", "the simulated trial")
         with Progress() as progress:
             task = progress.add_task("trials", total=len(asked))
             for case in asked:

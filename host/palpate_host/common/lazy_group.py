@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from palpate_host.common.plugins import COMMANDS, load_plugin
+from palpate_edge.common.plugins import load_part
+from palpate_host.common.plugin_groups import COMMANDS
 
 PLUGIN = "plugin"
 """In place of a module: the command is registered as an entry point."""
@@ -29,7 +30,7 @@ class LazyGroup(click.Group):
             return None
         module, attribute = self._table[cmd_name][0].split(":")
         if module == PLUGIN:
-            command = load_plugin(COMMANDS, attribute)
+            command = load_part(COMMANDS, attribute, f"palpate-host {attribute}")
         else:
             command = getattr(import_module(module), attribute)
         assert isinstance(command, click.Command)

@@ -6,19 +6,18 @@ worked example. AZ motors need no key of their own: the gateway makes each one a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TypeAlias
 
-from palpate_edge.common.errors import ConfigError
-from palpate_host.common.plugins import DRIVES, load_plugin, plugin_names
-from palpate_host.drives.cia402 import Cia402Drive
+from palpate_edge.common.plugins import load_part
+from palpate_host.common.plugin_groups import DRIVES
 from palpate_host.drives.drive import Drive, DriveNeeds
 
 DriveFactory: TypeAlias = Callable[[DriveNeeds], Drive]
 
 CIA402 = "cia402"
-OWN_DRIVES: Mapping[str, DriveFactory] = {CIA402: Cia402Drive}
-"""Key -> factory of the drives that are part of palpate."""
+OWN_DRIVES = {CIA402: "palpate_host.drives.cia402:Cia402Drive"}
+"""Key -> ``module:factory`` of the drives that are part of palpate."""
 
 
 def make_drive(needs: DriveNeeds) -> Drive:
@@ -27,21 +26,6 @@ def make_drive(needs: DriveNeeds) -> Drive:
     Raises ConfigError with the allowed keys when no installed package has that key, or with the cause when
     the package that has it cannot be imported.
     """
-    key = needs.joint.drive
-    own = OWN_DRIVES.get(key)
-    if own is not None:
-        return own(needs)
-    allowed = sorted({*OWN_DRIVES, *plugin_names(DRIVES)})
-    if key not in allowed:
-        raise ConfigError(
-            f"fingers.joints.drive = {key!r} of {needs.joint.name} is not one of {', '.join(allowed)}:"
-            f" correct hand.toml, or install the package that provides it (entry-point group {DRIVES})"
-        )
-    try:
-        factory: DriveFactory = load_plugin(DRIVES, key)
-    except (ImportError, AttributeError) as exc:
-        raise ConfigError(
-            f"fingers.joints.drive = {key!r} of {needs.joint.name} cannot be imported ({exc}):"
-            " repair the package that provides it"
-        ) from exc
+    choice = f"fingers.joints.drive = {needs.joint.drive!r} of {needs.joint.name}"
+    factory: DriveFactory = load_part(DRIVES, needs.joint.drive, choice, OWN_DRIVES)
     return factory(needs)

@@ -1,0 +1,46 @@
+"""Load a part by its name: palpate's own from a table, those of other packages by entry point.
+
+The part is imported only when it is loaded, since each brings its own libraries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import Any
+
+from palpate_edge.common.errors import ConfigError
+
+NONE_OWN: Mapping[str, str] = MappingProxyType({})
+
+
+def load_part(group: str, name: str, choice: str, own: Mapping[str, str] = NONE_OWN) -> Any:
+    """Return the object that is registered as `name`.
+
+    group: the entry-point group of other packages. choice: how errors call the choice of that name, as in
+    ``capture.source = "v4l2"``. own: name -> ``module:attribute`` of palpate's own parts, which take
+    precedence. Raises ConfigError when no installed package has the part, or when its package cannot be
+    imported.
+    """
+    try:
+        if name in own:
+            module, _, attribute = own[name].partition(":")
+            return getattr(import_module(module), attribute)
+        for entry_point in entry_points(group=group, name=name):
+            return entry_point.load()
+    except (ImportError, AttributeError) as exc:
+        raise ConfigError(
+            f"{choice} cannot be imported ({exc}): repair or install the package that provides it"
+        ) from exc
+    names = ", ".join(part_names(group, own)) or "the installed ones (there are none)"
+    raise ConfigError(
+        f"{choice} is not one of {names}:"
+        f" correct the name, or install the package that provides it (entry-point group {group})"
+    )
+
+
+def part_names(group: str, own: Mapping[str, str] = NONE_OWN) -> list[str]:
+    """Return the names of all parts: palpate's own in their order, then those of other packages, sorted."""
+    return [*own, *sorted({point.name for point in entry_points(group=group)} - own.keys())]
