@@ -10,19 +10,21 @@ from typing import NoReturn
 import click
 
 from palpate_edge.common.errors import DISK_ERRORS, PalpateError, reason_of
-from palpate_edge.common.logs import with_priority
+from palpate_edge.common.logs import with_priority, write_tracebacks_with_priority
 
 
 def run_cli(command: click.Command) -> None:
     """Run a command line; PalpateError becomes ``error: ...`` and the class's exit status.
 
-    A full, read-only or failing disk, standard output included, becomes one line as well, with status 1.
+    A full, read-only or failing disk, standard output included, becomes one line as well, with status 1. Any
+    other exception is a fault of the program: its traceback is written, in the journal as critical.
 
     Matrices are multiplied in one thread, here where numpy is not loaded yet, and in every process that the
     command starts: sums then do not depend on the number of cores, and these matrices are too small to gain.
     ``OPENBLAS_NUM_THREADS`` in the environment takes precedence.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    write_tracebacks_with_priority()
     try:
         command.main(standalone_mode=True)
     except PalpateError as error:

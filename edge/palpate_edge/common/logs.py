@@ -2,7 +2,7 @@
 
 Each part logs to ``palpate.<part>`` (``palpate.camera``, ``palpate.bus`` ...). ERROR: a device or the bus is
 lost, or a request failed. WARNING: the service works with less than it was configured for. INFO: started,
-recovered, recording.
+recovered, recording. CRITICAL: an error that the program does not handle ends it; its traceback is written.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import threading
+import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import TracebackType
 from typing import TextIO
 
 ROOT = "palpate"
@@ -73,3 +76,32 @@ def logging_to_stderr(subject: str = "") -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+def write_tracebacks_with_priority() -> None:
+    """Write the traceback of an unhandled exception, of the process or of a thread, as critical lines.
+
+    The journal then shows a crash with ``journalctl --priority err``. Outside of the journal the text is
+    Python's own.
+    """
+    sys.excepthook = _write_traceback
+    threading.excepthook = _write_thread_traceback
+
+
+def _write_traceback(
+    kind: type[BaseException], error: BaseException | None, trace: TracebackType | None, heading: str = ""
+) -> None:
+    if sys.stderr is None:  # closed before the start
+        return
+    text = heading + "".join(traceback.format_exception(kind, error, trace)).rstrip("\n")
+    sys.stderr.write(with_priority(text, logging.CRITICAL, sys.stderr) + "\n")
+    sys.stderr.flush()
+
+
+def _write_thread_traceback(failure: threading.ExceptHookArgs) -> None:
+    if failure.exc_type is SystemExit:
+        return
+    name = failure.thread.name if failure.thread else "unknown"
+    _write_traceback(
+        failure.exc_type, failure.exc_value, failure.exc_traceback, f"Exception in thread {name}:\n"
+    )

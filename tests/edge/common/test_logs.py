@@ -30,6 +30,19 @@ def main():
     raise BusError("no bus")
 run_cli(main)
 """
+CRASH = """
+import click, threading
+from palpate_edge.common.entry_point import run_cli
+def fail():
+    raise KeyError("a fault of the program")
+@click.command()
+def main():
+    thread = threading.Thread(target=fail, name="capture")
+    thread.start()
+    thread.join()
+    fail()
+run_cli(main)
+"""
 
 
 def stderr_of(tmp_path, program, *, journal):
@@ -67,6 +80,18 @@ def test_plain_text_where_standard_error_is_not_the_journals(tmp_path):
 @pytest.mark.parametrize(("journal", "line"), [(True, "<3>error: no bus"), (False, "error: no bus")])
 def test_the_error_that_ends_a_command_is_an_error_in_the_journal(tmp_path, journal, line):
     assert stderr_of(tmp_path, REFUSAL, journal=journal) == [line]
+
+
+@pytest.mark.parametrize(("journal", "prefix"), [(True, "<2>"), (False, "")])
+def test_every_line_of_a_traceback_is_critical_in_the_journal(tmp_path, journal, prefix):
+    """An exception of a thread, then one of the command itself."""
+    lines = stderr_of(tmp_path, CRASH, journal=journal)
+    assert [line for line in lines if not line.startswith(prefix)] == []
+    texts = [line.removeprefix(prefix) for line in lines]
+    assert texts.count("Traceback (most recent call last):") == 2
+    assert texts.count("KeyError: 'a fault of the program'") == 2
+    assert texts[0] == "Exception in thread capture:"
+    assert texts[-1] == "KeyError: 'a fault of the program'"
 
 
 @pytest.mark.parametrize(
