@@ -36,7 +36,9 @@ class ContactValidation:
         position = (record.radius95_mm or 0.0) / self._dome_radius_mm
         limit = MAX_MISFIT + NOISE_MISFIT * noise**2 + POSITION_MISFIT * position**2
         if located.misfit > limit:
-            raise FrameRejectedError("displacement does not fit a single contact (torn frame or several contacts)")
+            raise FrameRejectedError(
+                "displacement does not fit a single contact (torn frame or several contacts)"
+            )
 
     def _radius95_mm(self, radius95_mm: float | None, motion_px: float) -> float | None:
         """Scale the 95 % radius for faint contacts, at most to the dome's radius: position unknown."""

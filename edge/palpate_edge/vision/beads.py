@@ -40,18 +40,23 @@ class Beads:
     """The beads of one frame, in the reference's order.
 
     position_px (n, 2): measured where `found` (n,), else predicted from the found neighbours; lost (m,):
-    the beads that were not found; searched: the whole image had to be searched.
+    the beads that were not found; searched: the whole image had to be searched; doubt: Match.doubt of that
+    search, 0 without one.
     """
 
     position_px: Array
     found: Mask
     lost: Indices
     searched: bool
+    doubt: float = 0.0
 
     @classmethod
-    def from_positions(cls, position_px: Array, found: Mask, *, searched: bool = False) -> Beads:
+    def from_positions(
+        cls, position_px: Array, found: Mask, *, searched: bool = False, doubt: float = 0.0
+    ) -> Beads:
         """Return the beads at `position_px` (n, 2), of which `found` (n,) were measured."""
-        return cls(position_px, found, NO_BEADS if found.all() else np.flatnonzero(~found), searched)
+        lost = NO_BEADS if found.all() else np.flatnonzero(~found)
+        return cls(position_px, found, lost, searched, doubt)
 
     @property
     def found_count(self) -> int:

@@ -6,14 +6,18 @@ dome's rim, light patches and printed lines give no response. subpixel.py then m
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Plane
+from palpate_edge.common.arrays import Array, Floats, Plane
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
+BINNED_FROM_PX = 10.0  # blobs of at least this diameter are searched on pixels of two by two
+KERNEL_SIGMAS = 2.5  # half the width of the filter
+MIN_STRENGTH = 1.0  # grey levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,26 +27,47 @@ class Blobs:
     position_px: Array
     strength: Array
 
+    def strongest(self, count: int) -> Blobs:
+        """Return at most the `count` strongest blobs."""
+        return Blobs(self.position_px[:count], self.strength[:count])
 
-def find_blobs(dark: Plane, diameter_px: float) -> Blobs:
-    """Return all dark blobs of about `diameter_px` in a plane.
+
+def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENGTH) -> Blobs:
+    """Return all dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
 
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
+    Large blobs are searched at half the resolution: their places are then right to a pixel of it.
     """
-    sigma = SCALE_OF_DIAMETER * diameter_px
-    smooth = cv2.GaussianBlur(dark.astype(np.float32), (0, 0), sigma)
-    xx = cv2.Sobel(smooth, cv2.CV_32F, 2, 0, ksize=3)
-    yy = cv2.Sobel(smooth, cv2.CV_32F, 0, 2, ksize=3)
-    xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3)
-    determinant = xx * yy - xy * xy
-    determinant[(determinant < 0) | (xx + yy <= 0)] = 0
-    response = np.sqrt(determinant) * np.float32(sigma**2 / 4)  # Sobel's second difference has gain 4
-    reach = max(1, round(0.6 * diameter_px))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    peak = (response >= cv2.dilate(response, kernel)) & (response > 1.0)
+    binning = 2 if diameter_px >= BINNED_FROM_PX else 1
+    smooth: Floats = _binned(dark, binning)
+    sigma = SCALE_OF_DIAMETER * diameter_px / binning
+    width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
+    cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
+    xx, yy, xy = (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3), np.float32)
+        for order in ((2, 0), (0, 2), (1, 1))
+    )
+    determinant: Floats = xx * yy - xy * xy
+    determinant *= xx + yy > 0
+    to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
+    limit = (min_strength / to_strength) ** 2
+    reach = max(1, round(0.45 * diameter_px / binning))
+    highest = cv2.dilate(determinant, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    peak = (determinant >= highest) & (determinant > limit)
     peak[[0, -1], :] = False
     peak[:, [0, -1]] = False
-    rows, columns = np.nonzero(peak)
-    strength = response[rows, columns].astype(np.float64)
+    index = np.flatnonzero(peak)
+    strength = to_strength * np.sqrt(determinant.ravel()[index]).astype(np.float64)
     order = np.argsort(-strength, kind="stable")
-    return Blobs(np.stack([columns, rows], axis=1).astype(np.float64)[order], strength[order])
+    row, column = np.divmod(index[order], determinant.shape[1])
+    place = np.stack([column, row], axis=1) * float(binning) + 0.5 * (binning - 1)
+    return Blobs(place, strength[order])
+
+
+def _binned(dark: Plane, binning: int) -> Floats:
+    """Return the means of the plane's squares of `binning` by `binning` pixels."""
+    if binning == 1:
+        return dark.astype(np.float32)
+    height, width = (size // binning for size in dark.shape)
+    whole = dark[: height * binning, : width * binning]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32)

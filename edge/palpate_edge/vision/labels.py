@@ -12,7 +12,6 @@ Labelling = tuple[Array, Mask]
 
 PAIR_RANGE = 3.0  # spacings: beads nearer than that can come to lie on each other
 JUMP = 0.2  # of the spacing, from one frame to the next
-LOST_DISPLACEMENT = 0.5  # spacings that a lost bead counts as displaced
 
 
 class LabelCheck:
@@ -28,7 +27,6 @@ class LabelCheck:
         self._min_overlap_squared = (float(gap_px.min()) / 2) ** 2  # two beads that approach each other
         self._jump_squared = (JUMP * spacing_px) ** 2
         self._min_jump_squared = float(self._jump_squared.min())
-        self._lost_disorder = float(np.median(LOST_DISPLACEMENT * spacing_px)) ** 2
 
     def has_jumped(self, labelling: Labelling, last_px: Array) -> bool:
         """Return whether a bead moved so far since `last_px` (n, 2) that it may be its neighbour.
@@ -41,21 +39,6 @@ class LabelCheck:
         if squared.max() <= self._min_jump_squared:
             return False
         return bool(((squared > self._jump_squared) & found).any())
-
-    def more_ordered(self, one: Labelling, other: Labelling) -> Labelling:
-        """Return the labelling with the lower disorder; ties keep the first."""
-        return other if self._disorder(*other) < self._disorder(*one) else one
-
-    def _disorder(self, position_px: Array, found: Mask) -> float:
-        """Return the mean square difference of neighbours' displacements, px^2.
-
-        A bead taken for its neighbour makes it large.
-        """
-        displacement = position_px - self._reference_px
-        first, second = self._pairs
-        apart = ((displacement[first] - displacement[second]) ** 2).sum(axis=1)
-        lost = ~(found[first] & found[second])
-        return float(np.where(lost, self._lost_disorder, apart).mean())
 
     def drop_doubles(self, labelling: Labelling, last_px: Array) -> Labelling:
         """Clear `found` of beads that share a place with another one that came from nearer by.

@@ -1,8 +1,8 @@
-"""Tracking: every bead keeps its number from frame to frame.
+"""Tracking: every bead keeps its number, in a video as in single frames.
 
 A frame is read in small windows around the last places. Where beads jumped, the windows also start from the
-reference, and from the skin around a dent; the labelling with the lower disorder is taken. Only when too many
-beads are lost, the whole image is searched and its candidates are assigned one to one.
+reference. Such labels are believed when nearly all beads are there and move as one skin. Otherwise the blobs
+of the whole image are matched with the beads by topology (correspondence.py), which takes a millisecond.
 """
 
 from __future__ import annotations
@@ -12,15 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Mask, Plane
-from palpate_edge.vision.assignment import NO_PARTNER, assign
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.blob_detection import find_blobs
+from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
-from palpate_edge.vision.region_growing import RegionGrowing
 from palpate_edge.vision.window_search import WindowSearch
 
 MAX_RETRIES = 3
 MAX_LOST_SHARE = 0.1  # of the beads, in windows; with more lost the whole image is searched
+MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict none
+MAX_LOST_AFTER_JUMP = 0.02  # a shift by one row loses the beads of one side
+MAX_DOUBT = 0.1  # Match.doubt of a frame that the next one may start from
+MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
+MIN_STRENGTH = 0.7  # grey levels
+BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
 
 
 @dataclass(slots=True)
@@ -40,56 +45,87 @@ class Tracker:
         self._neighbourhood = reference.neighbourhood
         self._windows = WindowSearch(reference)
         self._labels = LabelCheck(reference)
-        self._region_growing = RegionGrowing(reference.neighbourhood)
+        self._correspondence = Correspondence(reference.neighbourhood)
+        self._diameter_px = float(np.median(reference.diameter_px))
+        self._min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * float(np.median(reference.contrast)))
+        self._max_blobs = int(BLOBS_PER_BEAD * len(reference.position_px))
         self._last_px = reference.position_px.copy()
+        self._last_lost, self._is_reference = 0, True
         self.counters = TrackingCounters()
 
     def reset(self) -> None:
         """Forget the last frame: the next one starts from the reference."""
         self._last_px = self._reference.position_px.copy()
+        self._last_lost, self._is_reference = 0, True
 
     def follow(self, dark: Plane) -> Beads:
         """Return the beads of the next frame."""
         self._windows.load(dark)
         labelling = self._in_windows(self._last_px)
-        if self._labels.has_jumped(labelling, self._last_px):
-            labelling = self._relabel(labelling)
+        if self._has_jumped(labelling):
+            labelling = self._after_jump(labelling)
         beads = Beads.from_positions(*labelling)
         if len(beads.lost) > MAX_LOST_SHARE * len(beads.found):
             self.counters.searches += 1
-            beads = Beads.from_positions(*self._in_whole_image(dark), searched=True)
+            beads = self._in_whole_image(dark)
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
             predicted_px = self._neighbourhood.predict(beads.position_px, beads.found, beads.lost)
             beads.position_px[beads.lost] = predicted_px
-        self._last_px = beads.position_px
+        if beads.doubt > MAX_DOUBT or beads.found_count < len(beads.lost):
+            self.reset()
+        else:
+            self._last_px, self._last_lost = beads.position_px, len(beads.lost)
+            self._is_reference = False
         return beads
 
     def _in_windows(self, expected_px: Array) -> Labelling:
         """Find every bead near `expected_px` (n, 2), the missing ones again near their neighbours."""
         return self._complete(self._windows.find_beads(expected_px))
 
-    def _relabel(self, labelling: Labelling) -> Labelling:
-        """Return the most ordered of this labelling and those from the reference and from the quiet skin."""
-        from_reference = self._in_windows(self._reference.position_px)
-        labelling = self._labels.more_ordered(labelling, from_reference)
-        if self._region_growing.is_torn(*labelling):
-            grown = self._complete(self._region_growing.grow(*labelling, self._windows.find_beads))
-            labelling = self._labels.more_ordered(labelling, grown)
-        return labelling
+    def _has_jumped(self, labelling: Labelling) -> bool:
+        """Return whether beads may be their neighbours: they moved far, or a row of them was lost at once."""
+        found = labelling[1]
+        lost = len(found) - np.count_nonzero(found)
+        if lost > self._last_lost + MAX_LOST_AFTER_JUMP * len(found):
+            return True
+        return self._labels.has_jumped(labelling, self._last_px)
 
-    def _in_whole_image(self, dark: Plane) -> Labelling:
-        """Find every blob of the image and assign at most one to each bead."""
-        reference = self._reference
-        blobs = find_blobs(dark, float(np.median(reference.diameter_px)))
-        if not len(blobs.strength):
-            return reference.position_px.copy(), np.zeros(len(reference.position_px), dtype=np.bool_)
-        partner = assign(reference.position_px, blobs.position_px, self._neighbourhood.spacing_px)
-        assigned = partner != NO_PARTNER
-        expected_px = np.where(assigned[:, None], blobs.position_px[partner], reference.position_px)
-        position_px, found = self._windows.find_beads(expected_px)
-        return self._labels.drop_doubles((position_px, found & assigned), self._last_px)
+    def _after_jump(self, labelling: Labelling) -> Labelling:
+        """Return this labelling or that from the reference if one is plausible, else one without beads."""
+        if self._is_plausible(labelling):
+            return labelling
+        if not self._is_reference:
+            labelling = self._in_windows(self._reference.position_px)
+            if self._is_plausible(labelling):
+                return labelling
+        return labelling[0], np.zeros_like(labelling[1])
+
+    def _is_plausible(self, labelling: Labelling) -> bool:
+        """Return whether nearly all beads were found and are displaced like their neighbours."""
+        position_px, found = labelling
+        if np.count_nonzero(found) < (1.0 - MAX_LOST_AFTER_JUMP) * len(found):
+            return False
+        return self._correspondence.is_smooth(position_px, found)
+
+    def _in_whole_image(self, dark: Plane) -> Beads:
+        """Match the blobs of the whole image with the beads."""
+        blobs = find_blobs(dark, self._diameter_px, self._min_strength).strongest(self._max_blobs)
+        height, width = dark.shape
+        hypotheses = (
+            [self._reference.position_px]
+            if self._is_reference
+            else [self._last_px, self._reference.position_px]
+        )
+        match = self._correspondence.match(blobs, (height, width), np.stack(hypotheses))
+        matched = match.found
+        blob_px = blobs.position_px[match.blob] if len(blobs.strength) else match.predicted_px
+        expected_px = np.where(matched[:, None], blob_px, match.predicted_px)
+        position_px, found = self._windows.measure_blobs(expected_px)
+        found &= matched
+        position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
+        return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)
 
     def _complete(self, labelling: Labelling) -> Labelling:
         """Retry the missing beads and drop doubles; changes both arrays in place."""
@@ -102,7 +138,7 @@ class Tracker:
         """Search the missing beads again where their neighbours' displacement predicts them."""
         for _ in range(MAX_RETRIES):
             missing = np.flatnonzero(~found)
-            if not len(missing) or len(missing) == len(found):
+            if not len(missing) or len(missing) > MAX_RETRIED_SHARE * len(found):
                 return
             expected_px = self._neighbourhood.predict(position_px, found, missing)
             position_px[missing], found[missing] = self._windows.find_beads(expected_px, missing)
