@@ -30,6 +30,8 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
     Examples:
       palpate-edge inspect demo/recording/press/reference/000.jpg -o beads.png
       palpate-edge inspect frame.png -o steps.png --calibration finger-1.cal
+
+    Exit status: 0 beads found, 3 no beads.
     """
     from palpate_edge.common.picture_file import write_picture  # noqa: PLC0415
     from palpate_edge.datasets.images import read_image  # noqa: PLC0415
@@ -56,6 +58,11 @@ def inspect(frame: Path, output: Path, calibration_path: Path | None, diameter: 
     from palpate_edge.vision.unknown_layout import beads_without_layout  # noqa: PLC0415
 
     blobs, appearance, size_px = beads_without_layout(image, diameter)
+    if not len(blobs.strength):
+        raise DatasetError(
+            f"{frame}: no beads found: take a sharp picture of the untouched skin, "
+            + ("or leave out --diameter" if diameter else "or give the beads' --diameter in pixels")
+        )
     write_picture(output, draw_beads(image, blobs.position_px, size_px), DatasetError)
     kind = "bright" if appearance.bright else "dark"
     click.echo(f"{output}: {len(blobs.strength)} {kind} beads of about {size_px:.0f} px")

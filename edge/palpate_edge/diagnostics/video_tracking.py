@@ -18,9 +18,10 @@ from palpate_edge.datasets.recording import Recording
 from palpate_edge.geometry.points import spacing
 from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.beads import Reference
+from palpate_edge.vision.disk_profile import disk_profile
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import Tracker
-from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness
+from palpate_edge.vision.unknown_layout import beads_without_layout
 
 REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades
 FEWEST_MARKERS = 6
@@ -115,11 +116,11 @@ def reference_from(image: Image, diameter_px: float | None = None) -> tuple[Refe
     blobs, appearance, size_px = beads_without_layout(image, diameter_px)
     if len(blobs.strength) < FEWEST_MARKERS:
         raise DatasetError(
-            f"only {len(blobs.strength)} markers stand out in the first frames: start the video with the "
-            "skin untouched and in view, or give --diameter"
+            f"no beads found: only {len(blobs.strength)} markers stand out in the first frames; start the "
+            "video with the skin untouched and in view, or give --diameter"
         )
     dark = plane(image, appearance)
-    sizes_px = disk_likeness(dark, blobs.position_px, size_px).diameter_px
+    sizes_px = size_px * disk_profile(dark, blobs.position_px, size_px).diameter
     refined = Refiner(sizes_px, spacing(blobs.position_px)).refine(dark, blobs.position_px)
     held = (refined.contrast > 0) & (refined.area > 0)
     contrast, area = (part.astype(np.float64) for part in (refined.contrast, refined.area))

@@ -16,7 +16,7 @@ from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.subpixel import Refiner
-from palpate_edge.vision.unknown_layout import add_similar, prominence
+from palpate_edge.vision.unknown_layout import beads_without_layout
 
 MIN_BEADS_SHARE = 0.9  # of the layout that a reference frame must show
 FIT_ROUNDS = 4
@@ -77,22 +77,17 @@ def _appearances(image: Image) -> list[Appearance]:
 
 
 def _learn(image: Image, sensor: Sensor) -> Registration:
-    """Learn a layout: beads are the blobs on the dome before the widest gap in strength.
+    """Learn a layout from the beads that stand out on the dome.
 
-    Raises CalibrationError when they are too few or do not lie on the dome.
+    Raises CalibrationError when they are too few, do not lie on the dome, or make no layout.
     """
     view, radius_mm = View(sensor.camera), sensor.markers.radius_mm
     apex_mm = np.array([[0.0, 0.0, radius_mm]])
     diameter_px = float(bead_diameters_px(sensor, view, apex_mm)[0])
-    best, best_score, best_blobs = Appearance(), 0.0, Blobs(np.zeros((0, 2)), np.zeros(0))
-    for appearance in _appearances(image):
-        blobs = _on_dome(find_blobs(plane(image, appearance), diameter_px), view, radius_mm)
-        score = prominence(blobs) * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
-        if score > best_score:
-            best, best_score, best_blobs = appearance, score, blobs
-    dark = plane(image, best)
-    beads = add_similar(dark, best_blobs, diameter_px)
-    position_px = beads.position_px
+    beads, best, _ = beads_without_layout(
+        image, diameter_px, lambda places: _on_dome(places, view, radius_mm)
+    )
+    dark, position_px = plane(image, best), beads.position_px
     if len(position_px):
         position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
     layout = learn_layout(sensor.camera, radius_mm, position_px)
@@ -103,13 +98,10 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
     )
 
 
-def _on_dome(blobs: Blobs, view: View, radius_mm: float) -> Blobs:
-    """Return the blobs whose ray leaves the beads' sphere on the dome's side."""
-    if not len(blobs.strength):
-        return blobs
-    height_mm = view.onto_sphere(blobs.position_px, radius_mm)[:, 2]
-    on_dome = height_mm > radius_mm * np.cos(np.radians(MAX_THETA_DEG))  # False for nan
-    return Blobs(blobs.position_px[on_dome], blobs.strength[on_dome])
+def _on_dome(position_px: Array, view: View, radius_mm: float) -> Mask:
+    """Return the places (n, 2) whose ray leaves the beads' sphere on the dome's side."""
+    height_mm = view.onto_sphere(position_px, radius_mm)[:, 2]
+    return np.asarray(height_mm > radius_mm * np.cos(np.radians(MAX_THETA_DEG)))  # False for nan
 
 
 def _recognise(

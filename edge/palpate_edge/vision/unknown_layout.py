@@ -1,170 +1,219 @@
-"""Beads of an unknown sensor: which blobs of one image are beads, and how large they are.
+"""Beads of an unknown sensor: which blobs of one image are beads, on which channel, and how large they are.
 
-The blobs before the widest relative gap in strength are beads. Under uneven light this gap comes too early.
-Blobs after it are added when they are similar: round disks, as dark relative to their surroundings, and
-spaced like the others.
+Every channel, dark and bright beads, and several diameters are tried on a reduced image. Blobs that are
+round and isolated (:mod:`palpate_edge.vision.disk_profile`), and spaced like those around them, are beads if
+they are most of what stands out; the channel and the diameter that show most of them are taken. Then all of
+the image's beads are collected on that channel, smaller and larger ones too. An image without such blobs has
+no beads.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices, Plane
+from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
 from palpate_edge.geometry.points import distances
-from palpate_edge.vision.appearance import Appearance, plane
+from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
-from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.disk_profile import DiskProfile, disk_profile
 
-HEIGHT_OVER_DIAMETER = (
-    60,
-    50,
-    42,
-    35,
-    30,
-    25,
-    20,
-)  # of the image; tried without a diameter
+HEIGHT_OVER_DIAMETER = (80, 64, 50, 40, 32, 25, 20, 16)  # of the image; tried without a diameter
+SEARCH_HEIGHT = 320  # pixels; higher images are reduced for the search
+MIN_DIAMETER_PX = 4.0
 MIN_BEADS = 6
 MAX_CANDIDATES = 500
-SIZE_RATIOS = (0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.5)
-DISK_REACH = 0.85  # radius of the pixels compared with a disk, in its diameters
-MIN_ROUNDNESS = 0.7
-MIN_DEPTH_SHARE = 0.7  # of the median depth of the beads before the gap
-MIN_CONTRAST = 20.0  # grey levels
-SPACING_RANGE = (0.55, 2.0)  # distance to the nearest bead, in median spacings
+MIN_CONTRAST = 8.0  # grey levels
+MIN_CONTRAST_SHARE = 0.35  # of the median contrast of undisturbed beads
+MIN_PURITY = 0.4  # share of undisturbed beads in the blobs that stand out half as much as they
+TOLERANCE = 1.5  # of the disk's limits, for beads of uneven light beside undisturbed ones
+SIZE_FACTORS = (0.65, 0.8, 1.0, 1.25, 1.5)  # of the diameter: a wide lens shows near beads larger
+SPACING_RANGE = (0.55, 2.0)  # distance to the nearest bead, over that of the beads around
+SIZE_RANGE = (0.6, 1.6)  # diameter, over that of the beads around
+NEIGHBOURS = 12  # beads around, whose spacing and diameter are compared
+GREY_PREFERENCE = 1.1  # a colour must show that many more beads: grey has less noise
+SATURATED = 250.0  # grey level of a reflection of a lamp
+MAX_SATURATED_SHARE = 1 / 3  # of bright beads; above it the beads themselves are overexposed
+
+SHAPE = ("contrast", "diameter", "oval", "isolation", "offset")
+
+Selection = Callable[[Array], Mask]  # places (n, 2) -> which may hold a bead
 
 
 @dataclass(frozen=True, slots=True)
-class Disks:
-    """Similarity of blobs (n,) to dark disks.
+class _Candidates:
+    """Blobs of one plane at one diameter, with their shape."""
 
-    roundness: correlation with the best disk, 1 is perfect; diameter_px: of that disk; contrast: grey levels
-    between surroundings and core; depth: contrast over the surroundings' grey, independent of the light.
-    """
-
-    roundness: Array
+    position_px: Array
+    strength: Array
+    profile: DiskProfile
     diameter_px: Array
-    contrast: Array
-    depth: Array
+    saturated: Mask
+
+    def chosen(self, which: Mask | Indices) -> _Candidates:
+        """Return some of the candidates."""
+        return _Candidates(
+            self.position_px[which],
+            self.strength[which],
+            DiskProfile(*(getattr(self.profile, name)[which] for name in SHAPE)),
+            self.diameter_px[which],
+            self.saturated[which],
+        )
 
 
-def beads_without_layout(image: Image, diameter_px: float | None = None) -> tuple[Blobs, Appearance, float]:
-    """Return the beads of an unknown layout, their appearance, and their diameter in pixels.
+def everywhere(position_px: Array) -> Mask:
+    """Return that a bead may be anywhere."""
+    return np.ones(len(position_px), dtype=np.bool_)
 
-    Dark and bright beads are tried; without `diameter_px`, diameters from 1/60 to 1/20 of the image's height
-    as well.
+
+def beads_without_layout(
+    image: Image, diameter_px: float | None = None, may_hold: Selection = everywhere
+) -> tuple[Blobs, Appearance, float]:
+    """Return the beads of an unknown layout, their appearance, and their median diameter in pixels.
+
+    Without `diameter_px`, diameters from 1/80 to 1/16 of the image's height are tried. may_hold: places where
+    a bead can be. An image without beads gives no blobs.
     """
-    sizes = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
-    best: tuple[float, Blobs, Appearance, float] | None = None
-    for bright in (False, True):
-        appearance = Appearance("grey", bright)
-        dark = plane(image, appearance)
-        for size in sizes:
-            blobs = find_blobs(dark, size)
-            score = prominence(blobs)
-            if best is None or score > best[0]:
-                best = (score, blobs, appearance, size)
-    assert best is not None
-    _, blobs, appearance, size = best
-    return add_similar(plane(image, appearance), blobs, size), appearance, size
+    scale = min(1.0, SEARCH_HEIGHT / image.shape[0])
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    reduced = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    wanted = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
+    sizes = [scale * one for one in wanted if scale * one >= MIN_DIAMETER_PX or diameter_px]
+    best_score, best, best_px = 0.0, Appearance(), diameter_px or image.shape[0] / HEIGHT_OVER_DIAMETER[0]
+    for appearance in _appearances(image):
+        dark = plane(reduced, appearance)
+        for one in sizes:
+            found = _candidates(dark, appearance, one, lambda places: may_hold(places / scale))
+            beads, purity = _beads(found)
+            score = len(beads) * purity * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
+            if score > best_score:
+                best_score, best = score, appearance
+                best_px = float(np.median(found.diameter_px[beads])) / scale
+    if not best_score:
+        return Blobs(np.zeros((0, 2)), np.zeros(0)), best, best_px
+    return _collect(plane(image, best), best, best_px, may_hold), best, best_px
 
 
-def prominence(blobs: Blobs) -> float:
-    """Return how clearly some blobs stand out: the widest gap in strength times the strength before it."""
-    count, gap = widest_gap(blobs.strength)
-    return gap * float(np.median(blobs.strength[:count])) if count else 0.0
+def _appearances(image: Image) -> list[Appearance]:
+    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
+    return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
 
 
-def widest_gap(strength: Array) -> tuple[int, float]:
-    """Return the number of blobs before the widest relative gap in strength, and its ratio."""
-    if len(strength) < MIN_BEADS + 2:
-        return 0, 0.0
-    ratio = strength[MIN_BEADS - 1 : -1] / np.maximum(strength[MIN_BEADS:], 1e-6)
-    place = int(np.argmax(ratio))
-    return place + MIN_BEADS, float(ratio[place])
+def _candidates(dark: Plane, appearance: Appearance, diameter_px: float, may_hold: Selection) -> _Candidates:
+    """Return the strongest blobs of a plane where beads may be."""
+    blobs = find_blobs(dark, diameter_px)
+    place, strength = blobs.position_px[:MAX_CANDIDATES], blobs.strength[:MAX_CANDIDATES]
+    inside = may_hold(place) if len(place) else np.zeros(0, dtype=np.bool_)
+    place, strength = place[inside], strength[inside]
+    profile = disk_profile(dark, place, diameter_px)
+    saturated = np.zeros(len(place), dtype=np.bool_)
+    if appearance.bright and appearance.channel == "grey":
+        column, row = place.T.astype(np.intp)
+        saturated = cv2.erode(dark, np.ones((3, 3), np.uint8))[row, column] <= 255.0 - SATURATED
+    return _Candidates(place, strength, profile, profile.diameter * diameter_px, saturated)
 
 
-def add_similar(dark: Plane, blobs: Blobs, diameter_px: float) -> Blobs:
-    """Return the blobs before the widest gap in strength, and the similar ones after it."""
-    count, _ = widest_gap(blobs.strength)
-    if not count:
-        return Blobs(blobs.position_px[:0], blobs.strength[:0])
-    place = blobs.position_px[:MAX_CANDIDATES]
-    disks = disk_likeness(dark, place, diameter_px)
-    similar = (
-        (disks.roundness > MIN_ROUNDNESS)
-        & (disks.depth > MIN_DEPTH_SHARE * float(np.median(disks.depth[:count])))
-        & (disks.contrast > MIN_CONTRAST)
+def _beads(found: _Candidates) -> tuple[Indices, float]:
+    """Return the indices of the beads, and their purity: the share of undisturbed ones in what stands out."""
+    none = np.zeros(0, dtype=np.intp)
+    clear = _undisturbed(found)
+    if clear.sum() < MIN_BEADS:
+        return none, 0.0
+    limits = _limits(found, clear)
+    clear &= limits.allows(found)
+    strong = found.strength > 0.5 * float(np.median(found.strength[clear]))
+    strong &= ~(found.saturated & limits.lamps)
+    purity = float((strong & clear).sum() / max(1, strong.sum()))
+    beads = _evenly_spaced(found, found.profile.is_disk(TOLERANCE) & limits.allows(found))
+    enough = clear.sum() >= MIN_BEADS and purity >= MIN_PURITY and len(beads) >= MIN_BEADS
+    return (beads, purity) if enough else (none, 0.0)
+
+
+def _undisturbed(found: _Candidates) -> Mask:
+    """Return which blobs are disks by the strict limits."""
+    return np.asarray(found.profile.is_disk() & (found.profile.contrast > MIN_CONTRAST))
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What the beads of one picture share: a least contrast; lamps: saturated blobs are reflections."""
+
+    least_contrast: float
+    lamps: bool
+
+    def allows(self, found: _Candidates) -> Mask:
+        return np.asarray((found.profile.contrast > self.least_contrast) & ~(found.saturated & self.lamps))
+
+
+def _limits(found: _Candidates, clear: Mask) -> _Limits:
+    """Return the limits that the undisturbed beads (n,), at least one, set for all others."""
+    contrast = float(np.median(found.profile.contrast[clear]))
+    lamps = bool(found.saturated[clear].mean() < MAX_SATURATED_SHARE)
+    return _Limits(max(MIN_CONTRAST, MIN_CONTRAST_SHARE * contrast), lamps)
+
+
+def _collect(dark: Plane, appearance: Appearance, diameter_px: float, may_hold: Selection) -> Blobs:
+    """Return all beads of a plane, of about `diameter_px` or somewhat smaller or larger, strongest first."""
+    main = _candidates(dark, appearance, diameter_px, may_hold)
+    clear = _undisturbed(main)
+    limits = _limits(main, clear if clear.any() else np.ones_like(clear))
+    parts = []
+    for factor in SIZE_FACTORS:
+        found = _candidates(dark, appearance, factor * diameter_px, may_hold)
+        parts.append(found.chosen(found.profile.is_disk(TOLERANCE) & limits.allows(found)))
+    everything = _joined(parts)
+    fault = everything.profile.oval + everything.profile.offset
+    once = everything.chosen(_each_once(everything.position_px, fault, everything.diameter_px))
+    kept = _evenly_spaced(once, np.ones(len(once.strength), dtype=np.bool_))
+    kept = kept[np.argsort(-once.strength[kept], kind="stable")]
+    return Blobs(once.position_px[kept], once.strength[kept])
+
+
+def _joined(parts: list[_Candidates]) -> _Candidates:
+    """Return the candidates of all parts as one."""
+    profiles = [part.profile for part in parts]
+    return _Candidates(
+        np.concatenate([part.position_px for part in parts]),
+        np.concatenate([part.strength for part in parts]),
+        DiskProfile(*(np.concatenate([getattr(one, name) for one in profiles]) for name in SHAPE)),
+        np.concatenate([part.diameter_px for part in parts]),
+        np.concatenate([part.saturated for part in parts]),
     )
-    kept = _add_spaced(place, count, np.flatnonzero(similar[count:]) + count)
-    return Blobs(blobs.position_px[kept], blobs.strength[kept])
 
 
-def _add_spaced(place: Array, count: int, candidates: Indices) -> Indices:
-    """Return the first `count` places and those candidates, strongest first, that are spaced like them."""
-    kept = list(range(min(count, len(place))))
-    apart = distances(place, place)
-    np.fill_diagonal(apart, np.inf)
-    spacing = float(np.median(apart[np.ix_(kept, kept)].min(axis=1)))
-    waiting = [int(candidate) for candidate in candidates]
-    added = True
-    while added:
-        added = False
-        for candidate in waiting:
-            nearest = float(apart[candidate, kept].min()) / spacing
-            if SPACING_RANGE[0] < nearest < SPACING_RANGE[1]:
-                kept.append(candidate)
-                added = True
-        waiting = [candidate for candidate in waiting if candidate not in kept]
+def _each_once(place_px: Array, fault: Array, diameter_px: Array) -> Indices:
+    """Return the indices of the blobs of least fault among those that lie on one bead."""
+    kept: list[int] = []
+    for index in np.argsort(fault, kind="stable").tolist():
+        apart = np.linalg.norm(place_px[kept] - place_px[index], axis=1)
+        if not (apart < 0.5 * (diameter_px[kept] + diameter_px[index])).any():
+            kept.append(index)
     return np.array(sorted(kept), dtype=np.intp)
 
 
-def disk_likeness(dark: Plane, place_px: Array, diameter_px: float) -> Disks:
-    """Compare the places (n, 2) with dark disks of about `diameter_px`."""
-    count = len(place_px)
-    best = Disks(np.full(count, -1.0), np.full(count, diameter_px), np.zeros(count), np.zeros(count))
-    if not count:
-        return best
-    refined = Refiner(np.full(count, diameter_px)).refine(dark, place_px)
-    moved = np.linalg.norm(refined.position_px - place_px, axis=1)
-    centre = np.where((moved < 0.3 * diameter_px)[:, None], refined.position_px, place_px)
-    for size in (ratio * diameter_px for ratio in SIZE_RATIOS):
-        found = _compare(dark, centre, size)
-        better = found.roundness > best.roundness
-        for name in ("roundness", "diameter_px", "contrast", "depth"):
-            getattr(best, name)[better] = getattr(found, name)[better]
-    return best
+def _evenly_spaced(found: _Candidates, among: Mask) -> Indices:
+    """Return the indices of those `among` the blobs that are spaced and sized like the ones around them.
 
-
-def _compare(dark: Plane, centre_px: Array, size_px: float) -> Disks:
-    """Correlate the pixels about each centre with a disk of one size."""
-    reach = int(np.ceil(DISK_REACH * size_px)) + 1
-    span = np.arange(-reach, reach + 1)
-    row, column = (grid.ravel() for grid in np.meshgrid(span, span, indexing="ij"))
-    middle = np.rint(centre_px).astype(np.intp)
-    rows = np.clip(middle[:, 1:] + row, 0, dark.shape[0] - 1)
-    columns = np.clip(middle[:, :1] + column, 0, dark.shape[1] - 1)
-    grey = np.asarray(dark[rows, columns], dtype=np.float64)
-    offset = centre_px - middle
-    radius = np.hypot(column - offset[:, :1], row - offset[:, 1:])
-    inside = (radius < DISK_REACH * size_px).astype(np.float64)
-    disk = np.clip(size_px / 2 - radius + 0.5, 0.0, 1.0)
-    core = _mean(grey, (radius < max(1.0, 0.25 * size_px)).astype(np.float64))
-    skin = _mean(grey, inside * (disk == 0))
-    off_grey = (_mean(grey, inside)[:, None] - grey) * inside
-    for axis in (column - offset[:, :1], row - offset[:, 1:]):  # subtract a slope of light or background
-        across = axis * inside
-        slope = (off_grey * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-9)
-        off_grey = off_grey - slope[:, None] * across
-    off_disk = (disk - _mean(disk, inside)[:, None]) * inside
-    both = np.sqrt((off_grey**2).sum(axis=1) * (off_disk**2).sum(axis=1))
-    roundness = (off_grey * off_disk).sum(axis=1) / np.maximum(both, 1e-9)
-    depth = (skin - core) / np.maximum(skin, 1.0)
-    return Disks(roundness, np.full(len(centre_px), size_px), skin - core, depth)
-
-
-def _mean(value: Array, weight: Array) -> Array:
-    """Return the weighted mean (n,) of each row of values (n, k)."""
-    return np.asarray((value * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9))
+    Of two that are too near to each other, the one goes whose contrast and size differ more from the others'.
+    """
+    kept = np.flatnonzero(among)
+    contrast, size = (np.log(np.maximum(v, 1e-3)) for v in (found.profile.contrast, found.diameter_px))
+    while len(kept) >= MIN_BEADS:
+        apart = distances(found.position_px[kept], found.position_px[kept])
+        np.fill_diagonal(apart, np.inf)
+        nearest = apart.min(axis=1)
+        around = np.argsort(apart, axis=1)[:, :NEIGHBOURS]
+        typical = np.median(nearest[around], axis=1)
+        odd = sum(np.abs(value[kept] - np.median(value[kept])) for value in (contrast, size))
+        low, high = SPACING_RANGE
+        crowded = (nearest < low * typical) & (odd >= odd[apart.argmin(axis=1)])
+        relative = found.diameter_px[kept] / np.median(found.diameter_px[kept][around], axis=1)
+        wrong = crowded | (nearest > high * typical)
+        wrong |= (relative < SIZE_RANGE[0]) | (relative > SIZE_RANGE[1])
+        if not wrong.any():
+            return kept
+        kept = kept[~wrong]
+    return np.zeros(0, dtype=np.intp)

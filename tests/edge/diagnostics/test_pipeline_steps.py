@@ -9,8 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.cli.main import cli
@@ -21,58 +19,12 @@ from palpate_edge.diagnostics.figures import draw_residuals
 from palpate_edge.diagnostics.pipeline_figures import draw_steps
 from palpate_edge.diagnostics.pipeline_steps import take_steps
 from palpate_edge.geometry.sensor import View, bead_layout_mm
-from palpate_edge.vision.unknown_layout import beads_without_layout, disk_likeness, widest_gap
+from palpate_edge.vision.unknown_layout import beads_without_layout
 
 
 def count_of(picture, colour, tolerance=25):
     """Pixels of about one colour."""
     return int((np.abs(picture.astype(int) - np.array(colour)).max(axis=-1) < tolerance).sum())
-
-
-@pytest.mark.parametrize(
-    ("strength", "count"),
-    [
-        ([9.0] * 10 + [3.0] * 5, 10),
-        ([9.0] * 3 + [1.0] * 3 + [0.9] * 8 + [0.1] * 4, 14),  # six at least: the first fall does not count
-        ([9.0] * 7, 0),
-    ],
-)
-def test_the_widest_gap_in_strength(strength, count):
-    assert widest_gap(np.array(strength))[0] == count
-
-
-@settings(max_examples=25, deadline=None)
-@given(
-    diameter=st.floats(6.5, 16.0),
-    x=st.floats(-0.5, 0.5),
-    y=st.floats(-0.5, 0.5),
-    skin=st.integers(80, 230),
-    slope=st.floats(-0.8, 0.8),
-)
-def test_a_disk_is_told_its_size_on_light_that_slopes(diameter, x, y, skin, slope):
-    row, column = np.mgrid[0:81, 0:81]
-    cover = np.clip(diameter / 2 - np.hypot(column - 40 - x, row - 40 - y) + 0.5, 0, 1)
-    grey = (1 - cover) * np.clip(skin + slope * (column - 40), 0, 255) + cover * 0.2 * skin
-    found = disk_likeness(grey.astype(np.uint8), np.array([[40.0, 40.0]]), 11.0)
-    assert found.roundness[0] > 0.9
-    assert found.diameter_px[0] == pytest.approx(diameter, rel=0.2)
-    assert found.depth[0] == pytest.approx(0.8, abs=0.08)
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [
-        pytest.param(lambda picture: cv2.line(picture, (40, 0), (40, 80), 40, 8), id="bar"),
-        pytest.param(lambda picture: cv2.rectangle(picture, (40, 0), (80, 80), 40, -1), id="edge"),
-        pytest.param(lambda picture: cv2.putText(picture, "V", (24, 56), 0, 1.6, 40, 5), id="letter"),
-    ],
-)
-def test_bars_edges_and_letters_are_no_disks(shape):
-    grey = cv2.GaussianBlur(shape(np.full((81, 81), 180, dtype=np.uint8)), (0, 0), 0.7)
-    places = np.stack(np.meshgrid(np.arange(30, 51, 2), np.arange(30, 51, 2)), axis=-1).reshape(-1, 2)
-    assert (
-        disk_likeness(grey, places.astype(float), 11.0).roundness.max() < 0.75
-    )  # a V's foot is the roundest
 
 
 def test_beads_in_light_and_shade_are_found_and_the_text_behind_them_is_not(another_dome):
