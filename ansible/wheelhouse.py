@@ -1,8 +1,8 @@
-"""Write the wheelhouse that boards install from without network, every file by its hash.
+"""Write the wheelhouse, from which boards install without network; every file is checked by its hash.
 
-wheelhouse/RELEASE                  the release's name: version and a digest of all that is in it
+wheelhouse/RELEASE                  the release's name: version and a digest of its content
 wheelhouse/PART/ARCHITECTURE/       wheels, packages.txt, palpate.txt, SHA256SUMS; PART is edge or host
-packages.txt names what others made, palpate.txt what is ours: a board installs of an update what differs.
+packages.txt lists the third-party packages, palpate.txt palpate itself: an update installs only what differs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "-
 
 
 def requirements(lock: str, python: str) -> str:
-    """The entries of a lock that hold for this Python: pip itself would ask the one it runs on."""
+    """Return the entries of a lock for this Python; pip would evaluate them for the Python that runs it."""
     environment = {"python_version": python, "python_full_version": f"{python}.0"}
     kept = []
     for entry in lock.replace("\\\n", "").splitlines():
@@ -40,7 +40,7 @@ def requirements(lock: str, python: str) -> str:
 
 
 def own_wheel(folder: Path) -> Path:
-    """palpate's own wheel, the same bytes for the same sources."""
+    """Build palpate's own wheel: the same bytes for the same sources."""
     subprocess.run(
         [*PIP, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, PROJECT], check=True
     )
@@ -52,7 +52,7 @@ def sha256(path: Path) -> str:
 
 
 def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -> None:
-    """One part for one architecture."""
+    """Write one part for one architecture."""
     folder.mkdir(parents=True)
     text = requirements((PROJECT / "requirements" / f"{part}.lock").read_text(), python)
     listed = folder / "packages.txt"
@@ -71,10 +71,14 @@ def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="written anew")
+    parser.add_argument("folder", type=Path, help="folder to write; its content is replaced")
     parser.add_argument("--python", default="3.11", help="the boards' Python (default: %(default)s)")
-    parser.add_argument("--part", choices=PARTS, action="append", help="only this one; may be repeated")
-    parser.add_argument("--architecture", choices=ARCHITECTURES, action="append", help="the same")
+    parser.add_argument(
+        "--part", choices=PARTS, action="append", help="write only this part; may be repeated"
+    )
+    parser.add_argument(
+        "--architecture", choices=ARCHITECTURES, action="append", help="write only this one; may be repeated"
+    )
     wanted = parser.parse_args()
     unfinished = wanted.folder.with_name(f"{wanted.folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)

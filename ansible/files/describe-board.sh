@@ -1,23 +1,23 @@
 #!/bin/sh
-# All that helps to see from afar what is the matter with a board. Nothing here changes anything.
-say() {
+# Print the state of a board for remote diagnosis. No command here changes anything.
+show() {
     echo
     echo "=== $*"
     "$@" 2>&1 || echo "(exit status $?)"
 }
-say date --iso-8601=seconds
-say uname -a
-say uptime
-say /opt/palpate/bin/palpate-release status
+show date --iso-8601=seconds
+show uname -a
+show uptime
+show /opt/palpate/bin/palpate-release status
 if [ -e /etc/palpate/fingertip.toml ]; then
-    say /opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml
+    show /opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml
 fi
-say systemctl --no-pager --full status 'palpate*'
-say systemctl --no-pager --failed
-say ip -details -statistics link
-say df -h / /run /tmp
-say free -m
-say chronyc tracking
-if command -v vcgencmd >/dev/null; then say vcgencmd get_throttled; fi
-say journalctl --no-pager --boot --unit 'palpate*' --output short-precise
-say journalctl --no-pager --boot --dmesg --priority warning
+show systemctl --no-pager --full status 'palpate*'
+show systemctl --no-pager --failed
+show ip -details -statistics link
+show df -h / /run /tmp
+show free -m
+show chronyc tracking
+if command -v vcgencmd >/dev/null; then show vcgencmd get_throttled; fi
+show journalctl --no-pager --boot --unit 'palpate*' --output short-precise
+show journalctl --no-pager --boot --dmesg --priority warning

@@ -54,7 +54,7 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
         }
         played = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}}).play("site")
         # All but its service, which has no CAN socket there.
-        assert played.tells("there is no release before it to go back to"), played.said
+        assert played.tells("there is no previous release to roll back to"), played.said
         print(f"provisioned: {played.changed} changed")
         for name, text in HARDWARE.items():
             (card.outside / "file").write_text(text)

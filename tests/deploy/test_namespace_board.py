@@ -241,7 +241,7 @@ def test_a_release_that_dies_is_rolled_back(board, another_release):
     played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
     assert played.status != 0
     assert played.tells(f"release {release_of(broken)} was not healthy"), played.said
-    assert played.tells(f"{before} serves again"), played.said
+    assert played.tells(f"{before} is active again"), played.said
     assert serving(board) == before
     board.master.contact_after(time.monotonic())
     print(f"without contacts: {board.master.longest_gap_s(begin_s):.1f} s, 8 s of them the patience")
@@ -300,7 +300,7 @@ def test_a_power_cut_during_an_installation_is_made_good_by_the_next(board, anot
     half = f"/opt/palpate/releases/{release_of(new)}"
     board.machine.run("mkdir", "-p", f"{half}/bin")
     switch = f"/opt/palpate/bin/palpate-release switch {release_of(new)} 2>&1"
-    assert "is not installed whole" in board.machine.run("sh", "-c", switch, check=False)
+    assert "is not completely installed" in board.machine.run("sh", "-c", switch, check=False)
     play(board, "update", release_wheelhouse=str(new)).well()
     assert serving(board) == release_of(new)
 

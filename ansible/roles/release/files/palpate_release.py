@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Which release of palpate serves on this board: switch to one, go back, all or nothing.
+"""Switch this board to a release of palpate, or roll back, atomically.
 
-current and previous are links into releases/; a link is replaced by a rename. While a switch has not proven
-itself the file trial stands: a board that loses its power meanwhile goes back at its next start.
+current and previous are links into releases/; a link is replaced by a rename. During the trial of a new release
+the file trial exists: a board that loses its power meanwhile rolls back at its next start.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CURRENT, PREVIOUS, TRIAL = BASE / "current", BASE / "previous", BASE / "trial"
 COMPLETE = ".complete"  # in a release whose installation was finished
 FINGERTIP, GATEWAY, HOST = "palpate-fingertip.service", "palpate-az.service", "palpate-host.service"
 CONFIG = "/etc/palpate/fingertip.toml"
-STEADY_S = 5.0  # the same process for so long, nothing failing that did not fail before
+STEADY_S = 5.0  # time without a restart and without a new failing part, after which a release is healthy
 POLL_S = 0.5
 
 
@@ -30,19 +30,19 @@ def systemctl(*words: str) -> str:
 
 
 def enabled() -> list[str]:
-    """In the order in which they are started."""
+    """Return the enabled services in the order in which they are started."""
     return [name for name in (FINGERTIP, GATEWAY, HOST) if systemctl("is-enabled", name) == "enabled"]
 
 
 def main_pid(service: str) -> int:
-    """0 where it does not serve."""
+    """Return the process id of a service, 0 if it is not active."""
     if systemctl("is-active", service) != "active":
         return 0
     return int(systemctl("show", "--value", "--property=MainPID", service))
 
 
 def failing_parts() -> set[str]:
-    """Return the state of the fingertip from `palpate-edge check`."""
+    """Return the parts of the fingertip that fail in `palpate-edge check`."""
     command = [str(CURRENT / "bin/palpate-edge"), "check", "--json", "--config", CONFIG]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -52,7 +52,7 @@ def failing_parts() -> set[str]:
 
 
 def state() -> dict[str, set[str]]:
-    """Each service that serves, with the parts that fail in it."""
+    """Return the active services, each with its failing parts."""
     return {
         service: failing_parts() if service == FINGERTIP else set()
         for service in enabled()
@@ -61,27 +61,27 @@ def state() -> dict[str, set[str]]:
 
 
 def unhealthy(wanted: dict[str, set[str]], patience_s: float) -> str:
-    """Waits until all that is wanted has been there for a while: empty, or what was the matter at the end."""
+    """Wait until the wanted services are healthy for STEADY_S; return the last fault, empty if they are."""
     end_s = time.monotonic() + patience_s
     pids: dict[str, int] = {}
     since_s = time.monotonic()
     while True:
-        matter = ""
+        fault = ""
         now = {service: main_pid(service) for service in wanted}
         for service, pid in now.items():
             if not pid:
-                matter = f"{service} is {systemctl('is-active', service)}"
+                fault = f"{service} is {systemctl('is-active', service)}"
             elif pid != pids.get(service):
-                matter = f"{service} was started again"
+                fault = f"{service} was restarted"
             elif service == FINGERTIP and (worse := failing_parts() - wanted[service]):
-                matter = f"{service}: palpate-edge check fails in {', '.join(sorted(worse))}"
+                fault = f"{service}: palpate-edge check fails in {', '.join(sorted(worse))}"
         pids = now
-        if matter:
+        if fault:
             since_s = time.monotonic()
         elif time.monotonic() >= since_s + STEADY_S:
             return ""
         if time.monotonic() >= end_s:
-            return matter or "not steady"
+            return fault or f"not healthy for {STEADY_S:g} s in a row"
         time.sleep(POLL_S)
 
 
@@ -92,7 +92,7 @@ def synced(folder: Path) -> None:
 
 
 def point(link: Path, release: str) -> None:
-    """At every moment the link leads to the old release or to the new one."""
+    """Replace a link atomically: at every moment it leads to the old or to the new release."""
     fresh = link.with_name(f"{link.name}.new")
     fresh.unlink(missing_ok=True)
     fresh.symlink_to(Path("releases") / release)
@@ -118,7 +118,7 @@ def end_trial() -> None:
 
 
 def restart(services: list[str]) -> None:
-    """They are stopped the other way round: the host stops the drives before their gateway goes."""
+    """Restart services. They stop in reverse order: the host stops the drives through the gateway."""
     systemctl("daemon-reload")
     for service in reversed(services):
         systemctl("stop", service)
@@ -128,17 +128,17 @@ def restart(services: list[str]) -> None:
 
 
 def switch(release: str, patience_s: float) -> str:
-    """Serve `release`; go back when it does less than the one before. SystemExit tells why."""
+    """Activate `release`; roll back if a part fails that worked before. SystemExit has the reason."""
     if not (BASE / "releases" / release / COMPLETE).exists():
-        raise SystemExit(f"error: release {release} is not installed whole: run update.yml again")
+        raise SystemExit(f"error: release {release} is not completely installed: run update.yml again")
     old, services = target(CURRENT), enabled()
     if old == release and not TRIAL.exists():
         idle = [service for service in services if not main_pid(service)]
         if not idle:
             return f"unchanged: {release}"
         restart(idle)
-        if matter := unhealthy({service: set() for service in idle}, patience_s):
-            raise SystemExit(f"error: release {release}: {matter}: journalctl -u {idle[0]}")
+        if fault := unhealthy({service: set() for service in idle}, patience_s):
+            raise SystemExit(f"error: release {release}: {fault}: journalctl -u {idle[0]}")
         return f"started {' '.join(idle)}"
     wanted = state() if old else {service: {"camera", "beads", "bus", "clock"} for service in services}
     begin_trial(release)
@@ -146,50 +146,52 @@ def switch(release: str, patience_s: float) -> str:
         point(PREVIOUS, old)
     point(CURRENT, release)
     restart(services)
-    matter = unhealthy(wanted, patience_s)
-    if matter and old and old != release:
+    fault = unhealthy(wanted, patience_s)
+    if fault and old and old != release:
         point(CURRENT, old)
         restart(services)
         end_trial()
-        back = unhealthy(wanted, patience_s)
-        serves = f"{old} serves again" if not back else f"{old} is back, and {back}"
-        raise SystemExit(f"error: release {release} was not healthy: {matter}: {serves}")
+        old_fault = unhealthy(wanted, patience_s)
+        result = f"{old} is active again" + (f", and {old_fault}" if old_fault else "")
+        raise SystemExit(f"error: release {release} was not healthy: {fault}: {result}")
     end_trial()
-    if matter:
-        raise SystemExit(f"error: release {release}: {matter}: there is no release before it to go back to")
+    if fault:
+        raise SystemExit(f"error: release {release}: {fault}: there is no previous release to roll back to")
     return f"switched to {release}" + (f" from {old}" if old else "")
 
 
 def settle() -> str:
-    """At a start with the file trial: power was cut before the new release had proven itself."""
+    """Roll back at a start with the file trial: the power failed while the new release was on trial."""
     old, new = target(PREVIOUS), target(CURRENT)
     if old and TRIAL.read_text() == new:
         point(CURRENT, old)
     end_trial()
-    return f"power was cut while {new} was on trial: {target(CURRENT)} serves"
+    return f"power was cut while {new} was on trial: {target(CURRENT)} is active"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--patience", type=float, default=60.0, help="s to become healthy (default: 60)")
+    parser.add_argument(
+        "--patience", type=float, default=60.0, help="seconds to become healthy (default: 60)"
+    )
     verbs = parser.add_subparsers(dest="verb", required=True)
-    verbs.add_parser("switch", help="serve this release if it is healthy").add_argument("release")
-    verbs.add_parser("rollback", help="serve the release before")
-    verbs.add_parser("settle", help="at the board's start: end a trial that lost its power")
-    verbs.add_parser("status", help="what serves, what is there")
+    verbs.add_parser("switch", help="activate this release if it is healthy").add_argument("release")
+    verbs.add_parser("rollback", help="activate the previous release")
+    verbs.add_parser("settle", help="at the board's start: roll back after a power cut during a trial")
+    verbs.add_parser("status", help="list the active, the previous and all installed releases")
     wanted = parser.parse_args()
     if wanted.verb == "switch":
         print(switch(wanted.release, wanted.patience))
     elif wanted.verb == "rollback":
         if not target(PREVIOUS):
-            raise SystemExit("error: no release before this one: install one with update.yml")
+            raise SystemExit("error: no previous release: install another one with update.yml")
         print(switch(target(PREVIOUS), wanted.patience))
     elif wanted.verb == "settle":
         print(settle())
     else:
-        print(f"current {target(CURRENT) or 'none'}, before it {target(PREVIOUS) or 'none'}")
+        print(f"current {target(CURRENT) or 'none'}, previous {target(PREVIOUS) or 'none'}")
         for release in sorted((BASE / "releases").iterdir()):
-            print(f"{release.name}{'' if (release / COMPLETE).exists() else ' (not whole)'}")
+            print(f"{release.name}{'' if (release / COMPLETE).exists() else ' (incomplete)'}")
     sys.stdout.flush()
 
 
