@@ -30,7 +30,7 @@ static const range_t writable[] = {
 #undef RANGE
 };
 
-/* Whether this register may be written with this value; the cut-off stays above the start of derating. */
+/* Returns whether the register may be written with this value; the cut-off stays above the start of derating. */
 static bool is_allowed(const core_t *core, uint8_t address, uint16_t value) {
     if (address == REG_DERATE_START && value >= core->reg[REG_CUT_OFF]) {
         return false;
@@ -57,7 +57,7 @@ void core_init(core_t *core, uint8_t reset_faults) {
     core->reg[REG_FAULTS] = reset_faults;
 }
 
-/* The brightest level that the LED temperature allows. */
+/* Returns the highest level that the LED temperature allows. */
 static uint16_t allowed_level(const core_t *core) {
     int16_t temperature = (int16_t)core->reg[REG_LED_TEMPERATURE];
     int16_t start = (int16_t)core->reg[REG_DERATE_START];
@@ -90,7 +90,7 @@ static void follow_level(core_t *core) {
 }
 
 uint16_t core_duty(const core_t *core) {
-    /* the square of the level: what the eye sees as even steps; without a division, it runs every ms */
+    /* the square of the level gives even steps of perceived brightness; no division, as this runs every ms */
     uint16_t level = (uint16_t)(core->level_now + (core->level_now >> 8));
     return (uint16_t)((uint32_t)level * level >> 22);
 }
@@ -180,7 +180,7 @@ bool smbus_write(core_t *core, uint8_t byte) {
     case 3:
         if (core->crc != byte) {
             core->reg[REG_PEC_ERRORS]++;
-            core->received = WRITE_BYTES; /* one more than whole: never carried out */
+            core->received = WRITE_BYTES; /* beyond a complete write: never executed */
         }
         break;
     default:
@@ -190,7 +190,7 @@ bool smbus_write(core_t *core, uint8_t byte) {
     if (core->received <= WRITE_BYTES) {
         core->received++;
     }
-    /* The PEC of a write that will not be carried out is not acknowledged. */
+    /* The PEC of a write that cannot be executed is not acknowledged. */
     return core->received < 3 || (core->received == 3 && is_allowed(core, core->command, core->value));
 }
 
@@ -205,7 +205,7 @@ uint8_t smbus_read(core_t *core) {
         byte = (uint8_t)(core->value >> 8);
         break;
     case 2:
-        /* what does not exist must not look right */
+        /* a register that does not exist has a wrong PEC */
         byte = exists ? core->crc : (uint8_t)~core->crc;
         if (exists) {
             core->silent_ms = 0;
@@ -223,7 +223,7 @@ uint8_t smbus_read(core_t *core) {
     return byte;
 }
 
-/* A stop or a repeated start: a whole, valid write is carried out; what a read needs is kept. */
+/* Handles a stop or a repeated start: executes a complete, valid write; keeps the state that a read needs. */
 void smbus_stop(core_t *core) {
     bool whole = core->received == WRITE_BYTES && core->sent == 0;
     if (!whole || !is_allowed(core, core->command, core->value)) {

@@ -1,7 +1,7 @@
 /* The controller's logic without hardware: the same file runs on the ATmega328P and, for tests, on a PC.
 
-   Nothing here blocks or knows a clock. tick_ms comes every millisecond, temperatures when the ADC has both,
-   the smbus functions byte by byte from the two-wire interface; all are called from one loop. */
+   Nothing here blocks or reads a clock. One loop calls all functions: core_tick_ms every millisecond,
+   core_temperatures when the ADC has measured both, the smbus functions for each byte of the two-wire interface. */
 #ifndef CORE_H
 #define CORE_H
 
@@ -15,7 +15,7 @@
 typedef struct {
     uint16_t reg[REGISTER_COUNT];
     uint16_t level_now;    /* 8.8 fixed point: LEVEL after soft start and derating */
-    uint16_t silent_ms;    /* since the last valid transaction */
+    uint16_t silent_ms;    /* time since the last valid transaction */
     uint16_t ms;           /* part of a second, for UPTIME */
     bool cool;             /* the LED temperature is known and below DERATE_START */
     /* one SMBus transaction */
@@ -32,7 +32,7 @@ void core_temperatures(core_t *core, uint16_t led_adc, uint16_t silicone_adc);
 void core_triggers(core_t *core, uint8_t count); /* the low byte of TRIGGERS */
 uint16_t core_duty(const core_t *core);
 
-/* The target's side of SMBus. smbus_write says whether to acknowledge the NEXT byte. */
+/* The target's side of SMBus. smbus_write returns whether to acknowledge the NEXT byte. */
 void smbus_start(core_t *core, uint8_t address_and_direction);
 bool smbus_write(core_t *core, uint8_t byte);
 uint8_t smbus_read(core_t *core);

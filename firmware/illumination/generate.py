@@ -1,7 +1,7 @@
-"""Writes what follows from registers.toml: the C header, the client's constants, the page of the docs.
+"""Write the files made from registers.toml: the C header, the client's constants, the page of the docs.
 
 python firmware/illumination/generate.py          # write
-python firmware/illumination/generate.py --check  # exit status 1 when a file is not what it would write
+python firmware/illumination/generate.py --check  # exit status 1 if a file differs from what would be written
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ OUTPUTS = {
     "client": PROJECT / "edge" / "palpate_edge" / "illumination" / "registers.py",
     "page": PROJECT / "docs" / "illumination.md",
 }
-NOTE = "Written by firmware/illumination/generate.py from registers.toml: change that."
+NOTE = "Written by firmware/illumination/generate.py from registers.toml: edit registers.toml."
 
 # Thermistor 10 kOhm at 25 degC, B = 3950 K, to ground, with 10 kOhm to the ADC's reference.
 B_K, R25_over_pull_up, T25_K, ZERO_K = 3950.0, 1.0, 298.15, 273.15
 ADC_STEPS, POINTS = 1024, 33
 
 CONSTANTS = ("identity", "version", "i2c_address")
-MEANING = ("address", "name", "access", "unit", "min", "max", "default", "signed")  # what the CRC is about
+MEANING = ("address", "name", "access", "unit", "min", "max", "default", "signed")  # covered by the CRC
 
 
 def crc16(data: bytes) -> int:
@@ -41,14 +41,14 @@ def crc16(data: bytes) -> int:
 
 
 def temperature_dC(adc: float) -> int:
-    """0.1 degC at an ADC reading, by the B equation."""
+    """Return the temperature at an ADC reading in 0.1 degC, by the B equation."""
     ratio = adc / (ADC_STEPS - adc)  # of thermistor over pull-up
     kelvin = 1 / (1 / T25_K + math.log(ratio / R25_over_pull_up) / B_K)
     return round((kelvin - ZERO_K) * 10)
 
 
 def load() -> dict[str, Any]:
-    """The table with its CRC and every default filled in."""
+    """Return the table with its CRC and all defaults."""
     table = tomllib.loads(TABLE.read_text())
     for register in table["register"]:
         register.setdefault("access", "r")
@@ -73,15 +73,15 @@ def header(table: dict[str, Any]) -> str:
     lines += [f"#define REGISTER_COUNT {max(r['address'] for r in table['register']) + 1}", ""]
     lines += [f"#define FAULT_{f['name']} 0x{1 << f['bit']:02X}" for f in table["fault"]]
     dark = sum(1 << f["bit"] for f in table["fault"] if f.get("dark"))
-    lines += [f"#define FAULTS_DARK 0x{dark:02X} /* no light while one of these is latched */", ""]
-    lines += ["/* register, least and greatest value, value after reset: what may be written */"]
+    lines += [f"#define FAULTS_DARK 0x{dark:02X} /* the light is off while one of these is latched */", ""]
+    lines += ["/* writable registers: register, least and greatest value, value after reset */"]
     rows = [
         f"    X(REG_{r['name']}, {r['min']}, {r['max']}, {r['default']})"
         for r in table["register"]
         if "w" in r["access"]
     ]
     lines += ["#define WRITABLE(X) \\", " \\\n".join(rows), ""]
-    lines += ["/* register that exists */", "#define READABLE(X) \\"]
+    lines += ["/* readable registers */", "#define READABLE(X) \\"]
     readable = [f"    X(REG_{r['name']})" for r in table["register"] if "r" in r["access"]]
     lines += [" \\\n".join(readable), ""]
     step = ADC_STEPS // (POINTS - 1)
@@ -124,7 +124,7 @@ def page(table: dict[str, Any]) -> str:
         rows.append("| " + " | ".join(map(str, cells)) + " |")
     faults = ["| bit | name | light | |", "|---|---|---|---|"]
     for f in table["fault"]:
-        light = "off" if f.get("dark") else "as asked"
+        light = "off" if f.get("dark") else "by LEVEL"
         faults.append(f"| {f['bit']} | {f['name']} | {light} | {f['doc']} |")
     text = text.replace("{registers}", "\n".join(rows)).replace("{faults}", "\n".join(faults))
     return text.replace("{address}", f"{table['i2c_address']:02X}h")
@@ -138,7 +138,7 @@ def main() -> int:
     ]
     if "--check" in sys.argv:
         for path in stale:
-            print(f"error: {path.relative_to(PROJECT)} is not what registers.toml says: run make registers")
+            print(f"error: {path.relative_to(PROJECT)} does not match registers.toml: run make -C firmware/illumination registers")
         return bool(stale)
     for name, text in wanted.items():
         OUTPUTS[name].write_text(text)

@@ -1,12 +1,13 @@
-/* Illumination controller: ATmega328P at 8 MHz (internal oscillator, so that 3.3 V is enough).
+/* Illumination controller: ATmega328P at 8 MHz (internal oscillator, which allows 3.3 V).
 
    PB1 (OC1A)  LED driver        PD2 (INT0)  camera trigger, rising edge
    PC0 (ADC0)  LED thermistor    PC1 (ADC1)  silicone thermistor
    PC4, PC5    SDA, SCL
 
    timer 0: 1 ms tick   timer 1: 10-bit PWM, 7.8 kHz   timer 2: strobe, 32 us
-   Only the strobe's interrupts do work. The tick's is 13 cycles, the ATOMIC_BLOCK some 20: nothing else can delay a
-   flash. The main loop does all the rest; the two-wire interface stretches the clock until it is served. */
+   Only the strobe works in interrupts. A flash can be delayed by the tick's interrupt (13 cycles) and by the
+   ATOMIC_BLOCK (about 20 cycles), by nothing else. The main loop does the rest; the two-wire interface stretches the
+   clock until the main loop has served it. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/wdt.h>
@@ -25,17 +26,18 @@ FUSES = {
 
 #define TICK_TOP (F_CPU / 64 / 1000 - 1)
 #define TIMER_START 62 /* cycles from the edge to the timer and from its overflow to the light */
-#define INLINE static inline __attribute__((always_inline)) /* an interrupt that calls saves every register */
+/* An interrupt that calls a function saves every register. */
+#define INLINE static inline __attribute__((always_inline))
 #define PWM (_BV(WGM11)) /* mode 14 with WGM13 and WGM12: fast PWM, top in ICR1 */
 
 static core_t core;
 
-/* What the strobe's interrupts share with the main loop, a byte each. */
+/* Shared by the strobe's interrupts and the main loop; each member is one byte. */
 static volatile struct {
-    uint8_t delay, width; /* 32 us; no width: steady light */
+    uint8_t delay, width; /* 32 us; width 0: steady light */
     bool lit;             /* the duty is not 0 */
     bool flashing;
-    uint8_t ticks;    /* until the flash begins or ends */
+    uint8_t ticks;    /* ticks until the flash begins or ends */
     uint8_t triggers; /* wraps */
 } strobe;
 
@@ -48,11 +50,11 @@ INLINE void begin_flash(void) {
     strobe.flashing = true;
     strobe.ticks = strobe.width;
     switch_led();
-    TCNT1 = DUTY_MAX - 1; /* a new period at once: the flash starts with the edge, not with the PWM */
+    TCNT1 = DUTY_MAX - 1; /* starts a new period, so that the flash begins with the edge and not with the PWM */
 }
 
 ISR(INT0_vect) {
-    TCNT2 = TIMER_START; /* the prescaler is not in use: it runs on, a first tick would be anything up to 32 us */
+    TCNT2 = TIMER_START; /* not by the prescaler, which keeps running: a first tick could be up to 32 us */
     TIFR2 = _BV(TOV2);
     strobe.triggers++;
     if (strobe.width == 0) {
@@ -81,7 +83,7 @@ ISR(TIMER2_OVF_vect) {
     switch_led();
 }
 
-/* The thermistors in turn; whether both have been read since this was true. */
+/* Reads the thermistors in turn; returns true when both have been read since the last true. */
 static bool read_temperature(void) {
     static uint16_t led_adc;
     bool both = ADMUX & 1;
@@ -108,13 +110,13 @@ static void tick(void) {
     strobe.delay = (uint8_t)core.reg[REG_STROBE_DELAY];
     strobe.width = (uint8_t)core.reg[REG_STROBE_WIDTH];
     strobe.lit = duty != 0;
-    ATOMIC_BLOCK(ATOMIC_FORCEON) { /* 16-bit registers are written through one byte that all share */
+    ATOMIC_BLOCK(ATOMIC_FORCEON) { /* all 16-bit registers share one temporary byte */
         OCR1A = duty;
         switch_led();
     }
 }
 
-/* One byte of the two-wire interface. */
+/* Handles one byte of the two-wire interface. */
 static void serve_bus(void) {
     bool acknowledge = true;
     switch (TW_STATUS) {

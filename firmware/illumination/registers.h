@@ -1,4 +1,4 @@
-/* Written by firmware/illumination/generate.py from registers.toml: change that. */
+/* Written by firmware/illumination/generate.py from registers.toml: edit registers.toml. */
 #ifndef REGISTERS_H
 #define REGISTERS_H
 
@@ -33,9 +33,9 @@
 #define FAULT_BOARD_SILENT 0x08
 #define FAULT_RESET_WATCHDOG 0x10
 #define FAULT_RESET_BROWN_OUT 0x20
-#define FAULTS_DARK 0x03 /* no light while one of these is latched */
+#define FAULTS_DARK 0x03 /* the light is off while one of these is latched */
 
-/* register, least and greatest value, value after reset: what may be written */
+/* writable registers: register, least and greatest value, value after reset */
 #define WRITABLE(X) \
     X(REG_LEVEL, 0, 255, 0) \
     X(REG_SOFT_START, 0, 5000, 200) \
@@ -46,7 +46,7 @@
     X(REG_CUT_OFF, 400, 950, 750) \
     X(REG_FAULT_CLEAR, 0, 255, 0)
 
-/* register that exists */
+/* readable registers */
 #define READABLE(X) \
     X(REG_IDENTITY) \
     X(REG_VERSION) \

@@ -5,7 +5,7 @@
 
 uint8_t reset_cause __attribute__((section(".noinit")));
 
-/* Before anything else: after a watchdog reset the watchdog runs on with 16 ms. */
+/* Runs before anything else: after a watchdog reset the watchdog continues with 16 ms. */
 __attribute__((naked, used, section(".init3"))) void keep_reset_cause(void) {
     reset_cause = MCUSR;
     MCUSR = 0;

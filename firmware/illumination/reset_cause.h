@@ -1,4 +1,4 @@
-/* MCUSR as it was at reset. */
+/* The value of MCUSR at reset. */
 #ifndef RESET_CAUSE_H
 #define RESET_CAUSE_H
 

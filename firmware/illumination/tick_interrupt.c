@@ -2,7 +2,7 @@
 
 #include <avr/interrupt.h>
 
-/* One instruction that changes no register and no flag of the processor, so nothing is saved: 13 cycles. */
+/* One instruction, which changes no register and no flag, so that nothing has to be saved: 13 cycles. */
 ISR(TIMER0_COMPA_vect, ISR_NAKED) {
     GPIOR0 |= TICK_DUE;
     reti();

@@ -1,6 +1,6 @@
 """The illumination controller's registers.
 
-Written by firmware/illumination/generate.py from registers.toml: change that.
+Written by firmware/illumination/generate.py from registers.toml: edit registers.toml.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Switch this board to a release of palpate, or roll back, atomically.
 
-current and previous are links into releases/; a link is replaced by a rename. During the trial of a new release
+current and previous are links into releases/; a link is replaced by a rename. While a release is on trial,
 the file trial exists: a board that loses its power meanwhile rolls back at its next start.
 """
 
