@@ -1,4 +1,4 @@
-# palpate: `make demo` shows it, `make check` tests what a commit changes, `make test` all. `make help` lists the others.
+# palpate: `make demo` shows it, `make check` runs the fast tests, `make test` all tests. `make help` lists all targets.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -6,10 +6,10 @@ DEPLOY := .venv-deploy
 VM     := vm
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-# pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: threads of the matrix
-# library beside it cost a third more processor time.
+# pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: further threads of the matrix
+# library would cost a third more processor time.
 PYTEST  = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --junitxml=.cache/tests/$@.xml
-# Many tests of `unit` wait for processes: one worker more than the two cores that the times are published for.
+# Many tests of `unit` wait for processes, so it has one worker more than the two cores of the published times.
 WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
 UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 
@@ -19,26 +19,26 @@ timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) -
 .DEFAULT_GOAL := help
 .PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse coverage mutation firmware-mutation accuracy bench lock format system-deps clean
 
-help:  ## this list
+help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-demo: $(VENV)/host.stamp  ## set up, then a simulated hand turns an object for 20 s, all processes real
+demo: $(VENV)/host.stamp  ## set up, then run the real processes with a simulated hand that turns an object for 20 s
 	$(BIN)/palpate-host demo
 
-# $(call beside_lint,TARGETS): make them while the linters run; what those print comes at the end.
+# $(call beside_lint,TARGETS): make the targets while the linters run; the linters' output is printed at the end.
 beside_lint = $(MAKE) --no-print-directory --output-sync=recurse lint & lint=$$!; \
   $(MAKE) --no-print-directory $(1); tests=$$?; wait $$lint && test $$tests = 0
 
-check: $(VENV)/dev.stamp  ## set up, then format, lint, types, rooms and the tests that need no process, no FEM, no kernel
+check: $(VENV)/dev.stamp  ## set up, then check format, lint, types and rooms, and run the tests that need no process, FEM or kernel
 	$(call timed,$(call beside_lint,check-tests))
 
 check-tests: $(VENV)/dev.stamp
 	$(call timed,$(PYTEST) -q $(WORKERS) -m check $(PYTEST_ARGS))
 
-test: $(VENV)/dev.stamp $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## set up, then every check and test but make slow-test's and vm-test's (a test whose tool is missing skips)
+test: $(VENV)/dev.stamp $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## set up, then run every check and test except slow-test and vm-test (a test whose tool is missing skips)
 	$(call timed,$(call beside_lint,unit demo-test))
 
-lint: lint-format lint-ruff lint-types lint-rooms  ## ruff, mypy, import-linter
+lint: lint-format lint-ruff lint-types lint-rooms  ## run ruff, mypy and import-linter
 
 lint-format: $(VENV)/dev.stamp
 	$(call timed,$(BIN)/ruff format --check --quiet . || { echo 'error: unformatted files: run make format'; false; })
@@ -52,33 +52,33 @@ lint-types: $(VENV)/dev.stamp
 lint-rooms: $(VENV)/dev.stamp
 	$(call timed,$(BIN)/lint-imports)
 
-unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## pytest, but for the real-time demo; PYTEST_ARGS adds options
+unit: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## run the tests except the real-time demo's; PYTEST_ARGS adds options
 	$(call timed,$(PYTEST) $(UNIT_WORKERS) -m "not demo" $(PYTEST_ARGS))
 
-slow-test: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## at full length what make test shortens, and boards in namespaces (root)
+slow-test: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## run at full length the tests that make test shortens, and boards in namespaces (root)
 	$(call timed,$(PYTEST) $(WORKERS) --effort=full -m "slow or reduced or deploy_namespace" $(PYTEST_ARGS))
 
-slowest:  ## the 30 slowest tests of the last runs
+slowest:  ## list the 30 slowest tests of the last runs
 	@$(BIN)/python -m tests.slowest
 
-demo-test: $(VENV)/dev.stamp  ## the real-time demo's tests
+demo-test: $(VENV)/dev.stamp  ## run the real-time demo's tests
 	$(call timed,$(PYTEST) -m demo $(PYTEST_ARGS))
 
-kernel-test: uml-test vm-test  ## the tests that need a kernel of their own
+kernel-test: uml-test vm-test  ## run the tests that need a kernel of their own
 
-uml-test: $(VENV)/dev.stamp  ## those in user-mode Linux: SocketCAN (also part of make test)
+uml-test: $(VENV)/dev.stamp  ## run the tests in user-mode Linux: SocketCAN (also part of make test)
 	$(call timed,$(PYTEST) -m uml $(PYTEST_ARGS))
 
-vm-test: $(VENV)/dev.stamp vm-disks  ## those in a virtual machine: SocketCAN, CAN cards, V4L2
+vm-test: $(VENV)/dev.stamp vm-disks  ## run the tests in a virtual machine: SocketCAN, CAN cards, V4L2
 	$(call timed,$(PYTEST) -m "$(VM)" $(PYTEST_ARGS))
 
-vm-disks: $(VENV)/pyvenv.cfg  ## the virtual machine's disks, where they are missing (5 minutes, once)
+vm-disks: $(VENV)/pyvenv.cfg  ## build the virtual machine's disks if they are missing (5 minutes, once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks
 
-board-image: $(VENV)/pyvenv.cfg  ## the bare board that is provisioned in tests, where it is missing (2 minutes, once)
+board-image: $(VENV)/pyvenv.cfg  ## build the bare board that tests provision, if it is missing (2 minutes, once)
 	PYTHONPATH=tests/kernel:tests/deploy $(BIN)/python -m deploy_rig.image
 
-wheelhouse: $(VENV)/host.stamp  ## build/wheelhouse: what boards install from, for aarch64 and x86-64 (docs/deploying.md)
+wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards install, for aarch64 and x86-64 (docs/deploying.md)
 	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
 
 deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
@@ -86,8 +86,8 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
-# The measured run has coverage's cost: a quarter of an hour on two quiet cores.
-coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## line coverage of make test and make slow-test by room, into build/coverage
+# Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
+coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test and make slow-test by room, into build/coverage
 	@mkdir -p build/coverage
 	$(call timed,COVERAGE_CORE=ctrace COVERAGE_FILE=build/coverage/data $(PYTEST) $(WORKERS) --effort=full -m "not demo" \
 	  -vv --durations=0 --durations-min=0 --cov=palpate_edge --cov=palpate_bus --cov=palpate_host --cov=palpate_twin \
@@ -95,22 +95,22 @@ coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## line coverage of make test 
 	  tests=$$?; tail -n 1 build/coverage/tests.log; test $$tests = 0)
 	@$(BIN)/python -m tests.coverage_by_room build/coverage/data | tee build/coverage/rooms.md
 
-mutation: build/coverage/data  ## break 320 lines of estimation, control, safety and node, count what the tests notice (hours)
+mutation: build/coverage/data  ## change 320 lines of estimation, control, safety and node one by one, count the changes that tests detect (hours)
 	$(BIN)/python -m tests.mutation.run --workers 2 $(MUTATION_ARGS)
 
 build/coverage/data:
 	$(MAKE) coverage
 
-firmware-mutation: $(VENV)/dev.stamp  ## break the firmware line by line, count what its tests notice (half an hour)
+firmware-mutation: $(VENV)/dev.stamp  ## change the firmware line by line, count the changes that its tests detect (half an hour)
 	$(BIN)/python tests/firmware/mutate.py
 
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
 
-bench: $(VENV)/dev.stamp  ## a table of timings with ratios against the alternatives; TABLES="camera hand" for these only
+bench: $(VENV)/dev.stamp  ## print tables of timings and their ratios to alternatives; TABLES="camera hand" selects tables
 	$(BIN)/python -m bench $(TABLES)
 
-simulate: $(VENV)/dev.stamp  ## the paper's figures into paper/, the whole chain in lock step into loop/ (10 minutes)
+simulate: $(VENV)/dev.stamp  ## write the paper's figures to paper/ and the whole chain in lock step to loop/ (10 minutes)
 	$(BIN)/palpate-host simulate paper
 	$(BIN)/palpate-host simulate loop
 
@@ -121,7 +121,7 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## what apt has and some tests use: tshark, user-mode Linux, qemu, gcc-avr (needs root or sudo)
+system-deps:  ## install the apt packages that some tests use: tshark, user-mode Linux, qemu, gcc-avr (needs root or sudo)
 	sh requirements/system-deps.sh
 	@rm -f $(VENV)/firmware.stamp
 
@@ -130,12 +130,12 @@ clean:  ## remove the virtual environment, caches and the demo's output
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-	  || { echo "error: $(PYTHON) is older than 3.11: give another one, as in make PYTHON=python3.12"; exit 1; }
+	  || { echo "error: $(PYTHON) is older than 3.11: give another one, for example make PYTHON=python3.12"; exit 1; }
 	@$(PYTHON) -m venv $(VENV) \
 	  || { rm -rf $(VENV); echo "error: no venv module: apt install python3-venv, or give another PYTHON"; exit 1; }
 
 $(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock pyproject.toml
-	@echo "installing what the host and the fingertip need into $(VENV)"
+	@echo "installing the packages of host and fingertip into $(VENV)"
 	@$(PIP) install --require-hashes -r requirements/host.lock
 	@$(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -145,14 +145,14 @@ $(VENV)/dev.stamp: $(VENV)/host.stamp requirements/dev.lock
 	@$(PIP) install --require-hashes -r requirements/dev.lock
 	@touch $@
 
-# What provisions boards is a program of its own, apart from palpate's environment.
+# ansible is a separate program with an environment of its own.
 $(DEPLOY)/stamp: requirements/deploy.lock
 	@echo "installing ansible into $(DEPLOY)"
 	@$(PYTHON) -m venv $(DEPLOY)
 	@$(DEPLOY)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/deploy.lock
 	@touch $@
 
-# Compiles from source for a minute or two, so only where the firmware can be built.
+# The simulator is compiled from source in a minute or two, so only if the firmware can be built.
 $(VENV)/firmware.stamp: $(VENV)/dev.stamp requirements/firmware.lock
 	@if command -v avr-gcc >/dev/null && command -v g++ >/dev/null && test -e /usr/include/libelf.h; then \
 	  echo "installing the microcontroller's simulator into $(VENV)"; \

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Install what apt has and some tests use. Every one is optional: without it its tests skip and name it.
+# Install the apt packages that some tests use. Each is optional: without it its tests skip with its name.
 set -eu
 packages="tshark user-mode-linux kmod iproute2 can-utils qemu-system-x86 mmdebstrap e2fsprogs systemd
   gcc g++ gcc-avr avr-libc avrdude libelf-dev openssh-client qemu-user-static"

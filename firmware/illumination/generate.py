@@ -138,7 +138,7 @@ def main() -> int:
     ]
     if "--check" in sys.argv:
         for path in stale:
-            print(f"error: {path.relative_to(PROJECT)} does not match registers.toml: run make -C firmware/illumination registers")
+            print(f"error: {path.relative_to(PROJECT)} does not match registers.toml: run make registers")
         return bool(stale)
     for name, text in wanted.items():
         OUTPUTS[name].write_text(text)
