@@ -15,7 +15,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import DroppedPresses
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
-from palpate_edge.geometry.points import spacing
+from palpate_edge.geometry.points import repeated, spacing
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.appearance import plane, unlit_grey
 from palpate_edge.vision.beads import Beads, Reference
@@ -160,6 +160,7 @@ def _reference(
     if not measured.any():
         raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
     place = np.median([frame.position_px for frame in frames], axis=0)
+    measured &= ~repeated(place, 0.5 * float(registration.diameter_px.min()))  # refined onto another bead
     place = np.where(measured[:, None], place, registration.position_px)
     contrast, area, unevenness = (
         np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)

@@ -26,10 +26,10 @@ def draw_beads(image: Image, position_px: Array, diameter_px: float) -> Image:
 
 def draw_followed(followed: Followed) -> Image:
     """Draw the track of each marker: the way forth as a line, a circle where it began (red if it did not
-    return), its number and the share of frames in which it was found."""
+    return or is probably no marker), its number and the share of frames in which it was found."""
     panel = Panel(followed.first, SHEET_WIDTH / followed.first.shape[1], dim=0.75)
     found = followed.forth_found.mean(axis=0)
-    home = followed.home
+    home = followed.home & ~followed.doubtful
     for number, start in enumerate(followed.start_px):
         panel.lines(followed.forth_px[:, number], rainbow(number * 0.382 % 1.0))
         panel.circle(start, 3.0, GREEN if home[number] else RED, 2)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from palpate_edge.common.arrays import Array, Image, Mask
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.recording import Recording
-from palpate_edge.geometry.points import spacing
+from palpate_edge.geometry.points import distances, repeated, spacing
 from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.disk_profile import disk_profile
@@ -25,7 +25,13 @@ from palpate_edge.vision.unknown_layout import beads_without_layout
 
 REFERENCE_FRAMES = 15  # the median of the first frames: what moves behind a clear skin fades
 FEWEST_MARKERS = 6
-HOME_PX = 2.0  # a marker this near to where it was is the same one
+HOME_PX = 2.0  # a marker this near to where it was is the same one; less motion is none
+NEIGHBOURS = 8  # markers whose motion one is compared with
+MAX_APART = (
+    0.5  # of the neighbours' motion: a marker farther from it in half of the frames is none of the skin's
+)
+MAX_SPREAD = 0.25  # of the neighbours' motion: one that bulges or tears says nothing about the marker
+MIN_FOUND_SHARE = 0.5  # of the frames
 CHUNK = 500  # frames held while going backwards
 
 
@@ -60,6 +66,32 @@ class Followed:
         """(n,): markers that returned to another one's place."""
         apart = np.linalg.norm(self.back_px[0][:, None] - self.start_px[None], axis=2)
         return np.asarray(apart.argmin(axis=1) != np.arange(len(self.start_px)))
+
+    @property
+    def moved(self) -> Mask:
+        """(n,): markers whose neighbours moved; for the others a return to the start says nothing."""
+        motion_px, _, _ = self._compared_with_neighbours()
+        return np.asarray((motion_px > HOME_PX).any(axis=0))
+
+    @property
+    def doubtful(self) -> Mask:
+        """(n,): what is probably no marker: it stays where the skin around it moves, or is rarely found."""
+        motion_px, apart_px, spread_px = self._compared_with_neighbours()
+        moving = (motion_px > HOME_PX) & (spread_px < MAX_SPREAD * motion_px)
+        alien = moving & (apart_px > MAX_APART * motion_px)
+        found_share = 0.5 * (self.forth_found.mean(axis=0) + self.back_found.mean(axis=0))
+        return np.asarray((alien.sum(axis=0) > 0.5 * moving.sum(axis=0)) | (found_share < MIN_FOUND_SHARE))
+
+    def _compared_with_neighbours(self) -> tuple[Array, Array, Array]:
+        """Return, (f, n) each: the motion of the neighbours, how far the marker is from it, and they are."""
+        nearest = np.argsort(distances(self.start_px, self.start_px), axis=1)[:, 1 : NEIGHBOURS + 1]
+        motion = self.forth_px - self.start_px
+        around = np.stack([np.median(frame[nearest], axis=1) for frame in motion])
+        spread = [
+            np.median(np.linalg.norm(frame[nearest] - mean[:, None], axis=2), axis=1)
+            for frame, mean in zip(motion, around, strict=True)
+        ]
+        return np.linalg.norm(around, axis=2), np.linalg.norm(motion - around, axis=2), np.array(spread)
 
     @property
     def agreement(self) -> float:
@@ -114,17 +146,23 @@ def reference_from(image: Image, diameter_px: float | None = None) -> tuple[Refe
     Raises DatasetError when there are none.
     """
     blobs, appearance, size_px = beads_without_layout(image, diameter_px)
-    if len(blobs.strength) < FEWEST_MARKERS:
-        raise DatasetError(
-            f"no beads found: only {len(blobs.strength)} markers stand out in the first frames; start the "
-            "video with the skin untouched and in view, or give --diameter"
-        )
+    _check_count(len(blobs.strength))
     dark = plane(image, appearance)
     sizes_px = size_px * disk_profile(dark, blobs.position_px, size_px).diameter
     refined = Refiner(sizes_px, spacing(blobs.position_px)).refine(dark, blobs.position_px)
     held = (refined.contrast > 0) & (refined.area > 0)
+    held &= ~repeated(refined.position_px, 0.5 * size_px)  # two blobs of one marker
+    _check_count(int(held.sum()))
     contrast, area = (part.astype(np.float64) for part in (refined.contrast, refined.area))
     return Reference(refined.position_px[held], sizes_px[held], contrast[held], area[held]), appearance
+
+
+def _check_count(count: int) -> None:
+    if count < FEWEST_MARKERS:
+        raise DatasetError(
+            f"no beads found: only {count} markers stand out in the first frames; start the video with the "
+            "skin untouched and in view, or give --diameter"
+        )
 
 
 def _forwards(recording: Recording) -> Iterator[tuple[int, Image]]:

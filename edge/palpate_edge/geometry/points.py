@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Mask
 
 
 def distances(a: Array, b: Array) -> Array:
@@ -17,3 +17,12 @@ def spacing(points: Array) -> Array:
     distance = distances(points, points)
     np.fill_diagonal(distance, np.inf)
     return np.asarray(distance.min(axis=1))
+
+
+def repeated(points: Array, limit: float) -> Mask:
+    """Return which of the points (n, 2) lie nearer than `limit` to an earlier one that is kept."""
+    apart = distances(points, points)
+    repeats = np.zeros(len(points), dtype=np.bool_)
+    for index in range(1, len(points)):
+        repeats[index] = (apart[index, :index][~repeats[:index]] < limit).any()
+    return repeats

@@ -10,7 +10,7 @@ from palpate_edge.common.arrays import Array, Image, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.marker_layout import learn_layout
-from palpate_edge.geometry.points import spacing
+from palpate_edge.geometry.points import repeated, spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
 from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
@@ -90,6 +90,7 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
     dark, position_px = plane(image, best), beads.position_px
     if len(position_px):
         position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
+        position_px = position_px[~repeated(position_px, 0.5 * diameter_px)]  # two blobs of one bead
     layout = learn_layout(sensor.camera, radius_mm, position_px)
     sizes_px = bead_diameters_px(sensor, View(sensor.camera, layout.pose), layout.position_mm)
     seen = np.ones(len(position_px), dtype=np.bool_)

@@ -15,6 +15,7 @@ from palpate_edge.datasets.recording import open_recording
 from palpate_edge.diagnostics import video_tracking as follow
 from palpate_edge.diagnostics.figures import draw_followed
 from palpate_edge.vision.appearance import Appearance
+from palpate_edge.vision.blob_detection import Blobs
 
 FRAMES = 34
 STILL = 10  # frames until the skin is touched
@@ -80,6 +81,55 @@ def test_markers_that_changed_places_are_told(followed):
     assert np.flatnonzero(~wrong.home).tolist() == [3, 4, 9]
     both = int((followed.forth_found & followed.back_found).sum())
     assert wrong.agreement == pytest.approx(1 - 11 / both)  # 5 frames of 2, and one more
+
+
+@pytest.fixture(scope="module")
+def with_false_markers(another_dome, tmp_path_factory):
+    """The grid is pushed 9 px to and fro; eight dark disks between its markers, as on a lens, stay."""
+    folder = tmp_path_factory.mktemp("false") / "frames"
+    folder.mkdir()
+    dome = another_dome(width=196, height=124, noise=1.0)
+    false = grid()[[1, 3, 5, 8, 11, 16, 18, 24]] + np.array([23.0, 13.0])
+    for frame in range(FRAMES):
+        pushed = grid() + np.array([10 + 9 * np.sin(np.pi * frame / (FRAMES - 1)), 0.0])
+        image = dome.draw(np.concatenate([pushed, false]), np.full(43, 9.0), frame)
+        cv2.imwrite(str(folder / f"{frame:03}.png"), image)
+    return folder, false
+
+
+def test_false_markers_are_not_counted_as_home(with_false_markers, tmp_path):
+    folder, false_px = with_false_markers
+    followed = follow.follow_video(open_recording(folder))
+    is_false = np.linalg.norm(followed.start_px[:, None] - false_px[None], axis=2).min(axis=1) < 3
+    assert is_false.sum() >= 6
+    assert followed.doubtful[is_false].all()
+    assert not followed.doubtful[~is_false].any()
+    assert followed.moved.all()
+    result = CliRunner().invoke(cli, ["follow", str(folder), "-o", str(tmp_path / "t.png")])
+    home, count = int((~is_false).sum()), len(is_false)
+    assert f"there and back: {home} of {count} markers" in result.output
+    assert f"{count - home} of {count} are probably no markers" in result.output
+
+
+def test_a_video_in_which_nothing_moves_tests_nothing(another_dome, tmp_path):
+    (tmp_path / "still").mkdir()
+    image = another_dome(width=176, height=124).draw(grid(), np.full(35, 9.0), 1)
+    for frame in range(3):
+        cv2.imwrite(str(tmp_path / "still" / f"{frame}.png"), image)
+    result = CliRunner().invoke(cli, ["follow", str(tmp_path / "still"), "-o", str(tmp_path / "t.png")])
+    assert "no marker moved by more than 2 px: the video does not test the labels" in result.output
+
+
+def test_two_blobs_of_one_marker_make_one(another_dome, monkeypatch):
+    """They made a spacing of 0, and no number of every average over neighbours."""
+    image = another_dome(width=176, height=124).draw(grid(), np.full(35, 9.0), 1)
+    twice = np.concatenate([grid(), grid()[:3] + 1.0])
+    found = Blobs(twice, np.linspace(50.0, 40.0, len(twice))), Appearance(), 9.0
+    monkeypatch.setattr(follow, "beads_without_layout", lambda *_: found)
+    reference, _ = follow.reference_from(image)
+    assert len(reference.position_px) == 35
+    assert reference.neighbourhood.spacing_px.min() > 20
+    assert np.isfinite(reference.neighbourhood.relative).all()
 
 
 def test_chunks_read_backwards_give_every_frame_once(video, monkeypatch, followed):

@@ -18,6 +18,8 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator, Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
+from palpate_edge.vision import registration
+from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.unknown_layout import beads_without_layout
 from palpate_twin.dome.library import load_library
 from palpate_twin.dome.probe import Probe
@@ -194,3 +196,22 @@ def test_a_dome_of_pins_is_calibrated_and_estimated(
     true = [press.position_mm for press in dataset.split("test")]
     assert apart_mm(true, positions(calibration, dataset, "test", Method.CORRECTED)).max() < 1.0
     assert apart_mm(true, positions(calibration, dataset, "test", Method.PAPER)).mean() < 6
+
+
+def test_two_blobs_refined_onto_one_bead_make_one_bead(drawn_dome, tmp_path, monkeypatch):
+    """They made a spacing of 0 and an IndexError."""
+    dataset = without_rings(read_dataset(drawn_dome.write(tmp_path / "d")))
+    found = registration.beads_without_layout
+
+    def twice(*arguments):
+        blobs, *rest = found(*arguments)
+        again = Blobs(
+            np.concatenate([blobs.position_px, blobs.position_px[:5] + 1.0]),
+            np.concatenate([blobs.strength, blobs.strength[:5]]),
+        )
+        return again, *rest
+
+    monkeypatch.setattr(registration, "beads_without_layout", twice)
+    calibration = calibrate(dataset)
+    assert len(calibration.beads) == 85
+    assert calibration.reference().neighbourhood.spacing_px.min() > 5
