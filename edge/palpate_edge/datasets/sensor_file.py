@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import msgspec
+
 from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.geometry.sensor import Sensor
 
 MOST_BEADS_IN_A_RING = 1000
+MARKER_COUNTS = range(7, 701)  # of a layout to learn
 IMAGE_SIDE_PX = range(16, 8193)
 
 
@@ -63,6 +66,7 @@ def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
             f"above 0 and below markers.radius_mm {markers.radius_mm:g}",
         ),
         *rings,
+        *_layout_checks(sensor),
         ("camera.width", camera.width, camera.width in IMAGE_SIDE_PX, "16 to 8192"),
         ("camera.height", camera.height, camera.height in IMAGE_SIDE_PX, "16 to 8192"),
         (
@@ -80,6 +84,18 @@ def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
         ("camera.position_mm", list(camera.position_mm), _all_finite(camera.position_mm), "finite"),
         ("camera.fps", camera.fps, 0 < camera.fps <= 1000, "above 0 and at most 1000"),
     ]
+
+
+def _layout_checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
+    """Checks of the declared number of beads: of a layout to learn, or of the rings."""
+    count, rings = sensor.markers.count, sensor.markers.rings
+    if isinstance(count, msgspec.UnsetType):
+        return []
+    if not rings:
+        allowed = f"{MARKER_COUNTS[0]} to {MARKER_COUNTS[-1]}, or left out"
+        return [("markers.count", count, count in MARKER_COUNTS, allowed)]
+    drawn = sum(ring.count for ring in rings)
+    return [("markers.count", count, count == drawn, f"{drawn} as markers.rings add up to, or left out")]
 
 
 def _all_finite(values: tuple[float, ...]) -> bool:

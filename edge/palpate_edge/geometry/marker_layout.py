@@ -22,10 +22,13 @@ from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.camera_pose import fit_pose
+from palpate_edge.geometry.points import distances, spacing
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
 from palpate_edge.geometry.triangulation import delaunay
 
-MIN_BEADS = 7
+MIN_BEADS, MAX_BEADS = 7, 700
+MAX_IRREGULARITY = 0.3  # root mean square logarithm of a bead's spacing over that of the beads around
+MAX_RESIDUAL = 0.25  # root mean square distance from the ideal rings, in bead spacings
 ROUNDS = 8
 SEARCH_STEPS = np.linspace(-0.09, 0.09, 7)  # of the layout's median radius, about its centroid
 MIN_GAP_RATIO = 1.5  # of the narrowest gap between rings to the widest step within one
@@ -34,6 +37,10 @@ MAX_UNEVENNESS = 0.2  # root mean square, in bead spacings of the ring
 LONG_EDGE = 1.6  # in typical edges of the bead: spans a missing bead or a dent of the outline
 HEXAGONAL = 6
 MIN_SHELL = 4
+REMEDY = (
+    "look at palpate-edge inspect, correct markers.diameter_mm, camera.matrix and the light, or give "
+    "markers.rings"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +48,21 @@ class MarkerLayout:
     """A layout of n beads on a sphere: ring by ring from the apex, within a ring by growing azimuth.
 
     position_mm (n, 3) in F: on ideal rings; ring_of (n,): ring of each; order (n,): index of the bead among
-    the given pixels; pose: the fitted camera.
+    the given pixels; pose: the fitted camera; hexagonal: whether it is a hexagonal lattice.
     """
 
     position_mm: Array
     ring_of: Indices
     order: Indices
     pose: CameraPose
+    hexagonal: bool
 
 
 def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> MarkerLayout:
     """Learn the layout on a sphere of `radius_mm` from its beads at `position_px` (n, 2), in any order.
 
-    camera: nominal. Raises CalibrationError for too few beads or beads that cannot lie on the sphere.
+    camera: nominal. Raises CalibrationError for too few beads, beads that cannot lie on the sphere, or beads
+    that make no layout.
     """
     if len(position_px) < MIN_BEADS:
         raise CalibrationError(
@@ -61,6 +70,7 @@ def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> Marker
             "needed: give markers.rings in sensor.toml, or check markers.diameter_mm, camera.matrix and the "
             "light"
         )
+    _check_regular(position_px)
     pose = _first_pose(camera, radius_mm, position_px)
     for _ in range(ROUNDS):
         direction = _directions(camera, pose, radius_mm, position_px)
@@ -68,7 +78,37 @@ def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> Marker
         ideal_mm = radius_mm * _symmetrised(direction, ring_of, turns)
         pose = fit_pose(camera, ideal_mm, position_px)
     order = np.lexsort((azimuth(ideal_mm), ring_of)).astype(np.intp)
-    return MarkerLayout(ideal_mm[order], ring_of[order], order, pose)
+    _check_residual(View(camera, pose).project(ideal_mm), position_px)
+    return MarkerLayout(ideal_mm[order], ring_of[order], order, pose, _is_hexagonal(ring_of))
+
+
+def _check_regular(position_px: Array) -> None:
+    """Refuse too many beads, and beads scattered at random."""
+    if len(position_px) > MAX_BEADS:
+        raise CalibrationError(
+            f"{len(position_px)} beads were found in the reference frame, at most {MAX_BEADS} can be learned: "
+            f"{REMEDY}"
+        )
+    nearest = spacing(position_px)
+    around = np.argsort(distances(position_px, position_px), axis=1)[:, 1 : HEXAGONAL + 1]
+    relative = nearest / np.maximum(np.median(nearest[around], axis=1), 1e-9)
+    irregularity = float(np.sqrt((np.log(np.maximum(relative, 1e-3)) ** 2).mean()))
+    if irregularity > MAX_IRREGULARITY:
+        raise CalibrationError(
+            f"the {len(position_px)} beads found in the reference frame make no layout: their spacing varies "
+            f"by {irregularity:.0%} from bead to bead, at most {MAX_IRREGULARITY:.0%} is allowed: {REMEDY}"
+        )
+
+
+def _check_residual(ideal_px: Array, position_px: Array) -> None:
+    """Refuse rings that do not fit the beads (n, 2) that they were learned from."""
+    off = np.linalg.norm(ideal_px - position_px, axis=1) / np.median(spacing(position_px))
+    residual = float(np.sqrt((off**2).mean()))
+    if not residual <= MAX_RESIDUAL:
+        raise CalibrationError(
+            f"the layout learned from {len(position_px)} beads does not fit them: they are {residual:.2f} "
+            f"bead spacings off, at most {MAX_RESIDUAL} is allowed: {REMEDY}"
+        )
 
 
 def _first_pose(camera: Camera, radius_mm: float, position_px: Array) -> CameraPose:

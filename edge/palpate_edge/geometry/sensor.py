@@ -33,11 +33,16 @@ class Ring(msgspec.Struct, frozen=True):
 
 
 class Markers(msgspec.Struct, frozen=True):
-    """Beads on a sphere of `radius_mm`; without `rings` the calibration learns the layout."""
+    """Beads on a sphere of `radius_mm`; without `rings` the calibration learns the layout.
+
+    count, layout: of a layout to learn, compared with what was learned where they are given.
+    """
 
     radius_mm: float
     diameter_mm: float
     rings: tuple[Ring, ...] = ()
+    count: int | msgspec.UnsetType = msgspec.UNSET  # unset: left out of the fingerprint
+    layout: Literal["hexagonal", "any"] | msgspec.UnsetType = msgspec.UNSET
 
 
 class Camera(msgspec.Struct, frozen=True):

@@ -91,12 +91,28 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
     if len(position_px):
         position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
         position_px = position_px[~repeated(position_px, 0.5 * diameter_px)]  # two blobs of one bead
+    _check_declared_count(sensor, len(position_px))
     layout = learn_layout(sensor.camera, radius_mm, position_px)
+    if sensor.markers.layout == "hexagonal" and not layout.hexagonal:
+        raise CalibrationError(
+            f"the {len(position_px)} beads found in the reference frame make no hexagonal lattice as "
+            "sensor.toml's markers.layout has it: correct it, or take reference frames that show all beads"
+        )
     sizes_px = bead_diameters_px(sensor, View(sensor.camera, layout.pose), layout.position_mm)
     seen = np.ones(len(position_px), dtype=np.bool_)
     return Registration(
         best, layout.pose, position_px[layout.order], seen, sizes_px, layout.position_mm, layout.ring_of
     )
+
+
+def _check_declared_count(sensor: Sensor, found: int) -> None:
+    """Refuse a picture that shows fewer beads than sensor.toml declares, or more."""
+    count = sensor.markers.count
+    if isinstance(count, int) and not MIN_BEADS_SHARE * count <= found <= count:
+        raise CalibrationError(
+            f"{found} beads were found in the reference frame, sensor.toml's markers.count is {count} (at "
+            f"least {MIN_BEADS_SHARE:.0%} are needed, and no more): correct it, or look at palpate-edge inspect"
+        )
 
 
 def _on_dome(position_px: Array, view: View, radius_mm: float) -> Mask:

@@ -185,6 +185,12 @@ def test_a_sensor_with_any_number_anywhere_is_refused_or_finite(drawn_dome, tmp_
         ("[190.0, 190.0", "[190.0", "camera.matrix"),
         ("-45.0]", "inf]", "camera.position_mm = [0.0, 0.0, inf] is out of range: it must be finite"),
         ("count = 6", "count = 0", "markers.rings[1].count = 0 is out of range: it must be 1 to 1000"),
+        (
+            "radius_mm = 26.5",
+            "radius_mm = 26.5\ncount = 84",
+            "markers.count = 84 is out of range: it must be 85",
+        ),
+        ("radius_mm = 26.5", 'radius_mm = 26.5\nlayout = "square"', "markers.layout"),
         ("count = 6", "count = 1000000000", "count = 1000000000 is out of range: it must be 1 to 1000"),
         (
             "fps = 30",

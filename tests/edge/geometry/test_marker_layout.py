@@ -116,6 +116,44 @@ def test_too_few_beads_and_beads_beside_the_dome_are_refused():
         learn_layout(CAMERA, 26.5, corners)
 
 
+@pytest.mark.parametrize(
+    ("count", "said"), [(60, "make no layout"), (500, "make no layout"), (701, "at most 700")]
+)
+def test_beads_scattered_at_random_are_no_layout(count, said):
+    random = np.random.default_rng(count).uniform((200, 120), (440, 360), (count, 2))
+    with pytest.raises(CalibrationError, match=said) as refused:
+        learn_layout(CAMERA, 26.5, random)
+    assert "markers.rings" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ({"count": 127}, "85 beads were found in the reference frame, sensor.toml's markers.count is 127"),
+        ({"count": 61}, "85 beads were found in the reference frame, sensor.toml's markers.count is 61"),
+        ({"layout": "hexagonal"}, "the 85 beads .* make no hexagonal lattice"),
+        ({"count": 85, "layout": "any"}, None),
+        ({"count": 87}, None),
+    ],
+)
+def test_a_learned_layout_is_compared_with_the_declared_one(drawn_dome, tmp_path, declared, said):
+    dataset = without_rings(read_dataset(drawn_dome.write(tmp_path / "d")))
+    markers = msgspec.structs.replace(dataset.sensor.markers, **declared)
+    dataset = dataclasses.replace(dataset, sensor=msgspec.structs.replace(dataset.sensor, markers=markers))
+    if said is None:
+        assert len(calibrate(dataset).beads) == 85
+        return
+    with pytest.raises(CalibrationError, match=said):
+        calibrate(dataset)
+
+
+def test_what_is_not_declared_does_not_change_a_fingerprint(drawn_dome, tmp_path):
+    sensor = read_dataset(drawn_dome.write(tmp_path / "d")).sensor
+    assert b"count" not in msgspec.json.encode(msgspec.structs.replace(sensor.markers, rings=()))
+    declared = msgspec.structs.replace(sensor, markers=msgspec.structs.replace(sensor.markers, count=85))
+    assert declared.fingerprint() != sensor.fingerprint()
+
+
 def without_rings(dataset):
     markers = msgspec.structs.replace(dataset.sensor.markers, rings=())
     return dataclasses.replace(dataset, sensor=msgspec.structs.replace(dataset.sensor, markers=markers))
