@@ -87,9 +87,9 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
-coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test and make slow-test by room, into build/coverage
+coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage
 	@mkdir -p build/coverage
-	$(call timed,COVERAGE_CORE=ctrace COVERAGE_FILE=build/coverage/data $(PYTEST) $(WORKERS) --effort=full -m "not demo" \
+	$(call timed,COVERAGE_CORE=ctrace COVERAGE_FILE=build/coverage/data $(PYTEST) $(WORKERS) -m "not demo" \
 	  -vv --durations=0 --durations-min=0 --cov=palpate_edge --cov=palpate_bus --cov=palpate_host --cov=palpate_twin \
 	  --cov-context=test --cov-report= $(PYTEST_ARGS) >build/coverage/tests.log; \
 	  tests=$$?; tail -n 1 build/coverage/tests.log; test $$tests = 0)

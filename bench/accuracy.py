@@ -13,6 +13,7 @@ import cv2
 
 from bench import accuracy_beads as beads
 from bench import accuracy_detection as detection
+from bench import accuracy_hard as hard
 from bench import accuracy_presses as presses
 from bench import accuracy_regions as regions
 from bench import accuracy_sequences as sequences
@@ -49,6 +50,8 @@ def main(data: Path, output: Path) -> None:
     sample = read_dataset(data / "press-sample")
     moving = [read_dataset(data / "press-sequences" / finger) for finger in FINGERS]
     sections, points = measure(sample, moving, picture.name, report_progress)
+    report_progress("hard light")
+    sections.append(hard.section(hard.measure(data)))
     try:
         output.write_text(report(sections), encoding="utf-8")
         presses.draw(points, picture)
