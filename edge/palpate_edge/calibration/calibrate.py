@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.measurement import Measured, measure
+from palpate_edge.calibration.mounting import check_mounting, find_mounting
 from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.datasets.press_dataset import PressDataset
+from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource
 from palpate_edge.estimation.displacement_field import DisplacementReader
-from palpate_edge.estimation.paper_method import PaperModel, fit_paper_model, raw_contact
+from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor
@@ -34,12 +35,12 @@ def calibrate(
 
     dome: the dome model that the correction model starts from (extra ``train``); without it there is no
     correction model, and the paper's method is all. Raises CalibrationError where the reference frames do
-    not show the layout, DatasetError for bad files.
+    not show the layout or the camera is turned, DatasetError for bad files.
     """
     presses = dataset.split("train")
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
-    measured = measure(dataset, presses, lambda done: progress(done, total))
+    measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
     model, stiffness_scale = b"", None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
@@ -68,8 +69,22 @@ def calibrate(
 
 def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) -> PaperModel:
     """Fit the paper's correction function and, where forces are known, its stiffness to the presses."""
-    mesh = VirtualPointMesh(measured.reference.position_px, ring_of)
     has_forces = all(press.force_N is not None for press, _ in measured.touches)
+    firm, raw = _raw_contacts(measured, ring_of, radius_mm)
+    places = _places(firm)
+    return fit_paper_model(
+        theta_raw=np.array([contact.theta_rad for contact in raw]),
+        theta_true=polar_angle(places),
+        spread_px=np.array([contact.spread_px for contact in raw]),
+        force_N=np.array([press.normal_force_N for press in firm]) if has_forces else None,
+    )
+
+
+def _raw_contacts(
+    measured: Measured, ring_of: NDArray[np.intp], radius_mm: float
+) -> tuple[list[Press], list[RawContact]]:
+    """Return the presses that are firm enough for the paper's method, and their uncorrected contacts."""
+    mesh = VirtualPointMesh(measured.reference.position_px, ring_of)
     firm = [
         (press, beads)
         for press, beads in measured.touches
@@ -79,13 +94,24 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
         raw_contact(mesh, mesh.points(beads.position_px, beads.found), measured.view, radius_mm)
         for _, beads in firm
     ]
-    places = np.array([press.position_mm for press, _ in firm], dtype=np.float64).reshape(-1, 3)
-    return fit_paper_model(
-        theta_raw=np.array([contact.theta_rad for contact in raw]),
-        theta_true=polar_angle(places),
-        spread_px=np.array([contact.spread_px for contact in raw]),
-        force_N=np.array([press.normal_force_N for press, _ in firm]) if has_forces else None,
-    )
+    return [press for press, _ in firm], raw
+
+
+def _places(presses: list[Press]) -> NDArray[np.float64]:
+    """Return the places (n, 3) of presses."""
+    return np.array([press.position_mm for press in presses], dtype=np.float64).reshape(-1, 3)
+
+
+def _upright(sensor: Sensor, measured: Measured) -> Measured:
+    """Return the measurement with a learned layout turned as the presses are; refuse a drawn one turned."""
+    firm, raw = _raw_contacts(measured, measured.registration.ring_of, sensor.markers.radius_mm)
+    mounting = find_mounting(np.array([contact.phi_rad for contact in raw]), _places(firm))
+    check_mounting(mounting, can_turn=not sensor.markers.rings)
+    if mounting.upright:
+        return measured
+    from palpate_edge.calibration.training.roll import turned  # noqa: PLC0415 - rarely needed
+
+    return turned(measured, sensor, mounting.turn_rad)
 
 
 def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,6 +45,7 @@ def calibrate(
     """
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
+    from palpate_edge.calibration.mounting import UPRIGHT_RAD  # noqa: PLC0415
     from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
 
@@ -75,6 +77,14 @@ def calibrate(
             else f", {calibration.contact_threshold_N:.3f} N where the dome is stiffest"
         )
     )
+    turn_deg = math.degrees(pose.rotation_rad[2])
+    if abs(turn_deg) > math.degrees(UPRIGHT_RAD):
+        click.echo(f"  camera turned by {turn_deg:+.0f} deg about its axis, as the presses have it")
+    if not source.presses:
+        click.echo(
+            "  no presses: contact positions are not tested on this sensor, nor how the camera is turned; "
+            "press it at known places (docs/press-dataset.md) and run palpate-edge evaluate"
+        )
     if calibration.model:
         click.echo(
             f"  correction model of {len(calibration.model) / 1e6:.1f} MB, sha256 {digest(calibration)}"

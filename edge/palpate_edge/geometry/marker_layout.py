@@ -86,8 +86,8 @@ def _check_regular(position_px: Array) -> None:
     """Refuse too many beads, and beads scattered at random."""
     if len(position_px) > MAX_BEADS:
         raise CalibrationError(
-            f"{len(position_px)} beads were found in the reference frame, at most {MAX_BEADS} can be learned: "
-            f"{REMEDY}"
+            f"{len(position_px)} beads were found in the reference frame, at most {MAX_BEADS} can be "
+            f"learned: {REMEDY}"
         )
     nearest = spacing(position_px)
     around = np.argsort(distances(position_px, position_px), axis=1)[:, 1 : HEXAGONAL + 1]

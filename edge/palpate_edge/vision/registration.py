@@ -111,7 +111,8 @@ def _check_declared_count(sensor: Sensor, found: int) -> None:
     if isinstance(count, int) and not MIN_BEADS_SHARE * count <= found <= count:
         raise CalibrationError(
             f"{found} beads were found in the reference frame, sensor.toml's markers.count is {count} (at "
-            f"least {MIN_BEADS_SHARE:.0%} are needed, and no more): correct it, or look at palpate-edge inspect"
+            f"least {MIN_BEADS_SHARE:.0%} are needed, and no more): correct it, or look at palpate-edge "
+            "inspect"
         )
 
 
