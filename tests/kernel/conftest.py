@@ -23,13 +23,13 @@ from palpate_edge.datasets.press_dataset import read_dataset
 
 @pytest.fixture(params=IN_A_KERNEL)
 def kernel(request: pytest.FixtureRequest) -> str:
-    """Kernel in which a test runs; a test with this fixture runs once in each."""
+    """The kernel in which a test runs; a test with this fixture runs once in each."""
     return str(request.param)
 
 
 @pytest.fixture
 def wait_until() -> Callable[..., None]:
-    """Waits for a condition, as long as a slow machine may need for it."""
+    """Wait for a condition, for as long as a slow machine may need."""
 
     def wait(condition: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
         end_s = time.monotonic() + patience_s
@@ -41,7 +41,7 @@ def wait_until() -> Callable[..., None]:
 
 
 class FingertipProcess:
-    """``palpate-edge run`` on node 0x10, with what it says and what it writes about its health."""
+    """``palpate-edge run`` on node 0x10, with its standard error and its health report."""
 
     def __init__(self, folder: Path, config: str) -> None:
         self._said, self._health = folder / "said", folder / "health"
@@ -61,13 +61,13 @@ class FingertipProcess:
         return self._said.read_text()
 
     def health(self) -> HealthReport | None:
-        """None before the first report."""
+        """Return the health report, None before the first."""
         if not self._health.exists():
             return None
         return msgspec.json.decode(self._health.read_bytes(), type=HealthReport)
 
     def stop(self) -> int:
-        """SIGTERM; returns the exit status."""
+        """Send SIGTERM and return the exit status."""
         self.process.terminate()
         return self.process.wait(PATIENCE_S)
 
@@ -76,7 +76,7 @@ class FingertipProcess:
 def run_fingertip(
     tmp_path: Path, request: pytest.FixtureRequest
 ) -> Iterator[Callable[..., FingertipProcess]]:
-    """Starts a fingertip on a CAN interface. It sees the drawn dataset, for ever, or what `capture` says."""
+    """Start a fingertip on a CAN interface. Its source is the drawn dataset in a loop, or `capture`."""
     with ExitStack() as stack:
 
         def run(interface: str, capture: str = "", calibration: Path | None = None) -> FingertipProcess:

@@ -1,4 +1,4 @@
-"""The whole board: the daemon between a V4L2 camera and a CAN card, both of which go away and come back."""
+"""The whole board: the daemon with a V4L2 camera and a CAN card, both of which are lost and found again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def host_on(link):
 
 
 def emergency(bus):
-    """The error code of the next EMCY."""
+    """Return the error code of the next EMCY."""
     while True:
         for frame in receive(bus, 1):
             if frame.can_id == 0x090:
@@ -31,7 +31,7 @@ def emergency(bus):
 def test_what_is_pulled_out_is_told_and_comes_back(
     camera, can_cards, run_fingertip, vga_calibration, wait_until
 ):
-    """vivid shows its test picture and no beads: every contact is refused, and the daemon says why."""
+    """vivid shows its test picture and no beads: every frame is rejected, and the daemon logs the reason."""
     capture = f'source = "v4l2"\npath = "{camera}"\ntimeout_ms = 2000\n'
     ours, hosts = can_cards
     with host_on(hosts) as host:

@@ -1,4 +1,4 @@
-"""The fingertip's process on real CAN interfaces: served, cut off, flooded, and back again."""
+"""The fingertip's process on real CAN interfaces: in service, disconnected, flooded, and connected again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def stranger(link):
 
 
 def wait_for(bus, *wanted):
-    """Takes frames until each of these (frames or identifiers) has come."""
+    """Receive frames until each of these (frames or identifiers) was received."""
     missing, seen = list(wanted), []
     while len(seen) < 5000:
         new = receive(bus, 1)
@@ -70,7 +70,7 @@ def test_down_and_up_again(vcan, run_fingertip, wait_until):
     vcan.down()
     wait_until(lambda: "bus is down" in fingertip.said())
     frames_then = fingertip.health().frames
-    wait_until(lambda: fingertip.health().frames > frames_then + 60)  # it goes on seeing meanwhile
+    wait_until(lambda: fingertip.health().frames > frames_then + 60)  # it continues to estimate meanwhile
     assert fingertip.health().bus.state == "down"
     vcan.up()
     with stranger(vcan) as bus:
@@ -112,7 +112,7 @@ def test_a_cable_that_takes_nothing_costs_old_contacts_and_nothing_else(
     assert "t710105" in lines
     sequences = [int(line[15:17] + line[13:15], 16) for line in lines if line.startswith("t3908")]
     assert sequences == sorted(set(sequences)), "no contact twice, none before an older one"
-    # Of the contacts, the queue's ten frames are old, then comes a gap.
+    # The ten frames in the queue are old contacts; a gap follows.
     assert max(later - earlier for earlier, later in pairwise(sequences)) > 10
     assert fingertip.stop() == 0
 

@@ -1,4 +1,4 @@
-"""The way into a machine and back: what pytest hears is what happened inside, and no process stays behind."""
+"""Forwarding into a guest: pytest reports the outcomes of the guest, and no process is left over."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The host's process on CAN interfaces, with simulated drives and fingertips: cut off, and back again."""
+"""The host's process on CAN interfaces, with simulated drives and fingertips: disconnected and reconnected."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DRIVES = [sys.executable, "-c", "from palpate_twin.cli.drives import drives; dri
 """In the virtual machine nothing is installed, so palpate-host finds no commands by entry point."""
 TIPS = Path(__file__).parents[1] / "host" / "touching_fingertips.py"
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
-# A tick and its times for a kernel that is a process beside other work.
+# Tick and time limits for a kernel that runs as a process on a loaded machine.
 SLOWER = {
     "tick_Hz = 100": "tick_Hz = 25",
     "freeze_ms = 250": "freeze_ms = 5000",
@@ -53,7 +53,7 @@ class HandOnCan:
         self.host = self._start("host", *CLI, "run", "--config", self.config, "--socket", self.socket)
 
     def put_nodes_on_the_bus(self) -> None:
-        """Drives and fingertips end with their bus, as these programs are."""
+        """Restart drives and fingertips, whose programs end when their bus is lost."""
         self._start("drives", *DRIVES, "--config", self.config)
         self._start("fingertips", sys.executable, TIPS, self.config)
 
@@ -83,7 +83,7 @@ def hand(hand_on_can, wait_until):
 
 
 def grasp(hand, wait_until):
-    """From wherever it is: where the host gets no processor for 200 ms, the drives' watchdogs stop it."""
+    """Recover from any mode: a host without processor time for 200 ms is stopped by the drives' watchdogs."""
 
     def grasped():
         try:

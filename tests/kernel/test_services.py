@@ -1,4 +1,4 @@
-"""The fingertip's unit under a real systemd: sandboxed on camera and CAN card, watched, started again."""
+"""The fingertip's unit under a real systemd, with camera and CAN card: sandbox, watchdog, restarts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def shown(name: str) -> str:
 
 @pytest.fixture
 def board(can_cards, camera, vga_calibration):
-    """Users, folders, units and configuration as on a board; the programs run from the project's sources."""
+    """Create users, folders, units and configuration as on a board; programs run from the sources."""
     etc = Path("/etc/systemd/system")
     for unit in (SERVICE, "palpate.target"):
         shutil.copy(UNITS / unit, etc)
@@ -74,7 +74,7 @@ def host_on(link):
 
 
 def wait_for_contacts(bus):
-    """Starts the node whenever it waits for that, until its contacts come."""
+    """Start the node whenever it waits for that, until contacts are received."""
     while True:
         for frame in receive(bus, 1):
             if frame == CanFrame(0x710, b"\x7f"):
@@ -85,7 +85,7 @@ def wait_for_contacts(bus):
 
 def test_it_serves_inside_its_sandbox_and_a_hang_is_ended(board):
     with host_on(board) as host:
-        systemctl("start", SERVICE)  # returns when it has said READY=1
+        systemctl("start", SERVICE)  # returns when the service has sent READY=1
         assert shown("ActiveState") == "active"
         wait_for_contacts(host)
         pid = int(shown("MainPID"))

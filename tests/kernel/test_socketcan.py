@@ -1,4 +1,4 @@
-"""palpate_edge.can_bus.bus on the kernel's CAN sockets, with can-utils as the stranger at the other end."""
+"""palpate_edge.can_bus.bus on the kernel's CAN sockets, with can-utils at the other end."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_a_full_transmit_queue_is_refused_with_a_bound_and_drains(serial_link):
 
 
 def test_a_flood_beyond_the_queue_loses_and_repeats_nothing(serial_link):
-    """The cable is slower than the sender: ENOBUFS is waited out frame by frame."""
+    """The cable is slower than the sender, which waits after ENOBUFS and repeats the frame."""
     frames = [CanFrame(0x190, number.to_bytes(8, "big")) for number in range(300)]
     arrived = []
 

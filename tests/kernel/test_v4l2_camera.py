@@ -1,4 +1,4 @@
-"""Capture from a real V4L2 device, the kernel's vivid; v4l2-ctl is the stranger who looks at it as well."""
+"""Capture from a real V4L2 device, the kernel's vivid; v4l2-ctl reads it independently."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.vm
 
 @contextmanager
 def opened(camera, *, size=(640, 480), fps=25.0, code=None, grey=True, gain=None) -> Iterator:
-    """The source, and what it reported."""
+    """Return the source and its reports."""
     reports: list[str] = []
     fixed = FixedExposure(exposure_us=None, gain=gain, white_balance_K=None)
     source = V4l2Source(camera, CameraSettings(*size, fps, code, grey, fixed), LocalClock(), reports.append)
@@ -104,7 +104,7 @@ def test_exposures_are_stamped_by_the_kernel_on_our_clock(camera):
         stamps = [source.read().exposed_at_us for _ in range(10)]
         after_us = clock.now_us()
     assert stamps == sorted(set(stamps))
-    # vivid stamps when a frame was due, which is up to a period off from when it was made.
+    # vivid stamps the time at which a frame was due, up to a period from the time at which it was made.
     assert before_us - 40_000 < stamps[0] < stamps[-1] < after_us + 40_000
     assert "no monotonic time stamps" not in "\n".join(reports)
 
@@ -141,7 +141,7 @@ def test_a_damaged_buffer_is_not_a_frame(camera):
 
 @pytest.fixture
 def reopening(camera) -> Iterator[ReopeningSource]:
-    """The camera as the daemon holds it."""
+    """Return the camera as the daemon opens it."""
     settings = CameraSettings(640, 480, 25.0, None, True, FixedExposure(None, None, None))
     source = ReopeningSource(
         lambda: V4l2Source(find_camera(str(camera), ""), settings, LocalClock(), lambda _line: None)
@@ -152,7 +152,7 @@ def reopening(camera) -> Iterator[ReopeningSource]:
 
 def test_a_camera_that_is_unplugged_is_lost_and_opened_again(camera, reopening):
     last = reopening.read()
-    v4l2_ctl(camera, "-c", "disconnect=1")  # vivid plays being unplugged until all have closed it
+    v4l2_ctl(camera, "-c", "disconnect=1")  # unplugged until all programs have closed it
     with pytest.raises(CameraLostError, match="platform-vivid"):
         for _ in range(30):
             last = reopening.read()

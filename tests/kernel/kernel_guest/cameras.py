@@ -17,7 +17,7 @@ NAME = BY_PATH / "platform-vivid.0-video-index0"
 
 @contextmanager
 def vivid(**options: int) -> Iterator[Path]:
-    """The module loaded with one webcam; gives its stable name."""
+    """Load the module with one webcam; yield its stable name."""
     words = [f"{name}={value}" for name, value in {**WEBCAM, **options}.items()]
     subprocess.run(["modprobe", "vivid", *words], check=True)
     subprocess.run(["udevadm", "settle"], check=True)
@@ -28,13 +28,13 @@ def vivid(**options: int) -> Iterator[Path]:
 
 
 def v4l2_ctl(camera: Path, *words: str) -> str:
-    """A stranger's view of the same device."""
+    """Return the output of v4l2-ctl for the same device."""
     command = ["v4l2-ctl", "-d", str(camera), *words]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 @pytest.fixture
 def camera() -> Iterator[Path]:
-    """A webcam by its stable name."""
+    """Yield the stable name of a webcam."""
     with vivid() as name:
         yield name

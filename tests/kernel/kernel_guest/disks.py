@@ -18,7 +18,7 @@ PACKAGES_MB = 1200
 
 
 def system_disk() -> Path:
-    """The folder of root.ext4, vmlinuz and initrd.img as vm/build.sh makes them; built if it is not there."""
+    """Return the folder of root.ext4, vmlinuz and initrd.img; vm/build.sh builds it if it is missing."""
     recipe = b"".join(path.read_bytes() for path in sorted(RECIPE.iterdir()))
     target = CACHE / f"system-{digest(recipe)}"
     if not target.exists():
@@ -28,7 +28,7 @@ def system_disk() -> Path:
 
 
 def packages_disk() -> Path:
-    """A disk with the Python packages of requirements/guest.lock for the machine's Python."""
+    """Return a disk with the Python packages of requirements/guest.lock for the machine's Python."""
     lock = PROJECT / "requirements" / "guest.lock"
     target = CACHE / f"packages-{digest(lock.read_bytes())}"
     if not target.exists():
@@ -44,7 +44,7 @@ def packages_disk() -> Path:
 
 @contextmanager
 def made(target: Path) -> Iterator[Path]:
-    """A folder to make `target` in: it appears whole or not at all, and two processes may make it."""
+    """Yield a folder in which to build `target`: it appears complete or not at all."""
     print(f"building {target}: a few minutes, once", file=sys.stderr, flush=True)
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="unfinished-") as folder:
@@ -56,7 +56,7 @@ def made(target: Path) -> Iterator[Path]:
 
 
 def digest(content: bytes) -> str:
-    """Short enough for a name."""
+    """Return a digest that is short enough for a name."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""The pytest plugin: outside it sends marked tests into their machine, inside it writes down how they end."""
+"""The pytest plugin: outside it sends marked tests to their machine, inside it records their outcomes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Outside:
-    """Runs a marked test by asking for its outcome; the first one boots the machine for all of them.
+    """Run marked tests by reading their outcomes; the first boots the machine for all of them.
 
     Its fixtures are set up inside, so here it has none. Parallel workers each boot for the files they get.
     """
@@ -34,7 +34,7 @@ class Outside:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        # A virtual machine under emulation takes minutes: only who asks for it by name gets it.
+        # A virtual machine under emulation takes minutes, so it starts only when its marker is given.
         if "vm" not in config.option.markexpr:
             left_out = [item for item in items if item.get_closest_marker("vm")]
             items[:] = [item for item in items if item not in left_out]
@@ -70,7 +70,7 @@ class Outside:
 
 
 class Inside:
-    """Writes a line for each test that has ended, at once on the disk: the outside may be reading it."""
+    """Write a line for each finished test and flush it, because pytest outside reads it meanwhile."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("ab")

@@ -1,4 +1,4 @@
-"""The kernels, as parameters of a fixture whose tests run once in each, beside those that need none."""
+"""The kernels, as parameters of a fixture; its tests run once in each kernel."""
 
 import pytest
 

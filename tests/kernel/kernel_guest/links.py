@@ -22,7 +22,7 @@ PATIENCE_S = 120.0  # only a hang waits so long; an emulated machine beside othe
 
 
 def receive(bus: Bus, count: int) -> list[CanFrame]:
-    """So many frames from a bus, or an assertion with the number received."""
+    """Return `count` frames from a bus; fail with the number received if fewer come."""
     frames: list[CanFrame] = []
     while len(frames) < count:
         batch = bus.receive(PATIENCE_S)
@@ -32,12 +32,12 @@ def receive(bus: Bus, count: int) -> list[CanFrame]:
 
 
 def ip(*words: object) -> None:
-    """``ip`` of iproute2, in one breath: ip("link", "set", "vcan0", "up")."""
+    """Run one command of iproute2: ip("link", "set", "vcan0", "up")."""
     subprocess.run(["ip", *map(str, words)], check=True)
 
 
 class Link:
-    """A network interface of the kernel."""
+    """Create a network interface of the kernel."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -72,7 +72,7 @@ class SerialLink(Link):
         ip("link", "set", self.name, "txqueuelen", txqueuelen, "up")
 
     def read_lines(self, count: int) -> list[str]:
-        """The next frames on the cable, as slcan text: ``t`` id (3 digits) length data."""
+        """Return the next frames on the cable as slcan text: ``t`` id (3 digits) length data."""
         while self._unread.count(b"\r") < count:
             self._unread += os.read(self._wire, 32)
         *lines, self._unread = self._unread.split(b"\r", count)
@@ -89,7 +89,7 @@ class SerialLink(Link):
 
 @pytest.fixture
 def vcan() -> Iterator[Link]:
-    """A fresh vcan0, up."""
+    """Create vcan0 and set it up."""
     ip("link", "add", "vcan0", "type", "vcan")
     link = Link("vcan0")
     link.up()
@@ -100,7 +100,7 @@ def vcan() -> Iterator[Link]:
 
 @pytest.fixture
 def serial_link() -> Iterator[SerialLink]:
-    """A CAN interface with room for 10 frames, whose cable nobody reads but the test."""
+    """A CAN interface with room for 10 frames, whose cable only the test reads."""
     link = SerialLink(txqueuelen=10)
     yield link
     link.close()

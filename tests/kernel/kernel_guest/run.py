@@ -1,4 +1,4 @@
-"""One boot of a machine: a list of tests goes in, an outcome for each comes out."""
+"""One boot of a machine: takes a list of tests and returns an outcome for each."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ import msgspec
 
 POLL_S = 0.05
 END_S = 20.0  # from the last test's outcome to the machine's end
-CONSOLE_LINES = 60  # of the last words
+CONSOLE_LINES = 60  # shown when a machine ends too early
 HANG_S = 120  # a test that takes longer leaves its stack on the console
 
-PASSED_ON = ("PALPATE_NO_SKIP", "TZ")  # of the surroundings outside, what the tests inside also go by
+PASSED_ON = ("PALPATE_NO_SKIP", "TZ")  # environment variables that are passed to the tests inside
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """Result of one test. outcome: pytest's ``passed``, ``failed`` or ``skipped``; text: why."""
+    """Result of one test. outcome: pytest's ``passed``, ``failed`` or ``skipped``; text: reason."""
 
     test: str
     outcome: str
@@ -51,14 +51,14 @@ class Machine(Protocol):
         """Return what is not installed and how to install it; None where this machine can run."""
 
     def inside(self, project: Path, folder: Path) -> Inside:
-        """Makes what a boot needs and is not there yet; reports where it will be."""
+        """Build the missing files of a boot; report their paths."""
 
     def command(self, folder: Path) -> list[str]:
-        """Boots, runs ``folder/run.sh``, and ends."""
+        """Boot, run ``folder/run.sh``, and end."""
 
 
 class Run:
-    """A booted machine on its way through `tests` (node ids)."""
+    """A booted machine that runs `tests` (node ids)."""
 
     def __init__(self, machine: Machine, project: Path, tests: Sequence[str]) -> None:
         self._machine = machine
@@ -70,7 +70,7 @@ class Run:
         (self.folder / "tests").write_text("".join(f"{test}\n" for test in tests))
         (self.folder / "run.sh").write_text(_script(machine.inside(project, self.folder)))
         with (self.folder / "console.log").open("wb") as console:
-            # Both machines end cleanly on SIGTERM: `timeout` hands it on after the limit, when we ask, or
+            # Both machines end cleanly on SIGTERM: `timeout` forwards it after the limit or on request, or
             # (`setpriv`) when pytest was killed before it could ask.
             guard = ["setpriv", "--pdeathsig", "TERM", "timeout", "--kill-after=10"]
             self._process = subprocess.Popen(
@@ -81,7 +81,7 @@ class Run:
             )
 
     def outcome(self, test: str) -> Outcome:
-        """Waits for the end of `test`. A machine that ends before it gives a failure with its last words."""
+        """Wait for the end of `test`. A machine that ends earlier gives a failure with its last lines."""
         while True:
             ended = self._process.poll() is not None
             self._read_outcomes()
@@ -92,7 +92,7 @@ class Run:
             time.sleep(POLL_S)
 
     def close(self) -> None:
-        """Ends the machine; at once where tests are still running in it."""
+        """End the machine; at once if tests still run in it."""
         if len(self._outcomes) == self._tests:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(END_S)

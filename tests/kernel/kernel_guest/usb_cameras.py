@@ -45,7 +45,7 @@ _numbers = itertools.count()
 
 
 class UsbCamera:
-    """A webcam like any other of its make but for its revision, by which a test knows it again."""
+    """A webcam that differs from others of its make only in its revision, by which a test identifies it."""
 
     def __init__(self, revision: str, serial: str, wait_until: Callable[..., None]) -> None:
         self._revision, self._wait_until = revision, wait_until
@@ -82,30 +82,30 @@ class UsbCamera:
         (gadget / "configs/c.1" / self._function).symlink_to(function)
 
     def plug(self, port: int) -> None:
-        """Into a port; returns when udev has named the camera."""
+        """Plug the camera into a port; return when udev has named it."""
         self._port = port
         _write(self._gadget / "UDC", f"usbip-vudc.{port}")
         subprocess.run(["udevadm", "settle"], check=True)
         output = next(node for node in VIDEO.glob("video*") if self._is_output(node))
         device = os.open(Path("/dev") / output.name, os.O_RDWR)
         subscription = struct.pack("8I", SETUP, *7 * (0,))
-        fcntl.ioctl(device, SUBSCRIBE_EVENT, subscription)  # what puts it on the bus
+        fcntl.ioctl(device, SUBSCRIBE_EVENT, subscription)  # connects it to the bus
         self._unplugged.clear()
         self._answering = threading.Thread(target=self._answer, args=(device,))
         self._answering.start()
         near, far = socket.socketpair()
-        with near, far:  # the kernel keeps what it is given
+        with near, far:  # the kernel keeps these descriptors
             _write(DEVICES / f"usbip-vudc.{port}/usbip_sockfd", near.fileno())
             _write(VHCI / "attach", f"{port} {far.fileno()} {DEVICE_ID + port} {HIGH_SPEED}")
         self._wait_until(port_name(port).exists)
 
     def _is_output(self, node: Path) -> bool:
-        """Where a gadget's program would put its pictures: a node of this end, not of the camera."""
+        """Return whether the device takes the pictures of the gadget's program (it is not the camera's)."""
         name = node / "function_name"
         return name.exists() and name.read_text().strip() == self._function
 
     def unplug(self) -> None:
-        """Returns when its name is gone. Nothing happens to one that is not plugged in."""
+        """Unplug the camera; return when its name is removed. A camera that is not plugged in stays so."""
         if self._answering is None:
             return
         _write(VHCI / "detach", self._port)
@@ -129,13 +129,13 @@ class UsbCamera:
 
 
 def _write(file: Path, value: object) -> None:
-    """To the kernel in one piece and once: a buffered file tries again as it is closed."""
+    """Write to the kernel in one piece and once; a buffered file would write again when it is closed."""
     with file.open("wb", buffering=0) as kernel:
         kernel.write(f"{value}\n".encode())
 
 
 def _answer_to(request: tuple[int, int, int, int, int]) -> bytes:
-    """A uvc_request_data: the length of the data, or -1 for a stall, and the data."""
+    """Return a uvc_request_data: the length of the data, or -1 for a stall, and the data."""
     request_type, code, value, index, length = request
     if request_type & 0x80 == FROM_HOST:
         return struct.pack("<i60x", length)
@@ -151,7 +151,7 @@ def port_name(port: int) -> Path:
 
 
 def revision(node: Path) -> str:
-    """Which camera is behind a node, as udev read it from the camera itself."""
+    """Return the identity of the camera behind a device, as udev read it from the camera."""
     command = ["udevadm", "info", "--query=property", f"--name={node}"]
     properties = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     return next(line.partition("=")[2] for line in properties if line.startswith("ID_REVISION="))
@@ -159,7 +159,7 @@ def revision(node: Path) -> str:
 
 @pytest.fixture
 def usb_cameras(wait_until: Callable[..., None]) -> Iterator[Callable[[str, str], UsbCamera]]:
-    """Makes a camera of a revision and a serial number, not plugged in yet."""
+    """Create a camera with a revision and a serial number, not plugged in yet."""
     for module in (("libcomposite",), ("usbip-vudc", f"num={PORTS}"), ("vhci-hcd",)):
         subprocess.run(["modprobe", *module], check=True)
     made: list[UsbCamera] = []

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The first process of user-mode Linux. The root is the machine outside, read only; SHARED, its one writable
-# folder, comes from the kernel's command line.
+# The first process of user-mode Linux. The root is that of the machine outside, read only. The kernel's
+# command line gives SHARED, the only writable folder.
 PATH=/usr/sbin:/usr/bin:/sbin:/bin
 mount -t proc proc /proc
 mount -t sysfs sys /sys

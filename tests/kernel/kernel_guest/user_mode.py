@@ -21,7 +21,7 @@ WIDE_REGISTERS = Path(__file__).with_name("wide_registers.c")
 
 
 class UserModeLinux:
-    """A `Machine`."""
+    """User-mode Linux as a `Machine`."""
 
     name = "user-mode-linux"
     limit_s = 600.0
@@ -48,9 +48,9 @@ class UserModeLinux:
         return [
             *_with_wide_registers(folder),
             "linux.uml",
-            "mem=2G",  # a bound; the kernel takes what it touches
+            "mem=2G",  # an upper bound; the kernel allocates only the memory it uses
             *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"),
-            *(f"init={INIT}", f"SHARED={folder}"),  # what the kernel does not know is init's environment
+            *(f"init={INIT}", f"SHARED={folder}"),  # unknown parameters become init's environment
             *("quiet", "con=null", "con0=null,fd:1"),
             f"uml_dir={folder}/",
         ]
@@ -61,7 +61,7 @@ def _has_wide_registers() -> bool:
 
 
 def _with_wide_registers(folder: Path) -> list[str]:
-    """Return what starts user-mode Linux on a processor with wide registers (wide_registers.c)."""
+    """Return the program that starts it on a processor with wide registers (wide_registers.c)."""
     if not _has_wide_registers():
         return []
     library = folder / "wide_registers.so"

@@ -20,12 +20,12 @@ TOOLS = (
     ("mke2fs", "e2fsprogs"),
 )
 
-# What is emulated never speculates: the kernel's guards against that cost a third of a program's start.
+# An emulated processor does not speculate: the kernel's mitigations would cost a third of a program's start.
 BOOT_OPTIONS = "root=/dev/vda rw console=ttyS0 quiet panic=-1 mitigations=off"
 
 
 class VirtualMachine:
-    """A `Machine`."""
+    """The virtual machine as a `Machine`."""
 
     name = "virtual-machine"
     limit_s = 1500.0
