@@ -113,7 +113,9 @@ def test_standard_output_on_a_full_disk(module: str) -> None:
             check=False,
         )
     assert done.returncode == 1
-    assert done.stderr == "error: output cannot be written: no space left on the disk\n"
+    assert done.stderr == (
+        "error: output cannot be written: no space left on the disk; free some space or give another path\n"
+    )
 
 
 def test_csv_and_json_on_standard_output(drawn_dataset: Path, drawn_calibration_file: Path) -> None:

@@ -1,4 +1,4 @@
-"""The host's process on CAN interfaces, with simulated drives and fingertips: disconnected and reconnected."""
+"""The host's process on CAN interfaces, with simulated drives and fingertips: lost and found again."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.atomic_write import write_atomically
-from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.errors import ConfigError, reason_of
 from palpate_edge.common.local_clock import LocalClock, monotonic_us
 
 MAGIC = b"PALPTIME"
@@ -116,7 +116,10 @@ def _mapped(path: Path, access: int) -> memoryview:
             f"{path}: no such file: start palpate-host bus hub --clock {path}, or remove bus.clock"
         ) from None
     except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
+        raise ConfigError(
+            f"{path} cannot be read: {reason_of(error)}; "
+            "bus.clock is the file of palpate-host bus hub --clock"
+        ) from None
     raise ConfigError(
         f"{path} is not the clock of a simulated hand: start palpate-host bus hub --clock again"
     )

@@ -32,7 +32,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.atomic_write import atomic_path
-from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.errors import CaptureError, reason_of
 
 MAGIC = b"PALPRING"
 VERSION = 1
@@ -142,7 +142,10 @@ class RingReader:
         except FileNotFoundError:
             raise
         except OSError as error:
-            raise CaptureError(f"{path} cannot be read: {error.strerror}") from None
+            raise CaptureError(
+                f"{path} cannot be read: {reason_of(error)}; "
+                "give the file of a running writer, readable by this user"
+            ) from None
         try:
             self.format = _read_format(self._map, path)
         except CaptureError:

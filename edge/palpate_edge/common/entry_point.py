@@ -32,7 +32,11 @@ def run_cli(command: click.Command) -> None:
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise
-        _exit_with(f"{error.filename or 'output'} cannot be written: {reason_of(error)}", 1)
+        _exit_with(
+            f"{error.filename or 'output'} cannot be written: {reason_of(error)}; "
+            "free some space or give another path",
+            1,
+        )
 
 
 def _exit_with(message: str, status: int) -> NoReturn:

@@ -34,7 +34,7 @@ SIZE = click.option(
     default=(1280, 720),
     show_default=True,
     metavar="WIDTH HEIGHT",
-    help="Of a camera.",
+    help="Image size of a camera.",
 )
 FPS = click.option(
     "--fps", type=click.FloatRange(1, 240), default=30.0, show_default=True, help="Frame rate of a camera."

@@ -33,7 +33,7 @@ CONFIG = click.option(
     "--socket",
     "control_socket",
     type=click.Path(path_type=Path),
-    help="Where palpate-host command reaches it [default: palpate-host.sock in $RUNTIME_DIRECTORY, ...].",
+    help="Socket for palpate-host command [default: palpate-host.sock in $RUNTIME_DIRECTORY, ...].",
 )
 @click.option(
     "--start",

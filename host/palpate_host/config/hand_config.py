@@ -84,9 +84,8 @@ class ControlConfig(Strict, frozen=True):
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
     turned. integral_per_s: rate at which the error that a proportional law leaves is taken out once the ramp
     is done; 0: as the paper. object_weight_N, position_stiffness_N_m: carry a grasped object, up is the
-    hand's +z; 0: as the paper, whose object has no weight. release_ms: how long the fingers open after the command
-    let go.
-    velocity_joints: the drives turn with torque / B_d: u has then neither gravity nor damping.
+    hand's +z; 0: as the paper, whose object has no weight. release_ms: how long the fingers open after a
+    release. velocity_joints: the drives turn with torque / B_d: u has then neither gravity nor damping.
     force_law, force_per_s: regulate the contact force, and how fast. soft_limit_rad: before the end of a
     joint's range the torque outwards fades. drives_follow: quantity that the drives follow; B_d_Nms_rad,
     speed_limit_rad_s, acceleration_limit_rad_s2: of velocity and position; torque_rate_Nm_s: of torque

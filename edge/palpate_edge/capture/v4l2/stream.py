@@ -18,7 +18,7 @@ from palpate_edge.capture.v4l2.structures import (
     Memory,
     RequestBuffers,
 )
-from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
+from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, reason_of
 
 BUFFERS = 4  # one being filled, one being read, two spare for a late reader
 
@@ -100,7 +100,10 @@ class BufferStream:
             try:
                 self._maps.append(mmap.mmap(self._device.fd, buffer.length, offset=buffer.m.offset))
             except OSError as error:
-                raise CaptureError(f"camera {self._device.path}: no memory map: {error.strerror}") from error
+                raise CaptureError(
+                    f"camera {self._device.path}: its buffers cannot be mapped ({reason_of(error)}): "
+                    "unplug it and plug it in again"
+                ) from error
             self._device.call(Ioctl.QBUF, buffer)
 
     def _take(self) -> RawFrame | None:
