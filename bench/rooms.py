@@ -156,7 +156,7 @@ def _way(everything: list[Room]) -> Iterator[str]:
 
 def table_of_rooms() -> str:
     """Return the Markdown table of all rooms."""
-    lines = ["| room | floor | what lives there | modules |", "|---|---|---|---|"]
+    lines = ["| room | floor | content | modules |", "|---|---|---|---|"]
     for room in rooms():
         what = sentence(room.folder / "__init__.py")
         count = len(modules(room.folder))

@@ -106,7 +106,7 @@ class ReconnectingBus:
     def accept(self, can_ids: Sequence[int]) -> None:
         """Set another receive filter; a bus opened later gets it from `open_bus`."""
         if self._bus is not None:
-            with suppress(BusError):  # the bus is down: `receive` will find out
+            with suppress(BusError):  # the bus is down: `receive` reports it
                 self._bus.accept(can_ids)
 
     def changes(self) -> list[BusStateChange]:

@@ -121,7 +121,7 @@ def _is_direct(path: Path) -> bool:
         if path.is_symlink() and path.readlink().is_relative_to("/proc"):
             return True
         return path.resolve().is_relative_to("/proc") or not stat.S_ISREG(path.stat().st_mode)
-    except OSError:  # not there yet, or not readable: writing it says why
+    except OSError:  # absent, or not readable: the error follows when it is written
         return False
 
 

@@ -42,7 +42,7 @@ class Notifier:
             return
         try:
             self._socket.sendto(text.encode(), self._address)
-        except OSError:  # systemd's queue is full or it restarts: the next message says it again
+        except OSError:  # systemd's queue is full, or it restarts: the next message repeats the state
             return
 
 

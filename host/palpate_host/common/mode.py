@@ -8,16 +8,16 @@ import enum
 class Mode(enum.Enum):
     """Mode of the host."""
 
-    INIT = "init"  # nodes missing: drives off
-    CHECK = "check"  # nodes are there: drives say what they are, all are started
-    HOME = "home"  # drives look for their zero, those that have to
-    READY = "ready"  # drives enabling, torque 0, waiting for the first frames and for a command
+    INIT = "init"  # nodes are missing: drives off
+    CHECK = "check"  # all nodes found: the drives are identified, the nodes started
+    HOME = "home"  # drives without a zero are homed
+    READY = "ready"  # drives are enabled, torque 0; waits for the first frames and for a command
     GRASP = "grasp"  # closing and holding: u_sg
     HOLD = "hold"  # u_sg alone, since turning is not possible now
     MANIPULATE = "manipulate"  # Eqs. (9)-(16), contacts correct the desired frame
     BLIND = "blind"  # Eqs. (9)-(14), desired frame frozen or by joint angles alone
     RELEASE = "release"  # opening, for a time
-    FAULT = "fault"  # something broke: torque 0, drives quick-stopped, then off
+    FAULT = "fault"  # after a fault: torque 0, drives quick-stopped, then off
     STOP = "stop"  # stopped by the operator: the same
 
 
