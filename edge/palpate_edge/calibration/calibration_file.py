@@ -11,13 +11,14 @@ from palpate_edge.common.config_file import json_fault
 from palpate_edge.common.errors import CalibrationError, reason_of
 from palpate_edge.common.type_text import value_text
 from palpate_edge.estimation.calibration import FORMAT, VERSION, Calibration
+from palpate_edge.estimation.pose.pose_calibration import FORMAT as POSE_FORMAT
 from palpate_edge.geometry.sensor import Sensor
 
 AGAIN = "make it again with palpate-edge calibrate"
 
 
-class _Head(msgspec.Struct, frozen=True):
-    """The keys that every version of the file has."""
+class FileHead(msgspec.Struct, frozen=True):
+    """The keys that every kind and version of calibration file has."""
 
     format: str
     version: int
@@ -54,9 +55,13 @@ def load_calibration(path: Path) -> Calibration:
 def _check_version(data: bytes, path: Path) -> None:
     """Refuse a file of another program or version; a damaged one is left to the caller."""
     try:
-        head = msgspec.json.decode(data, type=_Head)
+        head = msgspec.json.decode(data, type=FileHead)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return
+    if head.format == POSE_FORMAT:
+        raise CalibrationError(
+            f"{path} calibrates pose labels, not contacts: use it with palpate-edge estimate or evaluate"
+        )
     if head.format != FORMAT or head.version != VERSION:
         raise CalibrationError(
             f"{path} is {value_text(head.format)} version {head.version}, this program reads "

@@ -15,7 +15,7 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.progress import progress_bar
 
 if TYPE_CHECKING:
-    from palpate_edge.estimation.calibration import Calibration
+    from palpate_edge.estimation.calibration import Calibration, CalibrationSource
 
 
 @click.command()
@@ -37,12 +37,18 @@ def calibrate(
 
     Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
     and the correction model are fitted to the train split of the presses; without presses the correction
-    model is the dome model, and no force is estimated.
+    model is the dome model, and no force is estimated. A DATASET whose truth.csv has pose labels in place of
+    contact places needs no drawing of the sensor (docs/own-sensor.md).
 
     \b
     Example:
       palpate-edge calibrate demo/recording/press -o finger-1.cal
     """
+    from palpate_edge.datasets.pose_dataset import is_pose_dataset  # noqa: PLC0415
+
+    if is_pose_dataset(dataset):
+        _calibrate_pose(dataset, output, no_model or dome_model is not None or picture is not None)
+        return
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.calibration.mounting import UPRIGHT_RAD  # noqa: PLC0415
@@ -62,9 +68,7 @@ def calibrate(
         f"({'bright' if calibration.appearance.bright else 'dark'} on {calibration.appearance.channel}), "
         f"{source.reference_frames} reference frames, {source.presses} presses"
     )
-    for dropped in source.dropped:
-        names = ", ".join(dropped.frames) + (", ..." if dropped.count > len(dropped.frames) else "")
-        click.echo(f"  left out {dropped.count} train frames: {dropped.reason}: {names}")
+    _print_dropped(source)
     click.echo(
         "  camera off by "
         + ", ".join(f"{value:+.2f}" for value in pose.offset_mm)
@@ -93,6 +97,39 @@ def calibrate(
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
     if not calibration.paper.stiffness_N_px:
         click.echo("  no press of known force: no force is estimated")
+
+
+def _calibrate_pose(dataset: Path, output: Path, has_dome_option: bool) -> None:
+    from palpate_edge.calibration.pose.calibrate_pose import calibrate_pose  # noqa: PLC0415
+    from palpate_edge.calibration.pose.pose_calibration_file import save_pose_calibration  # noqa: PLC0415
+    from palpate_edge.datasets.pose_dataset import read_pose_dataset  # noqa: PLC0415
+
+    if has_dome_option:
+        raise DatasetError(
+            f"{dataset} has pose labels: --no-model, --dome-model and --picture need a press dataset; leave "
+            "them out"
+        )
+    with progress_bar("calibrating") as progress:
+        calibration = calibrate_pose(read_pose_dataset(dataset), progress)
+    save_pose_calibration(calibration, output)
+    source, looks = calibration.source, calibration.appearance
+    click.echo(
+        f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
+        f"({'bright' if looks.bright else 'dark'} on {looks.channel}, {calibration.diameter_px:.1f} px), "
+        f"{source.reference_frames} reference frames, {source.presses} presses"
+    )
+    _print_dropped(source)
+    click.echo(
+        f"  estimates {', '.join(calibration.labels)}; "
+        f"contact above {calibration.contact_threshold_px:.2f} px of skin motion"
+    )
+
+
+def _print_dropped(source: CalibrationSource) -> None:
+    """Print how many presses were left out, why, and which."""
+    for dropped in source.dropped:
+        names = ", ".join(dropped.frames) + (", ..." if dropped.count > len(dropped.frames) else "")
+        click.echo(f"  left out {dropped.count} train frames: {dropped.reason}: {names}")
 
 
 def _draw_residuals(dataset: Path, calibration: Calibration, picture: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate_edge.common.atomic_write import STANDARD_OUTPUT
+from palpate_edge.common.errors import CalibrationError
 
 if TYPE_CHECKING:
     from palpate_edge.estimation.estimator import Method
@@ -38,6 +39,14 @@ def method_of(name: str) -> Method | None:
     from palpate_edge.estimation.estimator import Method  # noqa: PLC0415 - slow to import
 
     return None if name == "best" else Method(name)
+
+
+def refuse_method(calibration_path: Path, name: str) -> None:
+    """Raise CalibrationError for a --method with a calibration of pose labels, which has one method only."""
+    if name != "best":
+        raise CalibrationError(
+            f"{calibration_path} calibrates pose labels, which have no method {name}: leave out --method"
+        )
 
 
 def report(text: str, output: Path | None = None) -> None:

@@ -14,6 +14,19 @@ Vector3 = tuple[float, float, float]
 
 MIN_BEADS_SHARE = 0.6  # of the beads that a frame must show; with fewer it is rejected
 
+POSE_LABELS = ("depth_mm", "tilt_x_deg", "tilt_y_deg", "shear_x_mm", "shear_y_mm", "torsion_deg")
+"""Pose of a flat object that is pressed on a sensor (docs/own-sensor.md): columns of truth.csv and of the CSV
+of estimates, in their order there."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelEstimate:
+    """Estimate of a pose label in its unit; with 95 % probability the truth is within half_width95."""
+
+    label: str
+    value: float
+    half_width95: float
+
 
 @dataclass(frozen=True, slots=True)
 class Contact(OptionalQuantities):
@@ -29,6 +42,7 @@ class Contact(OptionalQuantities):
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
     slip: what touches slides over the skin (see slip.py).
+    pose: of a flat object, one estimate for each label that the calibration learned.
     """
 
     sequence: int
@@ -43,6 +57,7 @@ class Contact(OptionalQuantities):
     beads_found: int
     beads_expected: int
     slip: bool = False
+    pose: tuple[LabelEstimate, ...] = ()
 
     @property
     def shear_N(self) -> Vector3 | None:
