@@ -16,6 +16,8 @@ from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
 SPLITS = frozenset({"train", "test"})
+LARGEST = {"t_s": 1e9, "lost": 1e6} | dict.fromkeys(("x_mm", "y_mm", "z_mm"), 1e3)  # others: 1e4
+SMALLEST_RADIUS_MM = 0.1  # of a contact: nearer to the dome's centre there is no direction
 FORCES = ("fn_N", "fx_N", "fy_N", "fz_N")
 
 
@@ -122,6 +124,12 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
             raise DatasetError(
                 f"{path}, line {number}: {column} = {value_text(cell[column])} is not a finite number"
             )
+        largest = LARGEST.get(column, 1e4)
+        if abs(number_read) > largest:
+            raise DatasetError(
+                f"{path}, line {number}: {column} = {value_text(cell[column])} is out of range: it must be "
+                f"{-largest:g} to {largest:g}"
+            )
         return number_read
 
     if Path(cell["frame"]).name != cell["frame"] or cell["frame"] in {"", ".."} or "\0" in cell["frame"]:
@@ -135,11 +143,17 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
     force_N: Vector3 | None = None if touches else (0.0, 0.0, 0.0)
     if any(cell[column] for column in FORCES):
         normal_force_N, force_N = value("fn_N"), (value("fx_N"), value("fy_N"), value("fz_N"))
+    place = (value("x_mm"), value("y_mm"), value("z_mm")) if touches else None
+    if place is not None and math.hypot(*place) < SMALLEST_RADIUS_MM:
+        raise DatasetError(
+            f"{path}, line {number}: x_mm, y_mm, z_mm = {cell['x_mm']}, {cell['y_mm']}, {cell['z_mm']} is "
+            "the dome's centre: give the point of its outer surface, or leave them blank without a contact"
+        )
     return Press(
         frame=cell["frame"],
         split=cell["split"],
         time_s=value("t_s"),
-        position_mm=(value("x_mm"), value("y_mm"), value("z_mm")) if touches else None,
+        position_mm=place,
         normal_force_N=normal_force_N,
         force_N=force_N,
         probe=cell["probe"],

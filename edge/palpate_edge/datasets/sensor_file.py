@@ -6,12 +6,15 @@ import math
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.geometry.sensor import Sensor
+from palpate_edge.geometry.points import spacing
+from palpate_edge.geometry.sensor import Markers, Sensor, bead_layout_mm
 
 MOST_BEADS_IN_A_RING = 1000
+MOST_BEADS = 2000  # of all rings
 MARKER_COUNTS = range(7, 701)  # of a layout to learn
 IMAGE_SIDE_PX = range(16, 8193)
 
@@ -23,7 +26,21 @@ def read_sensor(path: Path) -> Sensor:
     for key, value, is_allowed, allowed in _checks(sensor):
         if not is_allowed:
             raise DatasetError(f"{path}: {key} = {value} is out of range: it must be {allowed}")
+    _check_rings(path, sensor.markers)
     return sensor
+
+
+def _check_rings(path: Path, markers: Markers) -> None:
+    """Refuse rings of too many beads, and beads that lie in each other."""
+    count = sum(ring.count for ring in markers.rings)
+    if count > MOST_BEADS:
+        raise DatasetError(f"{path}: markers.rings have {count} beads: at most {MOST_BEADS} are allowed")
+    nearest_mm = spacing(bead_layout_mm(markers)[0]) if count > 1 else np.array([math.inf])
+    if nearest_mm.min() < 0.5 * markers.diameter_mm:
+        raise DatasetError(
+            f"{path}: two beads of markers.rings are {nearest_mm.min():.2f} mm apart, less than half of "
+            f"markers.diameter_mm = {markers.diameter_mm:g}: correct theta_deg, count and phi0_deg"
+        )
 
 
 def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:

@@ -8,12 +8,12 @@ from palpate_edge.common.arrays import Array, Mask
 
 
 def distances(a: Array, b: Array) -> Array:
-    """Return the distances (n, m) between points (n, 2) and (m, 2)."""
+    """Return the distances (n, m) between points (n, 2) and (m, 2), or in space."""
     return np.asarray(np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2)))
 
 
 def spacing(points: Array) -> Array:
-    """Return the distance (n,) from each of the points (n, 2) to the nearest other one."""
+    """Return the distance (n,) from each of the points (n, 2), or (n, 3), to the nearest other one."""
     distance = distances(points, points)
     np.fill_diagonal(distance, np.inf)
     return np.asarray(distance.min(axis=1))

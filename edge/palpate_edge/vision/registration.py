@@ -137,6 +137,8 @@ def _recognise(
     if len(blobs.strength) < MIN_BEADS_SHARE * count:
         return 0.0, None
     near = _near_layout(blobs, expected_px)
+    if not near.any():
+        return 0.0, None
     start_px = _align(expected_px, blobs.position_px[near][:count])
     spacing_px = spacing(expected_px)
     pose = CameraPose()

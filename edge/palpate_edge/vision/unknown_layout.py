@@ -82,6 +82,7 @@ def beads_without_layout(
     reduced = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     wanted = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
     sizes = [scale * one for one in wanted if scale * one >= MIN_DIAMETER_PX or diameter_px]
+    sizes = [one for one in sizes if one * SIZE_FACTORS[-1] < min(reduced.shape[:2])]
     best_score, best, best_px = 0.0, Appearance(), diameter_px or image.shape[0] / HEIGHT_OVER_DIAMETER[0]
     for appearance in _appearances(image):
         dark = plane(reduced, appearance)

@@ -64,6 +64,9 @@ def test_forces_of_some_contacts_alone_are_refused(tmp_path):
         (GOOD.replace("1.25", "much"), 'line 3: fn_N = "much" is not a finite number'),
         (GOOD.replace("1.25", "nan"), 'line 3: fn_N = "nan" is not a finite number'),
         (GOOD.replace("1.25", "inf"), 'line 3: fn_N = "inf" is not a finite number'),
+        (GOOD.replace("29.9", "1e300"), 'line 3: z_mm = "1e300" is out of range: it must be -1000 to 1000'),
+        (GOOD.replace("1.25", "1e300"), 'line 3: fn_N = "1e300" is out of range: it must be -10000 to 10000'),
+        (GOOD.replace("1.5,-2,29.9", "0,0,0"), "line 3: x_mm, y_mm, z_mm = 0, 0, 0 is the dome's centre"),
         (GOOD.replace("1.5", ""), 'line 3: x_mm = "" is not a finite number'),
         (GOOD.replace("29.9", ""), 'line 3: z_mm = "" is not a finite number'),
         (GOOD.replace("a.jpg", "../../etc/a.jpg"), 'line 3: frame = "../../etc/a.jpg" is not a file name'),
@@ -184,6 +187,7 @@ def test_a_sensor_with_any_number_anywhere_is_refused_or_finite(drawn_dome, tmp_
         ("[190.0, 190.0", "[nan, 190.0", "camera.matrix[0] = nan is not a number"),
         ("[190.0, 190.0", "[190.0", "camera.matrix"),
         ("-45.0]", "inf]", "camera.position_mm = [0.0, 0.0, inf] is out of range: it must be finite"),
+        ("theta_deg = 0, count = 1", "theta_deg = 0, count = 2", "beads of markers.rings are 0.00 mm apart"),
         ("count = 6", "count = 0", "markers.rings[1].count = 0 is out of range: it must be 1 to 1000"),
         (
             "radius_mm = 26.5",
