@@ -30,7 +30,7 @@ NEIGHBOURS = 8  # markers whose motion one is compared with
 MAX_APART = (
     0.5  # of the neighbours' motion: a marker farther from it in half of the frames is none of the skin's
 )
-MAX_SPREAD = 0.25  # of the neighbours' motion: one that bulges or tears says nothing about the marker
+MAX_SCATTER = 0.25  # of the neighbours' motion: one that bulges or tears says nothing about the marker
 MIN_FOUND_SHARE = 0.5  # of the frames
 CHUNK = 500  # frames held while going backwards
 
@@ -76,8 +76,8 @@ class Followed:
     @property
     def doubtful(self) -> Mask:
         """(n,): what is probably no marker: it stays where the skin around it moves, or is rarely found."""
-        motion_px, apart_px, spread_px = self._compared_with_neighbours()
-        moving = (motion_px > HOME_PX) & (spread_px < MAX_SPREAD * motion_px)
+        motion_px, apart_px, scatter_px = self._compared_with_neighbours()
+        moving = (motion_px > HOME_PX) & (scatter_px < MAX_SCATTER * motion_px)
         alien = moving & (apart_px > MAX_APART * motion_px)
         found_share = 0.5 * (self.forth_found.mean(axis=0) + self.back_found.mean(axis=0))
         return np.asarray((alien.sum(axis=0) > 0.5 * moving.sum(axis=0)) | (found_share < MIN_FOUND_SHARE))
@@ -87,11 +87,11 @@ class Followed:
         nearest = np.argsort(distances(self.start_px, self.start_px), axis=1)[:, 1 : NEIGHBOURS + 1]
         motion = self.forth_px - self.start_px
         around = np.stack([np.median(frame[nearest], axis=1) for frame in motion])
-        spread = [
+        scatter = [
             np.median(np.linalg.norm(frame[nearest] - mean[:, None], axis=2), axis=1)
             for frame, mean in zip(motion, around, strict=True)
         ]
-        return np.linalg.norm(around, axis=2), np.linalg.norm(motion - around, axis=2), np.array(spread)
+        return np.linalg.norm(around, axis=2), np.linalg.norm(motion - around, axis=2), np.array(scatter)
 
     @property
     def agreement(self) -> float:

@@ -16,16 +16,16 @@ import numpy as np
 
 from palpate_edge.calibration.training.answer_field import AnswerField, fit_answer_field
 from palpate_edge.calibration.training.compress import compressed
-from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
-from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.calibration.training.spread import (
-    Spread,
-    constant_spread,
-    fit_spread,
+from palpate_edge.calibration.training.confidence_radius import (
+    ConfidenceRadius,
+    constant_radius,
+    fit_radius,
     left_out_residuals,
     strangeness,
 )
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
+from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.common.arrays import Array
 
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
@@ -126,21 +126,21 @@ def fit(
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     progress(1, len(SETTINGS) + 1)
-    own, spread = None, constant_spread(radius_mm)
+    own, radius = None, constant_radius(radius_mm)
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
-        own, spread = _fit_own(projection, base, samples, radius_mm, progress)
+        own, radius = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
     strange = None
     if own is not None and samples is not None and dome is not None:
         strange = strangeness(dome.directions, samples.directions)
-    joined = _joined(base, own, spread, strange)
+    joined = _joined(base, own, radius, strange)
     return Regression(
         projection=projection,
         centres=joined.centres,
         length=joined.length,
         weights=joined.weights,
         offset=joined.offset,
-        hidden_slope=spread.hidden_slope,
+        hidden_slope=radius.hidden_slope,
         stiffness_scale=scale,
         answer_field=answer_field,
     )
@@ -188,7 +188,7 @@ def _fit_own(
     samples: Samples,
     radius_mm: float,
     progress: Callable[[int, int], None],
-) -> tuple[_Expansion, Spread]:
+) -> tuple[_Expansion, ConfidenceRadius]:
     """The sensor's own expansion, and how far left-out presses were missed.
 
     The ridge is the noise of a firm press; that of a faint one is as many times as large as its error may be
@@ -212,7 +212,7 @@ def _fit_own(
         progress(number, len(SETTINGS) + 1)
     assert best is not None
     _, own, error_mm = best
-    return own, fit_spread(gaussian_kernel(points, points, own.length), error_mm, samples, groups, radius_mm)
+    return own, fit_radius(gaussian_kernel(points, points, own.length), error_mm, samples, groups, radius_mm)
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:
@@ -234,18 +234,18 @@ def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array
 
 
 def _joined(
-    base: _Expansion | None, own: _Expansion | None, spread: Spread, strange: Array | None
+    base: _Expansion | None, own: _Expansion | None, radius: ConfidenceRadius, strange: Array | None
 ) -> _Expansion:
     """The sum of both expansions, with the log radius beside it, as one of at most `MOST_CENTRES`.
 
-    strange (d,): spread.strangeness at the dome model's centres, which come first.
+    strange (d,): confidence_radius.strangeness at the dome model's centres, which come first.
     """
     parts = []
     for part in (base, own):
         if part is not None:
-            log_radius = spread.weights if part is own else np.zeros(len(part.centres))
+            log_radius = radius.weights if part is own else np.zeros(len(part.centres))
             parts.append(replace(part, weights=np.column_stack([part.weights, log_radius])))
-    offset = np.append(sum(part.offset for part in parts), spread.level)
+    offset = np.append(sum(part.offset for part in parts), radius.level)
     if len(parts) == 1 and len(parts[0].centres) <= MOST_CENTRES:
         return replace(parts[0], offset=offset)
     centres = np.concatenate([part.centres for part in parts])

@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate_edge.calibration.training.confidence_radius import (
+    STRANGER_DEG,
+    fit_radius,
+    left_out_residuals,
+    strangeness,
+)
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.kernel_ridge import fit
-from palpate_edge.calibration.training.spread import STRANGER_DEG, fit_spread, left_out_residuals, strangeness
 from palpate_edge.estimation.skin_motion import faintness
 
 RADIUS_MM = 30.0
@@ -89,10 +94,10 @@ def test_faint_presses_do_not_widen_the_radius_of_firm_ones(problem):
     error_mm = np.abs(np.random.default_rng(3).standard_normal(100)) * 0.2
     groups = [np.array([press]) for press in range(100)]
     gram = np.exp(-(np.linalg.norm(samples.directions[:, None] - samples.directions[None], axis=2) ** 2))
-    firm = fit_spread(gram, error_mm, samples, groups, RADIUS_MM)
-    mixed = fit_spread(gram, error_mm * faint, replace(samples, faintness=faint), groups, RADIUS_MM)
+    firm = fit_radius(gram, error_mm, samples, groups, RADIUS_MM)
+    mixed = fit_radius(gram, error_mm * faint, replace(samples, faintness=faint), groups, RADIUS_MM)
     assert mixed.level == pytest.approx(firm.level)
-    blind = fit_spread(gram, error_mm * faint, samples, groups, RADIUS_MM)
+    blind = fit_radius(gram, error_mm * faint, samples, groups, RADIUS_MM)
     assert blind.level > firm.level + 0.5
 
 

@@ -1,9 +1,9 @@
-"""Uncertainty of a prediction: errors of presses left out in turn, smoothed and raised to cover 95 %.
+"""The 95 % radius of a prediction: errors of presses left out in turn, smoothed and raised to cover 95 %.
 
-Errors are taken in parts of what a faint touch must err by (motion.faintness) and of what one must that is
+Errors are taken in parts of what a faint touch must err by (skin_motion.faintness) and of what one must that is
 far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
-angle. What is left of them has much the same spread on every sensor, so that few presses need not determine
-all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal distribution.
+angle. What is left of them has much the same distribution on every sensor, so that few presses need not
+determine all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal distribution.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PRIOR_PRESSES = 10  # how many the deviation weighs
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class ConfidenceRadius:
     """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden beads' blind spot."""
 
     level: float
@@ -42,9 +42,9 @@ class Spread:
     hidden_slope: float
 
 
-def constant_spread(radius_mm: float) -> Spread:
+def constant_radius(radius_mm: float) -> ConfidenceRadius:
     """For a sensor of which no press is known; radius_mm: of its dome."""
-    return Spread(float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE)
+    return ConfidenceRadius(float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE)
 
 
 def strangeness(directions: Array, known: Array) -> Array:
@@ -54,9 +54,9 @@ def strangeness(directions: Array, known: Array) -> Array:
     return np.asarray(1.0 + np.abs(theta_deg[:, None] - known_deg).min(axis=1) / STRANGER_DEG)
 
 
-def fit_spread(
+def fit_radius(
     gram: Array, error_mm: Array, samples: Samples, groups: list[NDArray[np.intp]], radius_mm: float
-) -> Spread:
+) -> ConfidenceRadius:
     """From the left-out errors (s,) of the samples and the kernel (s, s) between them."""
     presses = len(groups)
     farther = samples.faintness * _left_out_strangeness(samples, groups)
@@ -70,7 +70,7 @@ def fit_spread(
     inverse = np.linalg.inv(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
     weights = inverse @ rest
     above = left_out_residuals(inverse, weights[:, None], groups)[:, 0]
-    return Spread(float(level) + _upper_limit(above[samples.plain], presses), weights, slope)
+    return ConfidenceRadius(float(level) + _upper_limit(above[samples.plain], presses), weights, slope)
 
 
 def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> Array:
