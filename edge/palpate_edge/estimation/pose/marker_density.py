@@ -1,7 +1,7 @@
 """Marker density: how many markers there are about each point of a grid, whichever markers they are.
 
-It changes smoothly with the skin's deformation and needs no marker's number. Every marker's place is therefore
-predicted from it, and the marker is searched there (pairing.py).
+It needs no marker's number, changes smoothly with the skin's deformation, and predicts where each marker is
+to be searched (pairing.py).
 """
 
 from __future__ import annotations
