@@ -1,9 +1,10 @@
 """The 95 % radius of a prediction: errors of presses left out in turn, smoothed and raised to cover 95 %.
 
-Errors are taken in parts of what a faint touch must err by (skin_motion.faintness) and of what one must that is
-far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
+Errors are taken in parts of what a faint touch must err by (skin_motion.faintness) and of what one must that
+is far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
 angle. What is left of them has much the same distribution on every sensor, so that few presses need not
-determine all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal distribution.
+determine all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal
+distribution.
 """
 
 from __future__ import annotations
