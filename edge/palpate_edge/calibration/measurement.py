@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
@@ -24,10 +23,13 @@ from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
 from palpate_edge.vision.tracker import Tracker
 
-THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion seen without contact
-THRESHOLD_FLOOR_PX = 0.02
+# Contact threshold over the motion that most frames without contact stay below, and over the largest: that is
+# of the worst light, which the noise of its beads mostly tells (skin_motion.Motion).
+OVER_MOST, MOST, OVER_LARGEST = 2.0, 0.75, 1.25
+THRESHOLD_FLOOR_PX = 0.025
 STIFFEST_PERCENTILE = 5  # of the skin's motion a newton, of the lightest third of the presses
 LIGHT_SHARE = 1 / 3
+CLEAR = 0.8  # of a bead's median contrast over the reference frames
 NAMED_FRAMES = 3  # of those dropped for one reason
 NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
 NOT_MOVED = "the skin moves less than the contact threshold"
@@ -71,12 +73,12 @@ def measure(
         if moved.roughness > MAX_ROUGHNESS:
             torn.append(press)  # would teach nonsense; the estimator refuses such a frame
         elif press.position_mm is None:
-            rest_motion.append(moved.size_px)
+            rest_motion.append(moved.size_px / moved.noise)
         else:
             touches.append((press, beads))
-            motion_px.append(moved.size_px)
+            motion_px.append(moved.size_px / moved.noise)
         progress(len(dataset.reference) + number)
-    threshold_px = max(THRESHOLD_FLOOR_PX, THRESHOLD_OVER_NOISE * max(rest_motion))
+    threshold_px = threshold_above(np.array(rest_motion))
     still = [
         press for (press, _), moved_px in zip(touches, motion_px, strict=True) if moved_px <= threshold_px
     ]
@@ -95,6 +97,13 @@ def measure(
             if frames
         ),
     )
+
+
+def threshold_above(rest_px: Array) -> float:
+    """Return the contact threshold, px, from the skin motions (n,) of frames without contact, px; each over
+    its Motion.noise."""
+    most_px, largest_px = float(np.quantile(rest_px, MOST)), float(rest_px.max())
+    return max(THRESHOLD_FLOOR_PX, OVER_MOST * most_px, OVER_LARGEST * largest_px)
 
 
 def force_that_moves(size_px: float, force_N: Array, motion_px: Array) -> float | None:
@@ -139,16 +148,18 @@ def _measure_reference(
     shading = Shading(np.asarray(np.median(slopes, axis=0)), unlit_grey(registration.appearance))
     refiner = Refiner(registration.diameter_px, spacing_px, shading)
     frames = [refiner.refine(dark, registration.position_px) for dark in planes]
-    reference, measured = _reference(registration, frames, shading)
-    skin = SkinMotion(reference)
-    motion = [skin.measure(Beads.from_positions(frame.position_px, measured)).size_px for frame in frames]
+    reference = _reference(registration, frames, shading)
+    tracker, skin = Tracker(reference), SkinMotion(reference)
+    motion = []
+    for dark in planes:
+        tracker.reset()
+        moved = skin.measure(tracker.follow(dark))
+        motion.append(moved.size_px / moved.noise)
     return reference, motion
 
 
-def _reference(
-    registration: Registration, frames: list[Refined], shading: Shading
-) -> tuple[Reference, NDArray[np.bool_]]:
-    """Medians over the frames, and which beads were really measured.
+def _reference(registration: Registration, frames: list[Refined], shading: Shading) -> Reference:
+    """Return the medians over the frames; of the places, over the frames that show the bead clearly.
 
     A bead that the first frame does not show stands where the layout has it and is given the others' looks,
     so that it counts as lost until a bead appears there.
@@ -159,11 +170,21 @@ def _reference(
     measured = np.asarray(registration.seen & (contrast > 0) & (area > 0))
     if not measured.any():
         raise CalibrationError("no bead lies wholly inside the reference frames: check camera.matrix")
-    place = np.median([frame.position_px for frame in frames], axis=0)
+    place = _median_place(frames, contrast)
     measured &= ~repeated(place, 0.5 * float(registration.diameter_px.min()))  # refined onto another bead
     place = np.where(measured[:, None], place, registration.position_px)
     contrast, area, unevenness = (
         np.where(measured, value, np.median(value[measured])) for value in (contrast, area, unevenness)
     )
     shading = Shading(np.where(measured[:, None], shading.slope, 0.0), shading.unlit)
-    return Reference(place, registration.diameter_px, contrast, area, shading, unevenness), measured
+    return Reference(place, registration.diameter_px, contrast, area, shading, unevenness)
+
+
+def _median_place(frames: list[Refined], contrast: Array) -> Array:
+    """Return the median places (n, 2) over the frames that show the bead with `CLEAR` of its contrast (n,).
+
+    Room light washes beads out in some frames; half of the frames or more show each clearly.
+    """
+    places = np.array([frame.position_px for frame in frames])
+    clear = np.array([frame.contrast for frame in frames]) >= np.minimum(CLEAR * contrast, contrast)
+    return np.asarray(np.nanmedian(np.where(clear[..., None], places, np.nan), axis=0))

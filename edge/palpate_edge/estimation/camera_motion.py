@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import mean_over_found, rms, row_normalised
+from palpate_edge.vision.neighbourhood import rms, row_normalised, weighted_mean
 
 MOTIONS = 6
 DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
@@ -42,20 +42,21 @@ class CameraMotion:
 
     def split(self, displacement_px: Array, beads: Beads) -> SplitMotion:
         """Split a displacement (n, 2); only found beads determine the common part."""
-        if not len(beads.lost):
+        if beads.all_exact:
             common = (self._flat_modes @ (self._fit @ displacement_px.ravel())).reshape(-1, 2)
             return SplitMotion(common, displacement_px - common)
         found = beads.found
         modes = self._modes[found].reshape(-1, MOTIONS)
-        amounts = np.linalg.solve(modes.T @ modes, modes.T @ displacement_px[found].ravel())
+        weighted = modes.T * np.repeat(beads.weight[found], 2)
+        amounts = np.linalg.solve(weighted @ modes, weighted @ displacement_px[found].ravel())
         common = (self._flat_modes @ amounts).reshape(-1, 2)
         return SplitMotion(common, np.where(found[:, None], displacement_px - common, 0.0))
 
     def dent_size_px(self, dent_px: Array, beads: Beads) -> float:
         """Return the root mean square, over the found beads, of the dent averaged over their neighbours."""
-        if not len(beads.lost):
+        if beads.all_exact:
             return rms(self._averaging_all @ dent_px.astype(np.float32))
-        return rms(mean_over_found(self._averaging, dent_px, beads.found)[beads.found])
+        return rms(weighted_mean(self._averaging, dent_px, beads.weight)[beads.found])
 
 
 def camera_modes(position_px: Array) -> Array:

@@ -45,7 +45,11 @@ class CanonicalField:
 
 @dataclass(frozen=True, slots=True)
 class HiddenBeads:
-    """The beads (h,) that were not found; covariance (h, h) of their displacement given the found ones'."""
+    """The beads (h,) that were not found or are inexact.
+
+    covariance (h, h): of their displacement given the other beads', where the inexact beads' own measurement
+    counts by its noise and a hidden one's not at all.
+    """
 
     beads: Indices
     covariance: Array
@@ -90,10 +94,15 @@ class DisplacementReader:
         self._beads_32 = self._beads.T.astype(np.float32)
 
     def hidden(self, beads: Beads) -> HiddenBeads:
-        """Return the beads that were not found, and how well the found ones determine them."""
-        if not len(beads.lost):
+        """Return the beads that were not found or are inexact, and how well the others determine them."""
+        if beads.all_exact:
             return NONE_HIDDEN
-        return HiddenBeads(beads.lost, np.linalg.inv(self._inverse[np.ix_(beads.lost, beads.lost)]))
+        if beads.noise is None:
+            return HiddenBeads(beads.lost, np.linalg.inv(self._inverse[np.ix_(beads.lost, beads.lost)]))
+        some = np.flatnonzero((beads.noise > 1.0) | ~beads.found)
+        noise = beads.noise[some].astype(np.float64)
+        added = np.where(beads.found[some], 1.0 / (BEAD_NOISE * (noise**2 - 1.0) + 1e-12), 0.0)
+        return HiddenBeads(some, np.linalg.inv(self._inverse[np.ix_(some, some)] + np.diag(added)))
 
     def read(self, beads: Beads, turn_rad: float = 0.0, hidden: HiddenBeads | None = None) -> CanonicalField:
         """Return the canonical field of one frame.
@@ -116,13 +125,13 @@ class DisplacementReader:
         return CanonicalField(values, azimuth_rad, hidden.blind_spot)
 
     def _filled(self, displacement_mm: Array, found: Mask, hidden: HiddenBeads) -> Array:
-        """Return the displacement (n, 3) with the hidden beads' predicted from the found ones.
+        """Return the displacement (n, 3) with the hidden beads' predicted from the others, and the inexact
+        beads' moved towards their prediction.
 
-        The hidden beads' weights are then 0: the field depends on the found beads alone.
+        The hidden beads' weights are then 0 and the inexact ones' small (Woodbury's identity).
         """
-        residual = self._inverse[hidden.beads] @ (displacement_mm * found[:, None])
-        filled = displacement_mm.copy()
-        filled[hidden.beads] = -hidden.covariance @ residual
+        filled = displacement_mm * found[:, None]
+        filled[hidden.beads] -= hidden.covariance @ (self._inverse[hidden.beads] @ filled)
         return filled
 
     def _azimuth_rad(self, displacement_mm: Array) -> float:

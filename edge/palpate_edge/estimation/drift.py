@@ -42,7 +42,8 @@ class Drift:
 
     def compensate(self, beads: Beads) -> Beads:
         """Return the beads as they would be seen without the drift."""
-        return Beads(beads.position_px - self._drift_px, beads.found, beads.lost, beads.searched)
+        position_px = beads.position_px - self._drift_px
+        return Beads(position_px, beads.found, beads.lost, beads.searched, beads.doubt, beads.noise)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""

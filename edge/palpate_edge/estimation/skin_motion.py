@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import mean_over_found, rms, row_normalised
+from palpate_edge.vision.neighbourhood import rms, row_normalised, weighted_mean
 
 AVERAGING_LENGTH = 2.0  # spacings
 MAX_ROUGHNESS = 0.12  # spacings; see Motion
@@ -27,12 +27,14 @@ class Motion(NamedTuple):
     displacement_px (n, 2). size_px: root mean square of the averaged displacement. roughness: root mean
     square difference between a bead's displacement and its neighbours' mean, in spacings. Skin stretches
     smoothly: roughness is 0.003 untouched and at most 0.052 in the press sample and sequences; beads of
-    another dome taken for this one's give 0.28.
+    another dome taken for this one's give 0.28. noise: by how much the hidden, dim and glaring beads of the
+    frame make size_px less exact, 1 where all beads are seen as in the reference frames.
     """
 
     displacement_px: Array
     size_px: float
     roughness: float
+    noise: float = 1.0
 
 
 class SkinMotion:
@@ -43,6 +45,10 @@ class SkinMotion:
         self._reference_px = reference.position_px
         self._spacing_px = neighbourhood.spacing_px
         self._averaging = neighbourhood.weights(AVERAGING_LENGTH)
+        self._averaging_squared = self._averaging**2
+        self._variance = float(
+            (self._averaging_squared.sum(axis=1) / self._averaging.sum(axis=1) ** 2).mean()
+        )
         self._neighbours = neighbourhood.weights(1.0)
         np.fill_diagonal(self._neighbours, 0.0)
         roughness = np.eye(len(self._spacing_px)) - row_normalised(self._neighbours)
@@ -52,12 +58,27 @@ class SkinMotion:
     def measure(self, beads: Beads) -> Motion:
         """Return the motion of the found beads."""
         displacement, found = beads.position_px - self._reference_px, beads.found
-        if not len(beads.lost):
+        if beads.all_exact:
             both = self._average_and_roughness @ displacement.astype(np.float32)
             return Motion(displacement, rms(both[: len(found)]), rms(both[len(found) :]))
-        average = mean_over_found(self._averaging, displacement, found)
-        rough = displacement - mean_over_found(self._neighbours, displacement, found)
-        return Motion(displacement, rms(average[found]), rms((rough / self._spacing_px[:, None])[found]))
+        weight = beads.weight
+        average = weighted_mean(self._averaging, displacement, weight)
+        rough = displacement - weighted_mean(self._neighbours, displacement, weight)
+        rough *= (np.sqrt(weight) / self._spacing_px)[:, None]
+        return Motion(displacement, rms(average[found]), rms(rough[found]), self._noise(beads))
+
+    def _noise(self, beads: Beads) -> float:
+        """Return Motion.noise: the averages' variance over that with all beads exact.
+
+        A mean with weights a w, w = 1 / variance, has the variance sum(a^2 w) / sum(a w)^2. Its root would be
+        the noise if the beads' errors were independent; but neighbours are in the same light, and untouched
+        frames of a sensor in strong room light show that it grows as the variance itself.
+        """
+        if not beads.found_count:
+            return 1.0
+        weight = beads.weight
+        variance = self._averaging_squared @ weight / np.maximum(self._averaging @ weight, 1e-9) ** 2
+        return max(1.0, float(variance[beads.found].mean()) / self._variance)
 
 
 def faintness(motion_px: float, threshold_px: float) -> float:

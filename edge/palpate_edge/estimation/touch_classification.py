@@ -1,6 +1,7 @@
 """Touch classification: whether a frame shows an untouched skin, a contact, or a knocked camera.
 
-- Skin motion below the contact threshold: nothing touches, and the drift is followed.
+- Skin motion below the contact threshold times the noise of the frame's beads: nothing touches, the drift
+  is followed.
 - Above it, but common to all beads and no farther than drift can have moved since it was last followed:
   nothing touches either; a contact hid the drift and has ended. A large motion is followed at once. A faint
   contact at the apex displaces the beads almost in common as well, so a small motion is followed only after
@@ -51,24 +52,29 @@ class TouchClassifier:
         self._last_us = exposed_at_us
         self._drift.elapse(elapsed_s)
         split = self._camera_motion.split(motion.displacement_px, beads)
-        above_threshold = motion.size_px > self._threshold_px
-        state = self._state(split, beads, motion.size_px) if above_threshold else SkinState.UNTOUCHED
+        threshold_px = self._threshold_px * motion.noise
+        above_threshold = motion.size_px > threshold_px
+        state = (
+            self._state(split, beads, motion.size_px, threshold_px)
+            if above_threshold
+            else SkinState.UNTOUCHED
+        )
         self._catching_up = state is SkinState.KNOCKED
         if state is SkinState.TOUCHED:
             self._frames_without_contact = 0
             return state
         self._frames_without_contact += 1
-        large = motion.size_px > LARGE * self._threshold_px
+        large = motion.size_px > LARGE * threshold_px
         if not above_threshold or large or self._frames_without_contact > STEADY_FRAMES:
             self._drift.follow_motion(split, elapsed_s, at_once=large)
         return state
 
-    def _state(self, split: SplitMotion, beads: Beads, motion_px: float) -> SkinState:
-        """Return the state of a skin whose motion is above the threshold."""
+    def _state(self, split: SplitMotion, beads: Beads, motion_px: float, threshold_px: float) -> SkinState:
+        """Return the state of a skin whose motion is above the frame's threshold."""
         dent_px = self._camera_motion.dent_size_px(split.dent_px, beads)
-        if dent_px > MAX_DENT_NOISE * self._threshold_px + MAX_DENT_SHARE * motion_px:
+        if dent_px > MAX_DENT_NOISE * threshold_px + MAX_DENT_SHARE * motion_px:
             return SkinState.TOUCHED
         if self._drift.explains(split.common_px):
             return SkinState.UNTOUCHED
-        knocked = self._catching_up or motion_px > KNOCKED * self._threshold_px
+        knocked = self._catching_up or motion_px > KNOCKED * threshold_px
         return SkinState.KNOCKED if knocked else SkinState.TOUCHED

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Indices, Mask
+from palpate_edge.common.arrays import Array, Floats, Indices, Mask
 from palpate_edge.vision.neighbourhood import Neighbourhood
 from palpate_edge.vision.shading import Shading
 
@@ -41,7 +41,8 @@ class Beads:
 
     position_px (n, 2): measured where `found` (n,), else predicted from the found neighbours; lost (m,):
     the beads that were not found; searched: the whole image had to be searched; doubt: Match.doubt of that
-    search, 0 without one.
+    search, 0 without one; noise (n,): standard deviation of each place over that in the reference frames,
+    None where it is 1 for all.
     """
 
     position_px: Array
@@ -49,16 +50,35 @@ class Beads:
     lost: Indices
     searched: bool
     doubt: float = 0.0
+    noise: Floats | None = None
 
     @classmethod
     def from_positions(
-        cls, position_px: Array, found: Mask, *, searched: bool = False, doubt: float = 0.0
+        cls,
+        position_px: Array,
+        found: Mask,
+        *,
+        searched: bool = False,
+        doubt: float = 0.0,
+        noise: Floats | None = None,
     ) -> Beads:
         """Return the beads at `position_px` (n, 2), of which `found` (n,) were measured."""
         lost = NO_BEADS if found.all() else np.flatnonzero(~found)
-        return cls(position_px, found, lost, searched, doubt)
+        return cls(position_px, found, lost, searched, doubt, noise)
 
     @property
     def found_count(self) -> int:
         """Number of beads that were found."""
         return len(self.found) - len(self.lost)
+
+    @property
+    def all_exact(self) -> bool:
+        """Whether all beads were found, each as exactly as in the reference frames."""
+        return self.noise is None and not len(self.lost)
+
+    @property
+    def weight(self) -> Array:
+        """Weight (n,) of each bead in a mean over beads: 0 where it was not found, 1 where it is exact."""
+        if self.noise is None:
+            return self.found.astype(np.float64)
+        return np.where(self.found, 1.0 / self.noise.astype(np.float64) ** 2, 0.0)

@@ -74,9 +74,10 @@ def row_normalised(weight: Array) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
 
 
-def mean_over_found(weight: Array, values: Array, found: Mask) -> Array:
-    """Return the weighted means (n, k) of the found beads' `values` (n, k), by weights (n, n)."""
-    sums = weight @ np.column_stack([values * found[:, None], found])
+def weighted_mean(weight: Array, values: Array, bead_weight: Array) -> Array:
+    """Return the weighted means (n, k) of the beads' `values` (n, k), by weights (n, n) of the neighbourhood
+    times the weight (n,) of each bead."""
+    sums = weight @ np.column_stack([values * bead_weight[:, None], bead_weight])
     return np.asarray(sums[:, :-1] / np.maximum(sums[:, -1:], 1e-12))
 
 

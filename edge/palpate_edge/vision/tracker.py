@@ -64,7 +64,7 @@ class Tracker:
         labelling = self._in_windows(self._last_px)
         if self._has_jumped(labelling):
             labelling = self._after_jump(labelling)
-        beads = Beads.from_positions(*labelling)
+        beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
         if len(beads.lost) > MAX_LOST_SHARE * len(beads.found):
             self.counters.searches += 1
             beads = self._in_whole_image(dark)
@@ -122,10 +122,14 @@ class Tracker:
         matched = match.found
         blob_px = blobs.position_px[match.blob] if len(blobs.strength) else match.predicted_px
         expected_px = np.where(matched[:, None], blob_px, match.predicted_px)
-        position_px, found = self._windows.measure_blobs(expected_px)
-        found &= matched
+        position_px, found = expected_px, np.zeros_like(matched)
+        beads = np.flatnonzero(matched)
+        if len(beads):
+            position_px[beads], found[beads] = self._windows.find_matched(expected_px[beads], beads)
         position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
-        return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)
+        return Beads.from_positions(
+            position_px, found, searched=True, doubt=match.doubt, noise=self._windows.noise(found)
+        )
 
     def _complete(self, labelling: Labelling) -> Labelling:
         """Retry the missing beads and drop doubles; changes both arrays in place."""
@@ -141,6 +145,6 @@ class Tracker:
             if not len(missing) or len(missing) > MAX_RETRIED_SHARE * len(found):
                 return
             expected_px = self._neighbourhood.predict(position_px, found, missing)
-            position_px[missing], found[missing] = self._windows.find_beads(expected_px, missing)
+            position_px[missing], found[missing] = self._windows.find_predicted(expected_px, missing)
             if not found[missing].any():
                 return

@@ -11,9 +11,16 @@ from palpate_edge.vision.subpixel import Refined, Refiner
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
-MIN_BLOB_CONTRAST_SHARE = 0.1  # the same, of a blob that was matched with the bead
-MAX_BLOB_STEP = 0.35  # of the spacing, from that blob
 MAX_STEP = 0.45  # of the spacing, from the expected place
+# Of a bead whose place its neighbours predict: light may be dim, and beside glare.
+MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.3
+# Of a bead whose blob was matched with it.
+MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
+# Places of dim beads and of beads beside glare are less exact: on a sensor in strong room light the error is
+# 0.2 px over the contrast's share, 0.5 px with an unevenness at its limit and 1 px with 0.1 more.
+DIM = 0.7  # of the contrast; lighter beads are exact
+GLARE_NOISE, GLARE_NOISE_PER_UNEVENNESS = 2.5, 25.0  # at the limit, and beyond
+MAX_NOISE = 10.0
 
 
 class WindowSearch:
@@ -22,74 +29,80 @@ class WindowSearch:
     def __init__(self, reference: Reference) -> None:
         spacing_px = reference.neighbourhood.spacing_px
         self._refiner = Refiner(reference.diameter_px, spacing_px, reference.shading)
-        self._acceptance = _Acceptance(reference)
-
-    def load(self, dark: Plane) -> None:
-        """Take the plane in which :meth:`find_beads` searches until the next one is loaded."""
-        self._refiner.load(dark)
-
-    def find_beads(self, expected_px: Array, beads: Indices | None = None) -> tuple[Array, Mask]:
-        """Return places (m, 2) of `beads` (m,), all if None, and which of them (m,) were found.
-
-        expected_px (m, 2): where the windows are placed.
-        """
-        refined = self._refiner.centroids(expected_px, beads)
-        return refined.position_px, self._acceptance.accept(refined, expected_px, beads)
-
-    def measure_blobs(self, blob_px: Array) -> tuple[Array, Mask]:
-        """Return places (n, 2) of all beads at their blobs (n, 2), and which (n,) of them can be measured.
-
-        The blobs are known to be the beads: dim and overexposed ones pass as well, and glare beside them.
-        """
-        refined = self._refiner.centroids(blob_px)
-        return refined.position_px, self._acceptance.accept_blob(refined, blob_px)
-
-
-class _Acceptance:
-    """Compares what a window holds with the bead of the reference frames."""
-
-    def __init__(self, reference: Reference) -> None:
-        spacing_px = reference.neighbourhood.spacing_px
-        self._min_contrast = (MIN_CONTRAST_SHARE * reference.contrast).astype(np.float32)
+        self._spacing_squared = spacing_px**2
+        self._contrast = np.maximum(reference.contrast, 1e-3).astype(np.float32)
         self._min_area, self._max_area = ((share * reference.area).astype(np.float32) for share in AREA_RANGE)
-        self._max_step_squared = (MAX_STEP * spacing_px) ** 2
-        self._max_blob_step_squared = (MAX_BLOB_STEP * spacing_px) ** 2
-        self._min_blob_contrast = (MIN_BLOB_CONTRAST_SHARE * reference.contrast).astype(np.float32)
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._max_unevenness = np.full(spacing_px.shape, unevenness + MAX_ADDED_UNEVENNESS, np.float32)
         self._noise_unevenness = 0.0
+        self._contrast_share = np.ones_like(self._contrast)
+        self._excess = np.zeros_like(self._contrast)
 
-    def accept(self, refined: Refined, expected_px: Array, beads: Indices | None) -> Mask:
-        """Return which (m,) of the refined places really show their bead."""
-        chosen = slice(None) if beads is None else beads
-        step = refined.position_px - expected_px
-        found = refined.converged & (refined.contrast > self._min_contrast[chosen])
-        found &= refined.area > self._min_area[chosen]
-        found &= refined.area < self._max_area[chosen]
-        found &= np.vecdot(step, step) < self._max_step_squared[chosen]
-        if beads is None:
-            found &= self._is_even(refined.unevenness)
-        else:
-            found &= refined.unevenness < self._max_unevenness[beads] + self._noise_unevenness
-        return np.asarray(found)
+    def load(self, dark: Plane) -> None:
+        """Take the plane that is measured until the next one is loaded."""
+        self._refiner.load(dark)
 
-    def accept_blob(self, refined: Refined, blob_px: Array) -> Mask:
-        """Return which (n,) of the refined places still belong to their blob."""
-        step = refined.position_px - blob_px
-        found = np.vecdot(step, step) < self._max_blob_step_squared
-        found &= refined.contrast > self._min_blob_contrast
+    def find_beads(self, expected_px: Array) -> tuple[Array, Mask]:
+        """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads."""
+        refined = self._refiner.centroids(expected_px)
+        self._contrast_share = refined.contrast / self._contrast
+        found = refined.converged & (self._contrast_share > MIN_CONTRAST_SHARE)
+        found &= refined.area > self._min_area
         found &= refined.area < self._max_area
-        return np.asarray(found)
+        step = refined.position_px - expected_px
+        found &= np.vecdot(step, step) < MAX_STEP**2 * self._spacing_squared
+        found &= self._is_even(refined)
+        return refined.position_px, found
 
-    def _is_even(self, unevenness: Floats) -> Mask:
+    def find_predicted(self, expected_px: Array, beads: Indices) -> tuple[Array, Mask]:
+        """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), as their neighbours predict them,
+        and which (m,) were found."""
+        refined, step_squared = self._measure(expected_px, beads)
+        found = refined.converged & (self._contrast_share[beads] > MIN_PREDICTED_CONTRAST_SHARE)
+        found &= refined.area > self._min_area[beads]
+        found &= refined.area < self._max_area[beads]
+        found &= step_squared < MAX_PREDICTED_STEP**2
+        return refined.position_px, found
+
+    def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
+        """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured."""
+        refined, step_squared = self._measure(blob_px, beads)
+        found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
+        found &= refined.area < self._max_area[beads]
+        found &= step_squared < MAX_BLOB_STEP**2
+        return refined.position_px, found
+
+    def noise(self, found: Mask) -> Floats | None:
+        """Return the standard deviation (n,) of each found bead's place over that in the reference frames;
+        None where it is 1 for all."""
+        dim = self._contrast_share < DIM
+        glare = self._excess > 0
+        inexact = (dim | glare) & found
+        if not inexact.any():
+            return None
+        noise = np.where(dim, 1.0 / np.maximum(self._contrast_share, 1e-3), 1.0)
+        by_glare = GLARE_NOISE + GLARE_NOISE_PER_UNEVENNESS * self._excess
+        noise = np.where(glare, np.maximum(noise, by_glare), noise)
+        return np.where(inexact, np.minimum(noise, MAX_NOISE), 1.0).astype(np.float32)
+
+    def _measure(self, start_px: Array, beads: Indices) -> tuple[Refined, Array]:
+        """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
+        refined = self._refiner.centroids(start_px, beads)
+        self._contrast_share[beads] = refined.contrast / self._contrast[beads]
+        self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
+        step = refined.position_px - start_px
+        return refined, np.asarray(np.vecdot(step, step) / self._spacing_squared[beads])
+
+    def _is_even(self, refined: Refined) -> Mask:
         """Return which of all beads (n,) have no glare beside them; its edge would displace the centroid.
 
         Unevenness that most beads share is camera noise: it is added to the limit until the next call.
         """
-        even = unevenness < self._max_unevenness
+        self._excess = refined.unevenness - self._max_unevenness
+        even = self._excess < 0
         self._noise_unevenness = 0.0
         if not even.all():
-            excess = unevenness - self._max_unevenness
-            self._noise_unevenness = max(0.0, float(np.median(excess)) + MAX_ADDED_UNEVENNESS)
-            even = excess < self._noise_unevenness
+            self._noise_unevenness = max(0.0, float(np.median(self._excess)) + MAX_ADDED_UNEVENNESS)
+            self._excess -= self._noise_unevenness
+            even = self._excess < 0
         return np.asarray(even)

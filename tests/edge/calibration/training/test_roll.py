@@ -46,7 +46,7 @@ def test_a_camera_whose_layout_is_known_has_none(sample, measured):
 
 def test_a_camera_turned_by_hand_is_turned_back(sample, measured):
     wrong = turned(measured, sample.sensor, -ROLL_RAD)
-    assert found_roll(sample, wrong) == pytest.approx(ROLL_RAD, abs=0.005)
+    assert found_roll(sample, wrong) == pytest.approx(ROLL_RAD, abs=0.006)
 
 
 def test_turning_changes_no_picture(sample, measured):
