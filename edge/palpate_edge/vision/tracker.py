@@ -22,7 +22,7 @@ MAX_RETRIES = 3
 MAX_LOST_SHARE = 0.1  # of the beads, in windows; with more lost the whole image is searched
 MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict none
 MAX_LOST_AFTER_JUMP = 0.02  # a shift by one row loses the beads of one side
-MAX_DOUBT = 0.1  # Match.doubt of a frame that the next one may start from
+MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
 MIN_STRENGTH = 0.7  # grey levels
 BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
@@ -67,7 +67,9 @@ class Tracker:
         beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
         if len(beads.lost) > MAX_LOST_SHARE * len(beads.found):
             self.counters.searches += 1
-            beads = self._in_whole_image(dark)
+            searched = self._in_whole_image(dark)
+            if searched.found_count > beads.found_count:
+                beads = searched
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)

@@ -13,7 +13,7 @@ AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
 MAX_STEP = 0.45  # of the spacing, from the expected place
 # Of a bead whose place its neighbours predict: light may be dim, and beside glare.
-MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.3
+MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.45
 # Of a bead whose blob was matched with it.
 MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
 # Places of dim beads and of beads beside glare are less exact: on a sensor in strong room light the error is

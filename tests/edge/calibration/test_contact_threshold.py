@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.measurement import force_that_moves
+from palpate_edge.calibration.measurement import THRESHOLD_FLOOR_PX, force_that_moves, threshold_above
 
 
 def test_it_is_the_force_at_which_the_stiffest_place_moves_so_far():
@@ -26,3 +26,14 @@ def test_presses_of_no_known_force_tell_none():
     assert force_that_moves(0.02, np.zeros(5), np.ones(5)) is None
     assert force_that_moves(0.02, np.zeros(0), np.zeros(0)) is None
     assert force_that_moves(0.02, np.array([0.0, 0.5]), np.array([9.0, 1.0])) == pytest.approx(0.01)
+
+
+def test_one_bad_frame_does_not_set_the_threshold_of_all():
+    quiet = np.linspace(0.04, 0.06, 20)
+    assert threshold_above(quiet) == pytest.approx(2 * 0.055)
+    assert threshold_above(np.append(quiet, 0.1)) < 0.13
+    assert threshold_above(np.append(quiet, 0.1)) > 0.1
+
+
+def test_no_threshold_is_lower_than_what_warming_moves_between_frames():
+    assert threshold_above(np.full(9, 1e-4)) == THRESHOLD_FLOOR_PX

@@ -171,3 +171,35 @@ def test_labels_hold_from_one_touch_to_the_opposite_one(another_dome):
     error = np.linalg.norm(beads.position_px - (rest - aside), axis=1)
     assert (error[beads.found] < 0.3).all()
     assert beads.found.mean() > 0.95
+
+
+def dimmed(picture, places, share):
+    """Beads at `places` with that share of their contrast to the skin beside them."""
+    rows, columns = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    picture = picture.astype(np.float32)
+    for x, y in places:
+        beside = picture[round(y), round(x + 0.5 * SPACING_PX)]
+        near = np.hypot(columns - x, rows - y) < 0.45 * SPACING_PX
+        picture[near] = beside + share * (picture[near] - beside)
+    return picture
+
+
+def test_beads_in_dim_light_are_found_and_known_to_be_less_exact(skin):
+    reference, draw = skin
+    dim = [17, 24, 25, 31]
+    picture = dimmed(draw(grid()), grid()[dim], 0.28)
+    beads = Tracker(reference).follow(picture)
+    assert beads.found.all()
+    assert beads.noise is not None
+    exact = np.setdiff1d(np.arange(49), dim)
+    assert (beads.noise[dim] > 2.0).all()
+    assert (beads.noise[exact] == 1.0).all()
+    assert np.linalg.norm(beads.position_px - grid(), axis=1).max() < 0.6
+
+
+def test_in_the_reference_frames_light_all_beads_are_exact(skin):
+    reference, draw = skin
+    beads = Tracker(reference).follow(draw(grid()))
+    assert beads.noise is None
+    assert beads.all_exact
+    assert (beads.weight == 1.0).all()
