@@ -37,7 +37,7 @@ class Mounting:
 def find_mounting(seen_rad: Array, places_mm: Array) -> Mounting:
     """Return the mounting by the azimuths (n,) in the image and the places (n, 3) of the presses.
 
-    It is upright where the presses are too few, too near to the apex or too contradictory to tell.
+    It is upright where the presses are too few, too near to the apex or too contradictory to decide.
     """
     lateral = np.linalg.norm(places_mm[:, :2], axis=1) / np.linalg.norm(places_mm, axis=1)
     clear = lateral > MIN_LATERAL

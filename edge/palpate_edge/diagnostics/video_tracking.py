@@ -69,7 +69,7 @@ class Followed:
 
     @property
     def moved(self) -> Mask:
-        """(n,): markers whose neighbours moved; for the others a return to the start says nothing."""
+        """(n,): markers whose neighbours moved; for the others a return to the start proves nothing."""
         motion_px, _, _ = self._compared_with_neighbours()
         return np.asarray((motion_px > HOME_PX).any(axis=0))
 

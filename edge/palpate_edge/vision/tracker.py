@@ -1,7 +1,7 @@
 """Tracking: every bead keeps its number, in a video as in single frames.
 
 A frame is read in small windows around the last places. Where beads jumped, the windows also start from the
-reference. Such labels are believed when nearly all beads are there and move as one skin. Otherwise the blobs
+reference. Such labels are accepted when nearly all beads are there and move as one skin. Otherwise the blobs
 of the whole image are matched with the beads by topology (correspondence.py), which takes a millisecond.
 """
 

@@ -140,7 +140,7 @@ def _undisturbed(found: _Candidates) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What the beads of one picture share: a least contrast; lamps: saturated blobs are reflections."""
+    """Limits shared by the beads of one picture: a least contrast; lamps: saturated blobs are reflections."""
 
     least_contrast: float
     lamps: bool
