@@ -2,8 +2,8 @@
 
 Labels of one kind (both tilts, both shears) share a kernel and its metric. The half width of an interval
 follows the size of errors about a press: their logarithm is regressed on the same points, and raised until
-95 % of the errors are within. These errors are of presses that neither the fit nor the metric has seen: the
-metric is learned from one half of the presses, the errors are those of the other half, left out one by one.
+95 % of the errors are within. These errors are of presses that neither the fit nor the metric has seen: they
+are left out one by one from the fit, and in parts from the learning of the metric.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from palpate_edge.estimation.pose.pose_calibration import LabelGroup
 COVERAGE = 0.95
 FLOOR = 0.1  # of the median error, added before the logarithm
 MOST_FOR_ERRORS = 2400  # presses whose errors the intervals are learned from
+MANY_PRESSES = 600
+PARTS_OF_FEW, PARTS_OF_MANY = 5, 2  # few presses lose much with each one that the metric has not seen
 SPREAD_POWERS, SPREAD_LENGTHS = (0.0, 0.5), (1.0, 2.0, 4.0)
 
 
@@ -46,9 +48,10 @@ def _fit_spread(points: Array, variance: Array, targets: Array, places: list[lis
     """Fit the logarithm of half widths (k,)."""
     some = np.linspace(0, len(points) - 1, min(len(points), MOST_FOR_ERRORS)).astype(np.intp)
     error = np.empty((len(some), targets.shape[1]))
-    even = np.arange(len(some)) % 2 == 0
-    for half in (even, ~even):
-        error[~half] = _errors(points[some], variance, targets[some], places, half)[~half]
+    parts = PARTS_OF_FEW if len(some) <= MANY_PRESSES else PARTS_OF_MANY
+    for part in range(parts):
+        unseen = np.arange(len(some)) % parts == part
+        error[unseen] = _errors(points[some], variance, targets[some], places, ~unseen)[unseen]
     log_error = np.log(error + FLOOR * np.median(error, axis=0) + 1e-9)
     (settings,) = choose_settings(points[some], variance, [log_error], SPREAD_POWERS, SPREAD_LENGTHS)
     fitted = fit(points[some], settings.metric(variance), log_error, settings.ridge)
@@ -60,10 +63,10 @@ def _fit_spread(points: Array, variance: Array, targets: Array, places: list[lis
     return Expansion(fitted.expansion.metric, packed(weights), packed(offset))
 
 
-def _errors(points: Array, variance: Array, targets: Array, places: list[list[int]], half: Mask) -> Array:
-    """Return the left-out errors (s, k) with metrics that were learned from one half (s,) of the presses."""
+def _errors(points: Array, variance: Array, targets: Array, places: list[list[int]], seen: Mask) -> Array:
+    """Return the left-out errors (s, k) with metrics that were learned from the `seen` (s,) presses."""
     error = np.empty_like(targets)
-    metrics = learn_metrics(points[half], variance, [targets[half][:, some] for some in places])
+    metrics = learn_metrics(points[seen], variance, [targets[seen][:, some] for some in places])
     for some, (metric, ridge) in zip(places, metrics, strict=True):
         error[:, some] = np.abs(targets[:, some] - fit(points, metric, targets[:, some], ridge).left_out)
     return error
