@@ -6,14 +6,19 @@ from palpate_edge.common.contact import MIN_BEADS_SHARE
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS
 
+MAX_DOUBT = 0.25  # Match.doubt; labels a row off leave over at least the beads of one side
 MAX_BLIND_SPOT = 0.65  # HiddenBeads.blind_spot; a contact in a larger one could not be seen
 
 
 def check_beads(record: FrameRecord) -> None:
-    """Raise ImplausibleBeadsError for too few beads, beads of another skin, or a hidden region."""
+    """Raise ImplausibleBeadsError for too few or doubtful beads, another skin's, or a hidden region."""
     found, expected = record.found_count, len(record.beads.found)
     if found < MIN_BEADS_SHARE * expected:
         raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
+    if record.tracked.doubt > MAX_DOUBT:
+        raise ImplausibleBeadsError(
+            "beads and blobs are left over side by side: the labels may be one row off"
+        )
     if record.motion.roughness > MAX_ROUGHNESS:
         raise ImplausibleBeadsError("displacements of the beads are not smooth (another sensor, or no dome)")
     if record.hidden.blind_spot > MAX_BLIND_SPOT:

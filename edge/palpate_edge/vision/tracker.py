@@ -61,9 +61,12 @@ class Tracker:
     def follow(self, dark: Plane) -> Beads:
         """Return the beads of the next frame."""
         self._windows.load(dark)
-        labelling = self._in_windows(self._last_px)
-        if self._has_jumped(labelling):
-            labelling = self._after_jump(labelling)
+        labelling = self._windows.find_beads(self._last_px)
+        lost = len(labelling[1]) - np.count_nonzero(labelling[1])
+        if lost <= self._last_lost + MAX_LOST_SHARE * len(labelling[1]):
+            labelling = self._complete(labelling)
+            if self._has_jumped(labelling):
+                labelling = self._after_jump(labelling)
         beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
         if len(beads.lost) > MAX_LOST_SHARE * len(beads.found):
             self.counters.searches += 1
