@@ -73,7 +73,7 @@ class Beads:
 
     @property
     def all_exact(self) -> bool:
-        """Whether all beads were found, each as exactly as in the reference frames."""
+        """Return whether all beads were found, each as exactly as in the reference frames."""
         return self.noise is None and not len(self.lost)
 
     @property
