@@ -6,7 +6,7 @@ from palpate_edge.common.contact import MIN_BEADS_SHARE
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS
 
-MAX_DOUBT = 0.25  # Match.doubt; labels a row off leave over at least the beads of one side
+MAX_DOUBT = 0.03  # Match.doubt: two of 85 beads; labels a row off leave over the beads of one side
 MAX_BLIND_SPOT = 0.65  # HiddenBeads.blind_spot; a contact in a larger one could not be seen
 
 
