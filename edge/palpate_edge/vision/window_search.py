@@ -21,6 +21,9 @@ MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
 DIM = 0.7  # of the contrast; lighter beads are exact
 GLARE_NOISE, GLARE_NOISE_PER_UNEVENNESS = 2.5, 25.0  # at the limit, and beyond
 MAX_NOISE = 10.0
+MAX_GLARE = (
+    0.05  # of the contrast, beyond the limit; a light's edge displaces such a bead by pixels
+)
 
 
 class WindowSearch:
@@ -62,6 +65,7 @@ class WindowSearch:
         found &= refined.area > self._min_area[beads]
         found &= refined.area < self._max_area[beads]
         found &= step_squared < MAX_PREDICTED_STEP**2
+        found &= self._excess[beads] < MAX_GLARE
         return refined.position_px, found
 
     def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
@@ -70,6 +74,7 @@ class WindowSearch:
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
         found &= step_squared < MAX_BLOB_STEP**2
+        found &= self._excess[beads] < MAX_GLARE
         return refined.position_px, found
 
     def noise(self, found: Mask) -> Floats | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -203,3 +205,18 @@ def test_in_the_reference_frames_light_all_beads_are_exact(skin):
     assert beads.noise is None
     assert beads.all_exact
     assert (beads.weight == 1.0).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_beads_at_the_edge_of_a_glare_patch_are_lost_and_not_displaced(skin, seed):
+    """A lamp's reflection that saturates in its middle: its edge draws a centroid away by up to 3 px."""
+    reference, draw = skin
+    x, y = np.random.default_rng(seed).uniform(80, 170, 2)
+    rows, columns = np.mgrid[:256, :256]
+    spot = np.clip(1.5 * np.exp(-np.log(3.0) * ((columns - x) ** 2 + (rows - y) ** 2) / 30**2), 0, 1)
+    clean = draw(grid())
+    even = replace(reference, unevenness=np.full(len(grid()), 0.03))
+    beads = Tracker(even).follow((clean + (255.0 - clean) * spot).astype(np.uint8))
+    error = np.linalg.norm(beads.position_px - grid(), axis=1)
+    assert (error[beads.found] < 1.0).all()
+    assert beads.found.mean() > 0.7
