@@ -21,9 +21,7 @@ MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
 DIM = 0.7  # of the contrast; lighter beads are exact
 GLARE_NOISE, GLARE_NOISE_PER_UNEVENNESS = 2.5, 25.0  # at the limit, and beyond
 MAX_NOISE = 10.0
-MAX_GLARE = (
-    0.05  # of the contrast, beyond the limit; a light's edge displaces such a bead by pixels
-)
+MAX_GLARE = 0.05  # of the contrast, beyond the limit; a light's edge displaces such a bead by pixels
 
 
 class WindowSearch:
