@@ -45,7 +45,7 @@ def calibrate_pose(
     good = matched.good
     points = matched.modes.coordinates(matched.displacement_px[good])
     targets = np.array([press.values for press in presses])[good]
-    groups, spread = fit_labels(points, matched.modes.variance, targets, dataset.labels)
+    groups, half_widths = fit_labels(points, matched.modes.variance, targets, dataset.labels)
     progress(len(presses) + 1, len(presses) + 1)
     return PoseCalibration(
         sensor=dataset.sensor,
@@ -60,7 +60,7 @@ def calibrate_pose(
         guide=matched.guide,
         centres=packed(points),
         groups=groups,
-        spread=spread,
+        half_widths=half_widths,
         source=CalibrationSource(
             dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), _dropped(presses, good)
         ),

@@ -41,10 +41,10 @@ def fit_labels(
         LabelGroup(tuple(some), fit(points, metric, targets[:, some], ridge).expansion)
         for some, (metric, ridge) in zip(places, metrics, strict=True)
     )
-    return groups, _fit_spread(points, variance, targets, places)
+    return groups, _fit_half_widths(points, variance, targets, places)
 
 
-def _fit_spread(points: Array, variance: Array, targets: Array, places: list[list[int]]) -> Expansion:
+def _fit_half_widths(points: Array, variance: Array, targets: Array, places: list[list[int]]) -> Expansion:
     """Fit the logarithm of half widths (k,)."""
     some = np.linspace(0, len(points) - 1, min(len(points), MOST_FOR_ERRORS)).astype(np.intp)
     error = np.empty((len(some), targets.shape[1]))

@@ -46,9 +46,9 @@ def _refined(points: Array, variance: Array, targets: Array, settings: Settings)
         relative = np.maximum(values, 0.0) / max(values.max(), 1e-300)
         turned = metric @ (vectors * (relative + FLOOR) ** 0.25)
         coordinates = points @ turned
-        spread = coordinates.var(axis=0) + 1e-12
-        (settings,) = choose_settings(coordinates, spread, [targets], (0.0,), LENGTHS)
-        metric = turned @ settings.metric(spread)
+        variance = coordinates.var(axis=0) + 1e-12
+        (settings,) = choose_settings(coordinates, variance, [targets], (0.0,), LENGTHS)
+        metric = turned @ settings.metric(variance)
     return metric, settings.ridge
 
 

@@ -45,8 +45,8 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     beads: x, y in px of every marker at rest; diameter_px: of a marker; weakest_strength: of a spot that may
     be a marker (blob_detection); contact_threshold_px: root mean square displacement above which something
     touches; displacement: modes of the markers' displacements (2 n,), centres: of the presses in them;
-    groups: expansions of the labels; spread: expansion of the logarithm of the half width of each label's
-    95 % interval; mean: of each label over the presses; checksum: over all other fields.
+    groups: expansions of the labels; half_widths: expansion of the logarithm of the half width of each
+    label's 95 % interval; mean: of each label over the presses; checksum: over all other fields.
     """
 
     sensor: PictureSensor
@@ -61,7 +61,7 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     guide: Guide
     centres: PackedArray
     groups: tuple[LabelGroup, ...]
-    spread: Expansion
+    half_widths: Expansion
     source: CalibrationSource
     format: str = FORMAT
     version: int = VERSION

@@ -72,7 +72,7 @@ class PoseEstimator:
         self._groups = [
             (group.labels, ExpansionRunner(group.expansion, centres)) for group in calibration.groups
         ]
-        self._spread = ExpansionRunner(calibration.spread, centres)
+        self._half_widths = ExpansionRunner(calibration.half_widths, centres)
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of a frame; a rejected frame gives `valid` False and the reason."""
@@ -112,7 +112,7 @@ class PoseEstimator:
         values = np.zeros(len(self._calibration.labels))
         for labels, runner in self._groups:
             values[list(labels)] = runner.at(point)
-        half_widths = self._spread.at(point).tolist()
+        half_widths = self._half_widths.at(point).tolist()
         return tuple(
             LabelEstimate(label, value, math.exp(half_width))
             for label, value, half_width in zip(
