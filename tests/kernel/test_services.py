@@ -74,12 +74,17 @@ def host_on(link):
 
 
 def wait_for_contacts(bus):
-    """Start the node whenever it waits for that, until contacts are received."""
+    """Start the node whenever it waits for that, until contacts are received.
+
+    Contacts before its first heartbeat are of a process that hangs by now: they waited in the socket.
+    """
+    started = False
     while True:
         for frame in receive(bus, 1):
             if frame == CanFrame(0x710, b"\x7f"):
                 bus.send([CanFrame(0x000, b"\x01\x10")])
-            if frame.can_id == 0x390:
+                started = True
+            if frame.can_id == 0x390 and started:
                 return
 
 
