@@ -37,10 +37,7 @@ def _text(calibration: Calibration) -> bytes:
 
 def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file. Raises CalibrationError with the file, the fault and the way out."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CalibrationError(f"{path}: {reason_of(error)}; make it with palpate-edge calibrate") from None
+    data = read_calibration_bytes(path)
     try:
         calibration = msgspec.json.decode(data, type=Calibration)
     except (msgspec.DecodeError, ValueError, RecursionError):
@@ -50,6 +47,14 @@ def load_calibration(path: Path) -> Calibration:
     if calibration.checksum != calibration.digest() or data != _text(calibration):
         raise CalibrationError(f"{path} was changed or damaged (its checksum does not match): {AGAIN}")
     return calibration
+
+
+def read_calibration_bytes(path: Path) -> bytes:
+    """Return the content of a calibration file of either kind. Raises CalibrationError."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise CalibrationError(f"{path}: {reason_of(error)}; make it with palpate-edge calibrate") from None
 
 
 def _check_version(data: bytes, path: Path) -> None:

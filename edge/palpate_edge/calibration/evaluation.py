@@ -19,6 +19,7 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, read_dataset
+from palpate_edge.datasets.truth_table import check_split_has_rows
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Estimator, Method
 
@@ -112,10 +113,7 @@ def evaluate_dataset(
     dataset = read_dataset(folder)
     check_sensor(calibration, calibration_path, dataset.sensor, folder / "sensor.toml")
     presses = dataset.split(split)
-    if not presses:
-        raise DatasetError(
-            f"{folder / 'truth.csv'} has no row of the split {split!r}: give another --split (train or test)"
-        )
+    check_split_has_rows(folder, split, presses)
     estimator = Estimator(calibration, method)
     grey = calibration.appearance.channel == "grey"
     watch = Stopwatch()
@@ -131,8 +129,8 @@ def evaluate_dataset(
     return _figures(folder.resolve().name, split, estimator.method, answers, watch, threshold_N)
 
 
-def write_json(figures: Figures, path: Path) -> None:
-    """The figures for programs."""
+def write_json(figures: msgspec.Struct, path: Path) -> None:
+    """Write the figures of either kind of evaluation for programs."""
     write_atomically(path, msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n", DatasetError)
 
 

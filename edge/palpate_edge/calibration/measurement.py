@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.datasets.images import read_image
+from palpate_edge.datasets.images import read_sized_image
+from palpate_edge.datasets.pose_dataset import PosePress
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import DroppedPresses
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
@@ -91,12 +92,16 @@ def measure(
         force_that_moves(
             threshold_px, np.array([press.normal_force_N or 0.0 for press, _ in touches]), np.array(motion_px)
         ),
-        tuple(
-            DroppedPresses(reason, len(frames), tuple(press.frame for press in frames[:NAMED_FRAMES]))
-            for reason, frames in ((NOT_ONE_SKIN, torn), (NOT_MOVED, still))
-            if frames
-        ),
+        (*dropped_presses(NOT_ONE_SKIN, torn), *dropped_presses(NOT_MOVED, still)),
     )
+
+
+def dropped_presses(reason: str, presses: Sequence[Press | PosePress]) -> tuple[DroppedPresses, ...]:
+    """Return the presses that were left out for one reason as one entry; none where there are none."""
+    if not presses:
+        return ()
+    names = tuple(press.frame for press in presses[:NAMED_FRAMES])
+    return (DroppedPresses(reason, len(presses), names),)
 
 
 def threshold_above(rest_px: Array) -> float:
@@ -119,14 +124,7 @@ def force_that_moves(size_px: float, force_N: Array, motion_px: Array) -> float 
 
 def _read(dataset: PressDataset, path: Path) -> Image:
     """Read an image; its size has to be that of the dataset's description."""
-    image = read_image(path)
-    width, height = dataset.sensor.image_size_px
-    if image.shape[:2] != (height, width):
-        raise CalibrationError(
-            f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml has {width}x{height}: "
-            "correct one of them"
-        )
-    return image
+    return read_sized_image(path, dataset.sensor.image_size_px, error=CalibrationError)
 
 
 def _measure_reference(

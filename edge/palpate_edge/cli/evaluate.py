@@ -62,12 +62,9 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
 def _evaluate_pose(
     dataset: Path, calibration_path: Path, split: str, json_path: Path | None, method: str
 ) -> None:
+    from palpate_edge.calibration.evaluation import write_json  # noqa: PLC0415
     from palpate_edge.calibration.pose.pose_calibration_file import load_pose_calibration  # noqa: PLC0415
-    from palpate_edge.calibration.pose.pose_evaluation import (  # noqa: PLC0415
-        evaluate_pose,
-        pose_table,
-        write_pose_json,
-    )
+    from palpate_edge.calibration.pose.pose_evaluation import evaluate_pose, pose_table  # noqa: PLC0415
 
     refuse_method(calibration_path, method)
     calibration = load_pose_calibration(calibration_path)
@@ -75,4 +72,4 @@ def _evaluate_pose(
         figures = evaluate_pose(dataset, split, calibration, calibration_path, progress)
     report(pose_table(figures), json_path)
     if json_path is not None:
-        write_pose_json(figures, json_path)
+        write_json(figures, json_path)

@@ -46,6 +46,24 @@ def read_image(path: Path, *, grey: bool = False) -> Image:
     return np.asarray(image, dtype=np.uint8)
 
 
+def read_sized_image(
+    path: Path,
+    size_px: tuple[int, int],
+    *,
+    grey: bool = False,
+    error: type[Exception] = DatasetError,
+) -> Image:
+    """Read one image of a dataset whose sensor.toml has size_px (width, height); `error` for another size."""
+    image = read_image(path, grey=grey)
+    width, height = size_px
+    if image.shape[:2] != (height, width):
+        raise error(
+            f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml has {width}x{height}: "
+            "correct one of them"
+        )
+    return image
+
+
 def _is_whole(data: bytes) -> bool:
     """Return whether a JPEG has its end marker and a PNG its checksums; other formats pass.
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import csv
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +11,21 @@ import numpy as np
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.contact import POSE_LABELS
-from palpate_edge.common.errors import DatasetError, reason_of
-from palpate_edge.common.type_text import value_text
-from palpate_edge.datasets.images import list_images, read_image
-from palpate_edge.datasets.press_dataset import SPLITS
+from palpate_edge.common.errors import DatasetError
+from palpate_edge.datasets.images import list_images, read_sized_image
 from palpate_edge.datasets.recording import ImageRecording, Recording, open_recording
-from palpate_edge.datasets.sensor_file import IMAGE_SIDE_PX
+from palpate_edge.datasets.sensor_file import picture_checks, refuse_out_of_range
+from palpate_edge.datasets.truth_table import (
+    check_frame_and_split,
+    check_length,
+    finite_number,
+    read_rows,
+)
 from palpate_edge.geometry.picture_sensor import PictureSensor, hexagonal_counts
 
 GUIDE = "docs/own-sensor.md"
 MARKER_COUNTS = range(7, 2001)
+FILL_OR_DROP = ": fill every row or drop the column"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +60,7 @@ class PoseDataset:
 
     def read(self, path: Path, *, grey: bool = False) -> Image:
         """Read an image of the dataset. Raises DatasetError when it has another size than sensor.toml."""
-        image = read_image(path, grey=grey)
-        width, height = self.sensor.image_size_px
-        if image.shape[:2] != (height, width):
-            raise DatasetError(
-                f"{path} is {image.shape[1]}x{image.shape[0]}, sensor.toml has {width}x{height}: "
-                "correct one of them"
-            )
-        return image
+        return read_sized_image(path, self.sensor.image_size_px, grey=grey)
 
 
 def is_pose_dataset(folder: Path) -> bool:
@@ -84,11 +81,11 @@ def read_pose_dataset(folder: Path) -> PoseDataset:
     sensor = read_picture_sensor(folder / "sensor.toml")
     labels, presses = read_pose_truth(folder / "truth.csv")
     mask = folder / "mask.png"
-    dataset = PoseDataset(folder, sensor, tuple(list_images(folder / "reference")), labels, presses, None)
+    reference = tuple(list_images(folder / "reference"))
+    dataset = PoseDataset(folder, sensor, reference, labels, presses, None)
     if not mask.exists():
         return dataset
-    inside = np.asarray(dataset.read(mask, grey=True) > 0, dtype=np.uint8)
-    return PoseDataset(folder, sensor, dataset.reference, labels, presses, inside)
+    return replace(dataset, mask=np.asarray(dataset.read(mask, grey=True) > 0, dtype=np.uint8))
 
 
 def open_pose_recording(path: Path, *, grey: bool = True) -> Recording:
@@ -106,9 +103,7 @@ def read_picture_sensor(path: Path) -> PictureSensor:
     camera, markers = sensor.camera, sensor.markers
     size, count = markers.diameter_px, markers.count
     checks = [
-        ("camera.width", camera.width, camera.width in IMAGE_SIDE_PX, "16 to 8192"),
-        ("camera.height", camera.height, camera.height in IMAGE_SIDE_PX, "16 to 8192"),
-        ("camera.fps", camera.fps, 0 < camera.fps <= 1000, "above 0 and at most 1000"),
+        *picture_checks(camera.width, camera.height, camera.fps),
         ("markers.diameter_px", size, size is None or 3 <= size <= 200, "3 to 200, or left out"),
         ("markers.count", count, count is None or count in MARKER_COUNTS, "7 to 2000, or left out"),
     ]
@@ -116,21 +111,13 @@ def read_picture_sensor(path: Path) -> PictureSensor:
         fitting = [number for number in hexagonal_counts(max(MARKER_COUNTS)) if number in MARKER_COUNTS]
         allowed = f"one of {', '.join(map(str, fitting[:12]))}, ... for a hexagonal layout"
         checks.append(("markers.count", count, count in fitting, allowed))
-    for key, value, is_allowed, allowed in checks:
-        if not is_allowed:
-            raise DatasetError(f"{path}: {key} = {value} is out of range: it must be {allowed}")
+    refuse_out_of_range(path, checks)
     return sensor
 
 
 def read_pose_truth(path: Path) -> tuple[tuple[str, ...], tuple[PosePress, ...]]:
     """Return the labels of a truth.csv and its rows. Raises DatasetError with the line and the column."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except OSError as error:
-        raise DatasetError(f"{path}: {reason_of(error)}") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise DatasetError(f"{path} is not a CSV file in UTF-8: write it as in {GUIDE}") from None
+    rows = read_rows(path, GUIDE)
     header = rows[0] if rows else []
     labels = tuple(label for label in POSE_LABELS if label in header)
     if not labels or not {"frame", "split"} <= set(header) or len(set(header)) != len(header):
@@ -142,32 +129,13 @@ def read_pose_truth(path: Path) -> tuple[tuple[str, ...], tuple[PosePress, ...]]
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
-        if len(row) != len(header):
-            raise DatasetError(
-                f"{path}, line {number} has {len(row)} fields, not {len(header)}: the file may be cut short"
-            )
-        presses.append(
-            _press(f"{path}, line {number}", {name: row[at] for name, at in place.items()}, labels)
-        )
+        where = f"{path}, line {number}"
+        check_length(where, row, header)
+        presses.append(_press(where, {name: row[at] for name, at in place.items()}, labels))
     return labels, tuple(presses)
 
 
 def _press(where: str, cell: dict[str, str], labels: tuple[str, ...]) -> PosePress:
-    frame, split = cell["frame"], cell["split"]
-    if Path(frame).name != frame or frame in {"", ".."} or "\0" in frame:
-        raise DatasetError(f"{where}: frame = {value_text(frame)} is not a file name")
-    if split not in SPLITS:
-        raise DatasetError(f"{where}: split = {value_text(split)} is not one of train, test")
-    return PosePress(frame, split, tuple(_number(where, label, cell[label]) for label in labels))
-
-
-def _number(where: str, label: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DatasetError(
-            f"{where}: {label} = {value_text(text)} is not a finite number: fill every row or drop the column"
-        )
-    return value
+    check_frame_and_split(where, cell["frame"], cell["split"])
+    values = tuple(finite_number(where, label, cell[label], FILL_OR_DROP) for label in labels)
+    return PosePress(cell["frame"], cell["split"], values)

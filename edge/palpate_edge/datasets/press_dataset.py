@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate_edge.common.contact import Vector3
-from palpate_edge.common.errors import DatasetError, reason_of
+from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.type_text import value_text
 from palpate_edge.datasets.images import list_images
 from palpate_edge.datasets.sensor_file import read_sensor
+from palpate_edge.datasets.truth_table import (
+    check_frame_and_split,
+    check_length,
+    finite_number,
+    read_rows,
+)
 from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
-SPLITS = frozenset({"train", "test"})
 LARGEST = {"t_s": 1e9, "lost": 1e6} | dict.fromkeys(("x_mm", "y_mm", "z_mm"), 1e3)  # others: 1e4
 SMALLEST_RADIUS_MM = 0.1  # of a contact: nearer to the dome's centre there is no direction
 FORCES = ("fn_N", "fx_N", "fy_N", "fz_N")
@@ -79,15 +83,7 @@ def read_truth(path: Path) -> tuple[Press, ...]:
 
     Forces are unknown where no contact has any: its four columns are blank, or 0 in every row.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except OSError as error:
-        raise DatasetError(f"{path}: {reason_of(error)}") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise DatasetError(
-            f"{path} is not a CSV file in UTF-8: write it as in docs/press-dataset.md"
-        ) from None
+    rows = read_rows(path, "docs/press-dataset.md")
     if not rows or rows[0] != COLUMNS:
         raise DatasetError(f"{path}: the first line must be {','.join(COLUMNS)}")
     presses = {number: _press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row}
@@ -109,35 +105,21 @@ def _has_force(press: Press) -> bool:
 
 
 def _press(path: Path, number: int, row: list[str]) -> Press:
-    if len(row) != len(COLUMNS):
-        raise DatasetError(
-            f"{path}, line {number} has {len(row)} fields, not {len(COLUMNS)}: the file may be cut short"
-        )
+    where = f"{path}, line {number}"
+    check_length(where, row, COLUMNS)
     cell = dict(zip(COLUMNS, row, strict=True))
 
     def value(column: str) -> float:
-        try:
-            number_read = float(cell[column])
-        except ValueError:
-            number_read = math.nan
-        if not math.isfinite(number_read):
-            raise DatasetError(
-                f"{path}, line {number}: {column} = {value_text(cell[column])} is not a finite number"
-            )
+        number_read = finite_number(where, column, cell[column])
         largest = LARGEST.get(column, 1e4)
         if abs(number_read) > largest:
             raise DatasetError(
-                f"{path}, line {number}: {column} = {value_text(cell[column])} is out of range: it must be "
+                f"{where}: {column} = {value_text(cell[column])} is out of range: it must be "
                 f"{-largest:g} to {largest:g}"
             )
         return number_read
 
-    if Path(cell["frame"]).name != cell["frame"] or cell["frame"] in {"", ".."} or "\0" in cell["frame"]:
-        raise DatasetError(f"{path}, line {number}: frame = {value_text(cell['frame'])} is not a file name")
-    if cell["split"] not in SPLITS:
-        raise DatasetError(
-            f"{path}, line {number}: split = {value_text(cell['split'])} is not one of train, test"
-        )
+    check_frame_and_split(where, cell["frame"], cell["split"])
     touches = any(cell[column] for column in ("x_mm", "y_mm", "z_mm"))
     normal_force_N: float | None = None if touches else 0.0
     force_N: Vector3 | None = None if touches else (0.0, 0.0, 0.0)
@@ -146,7 +128,7 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
     place = (value("x_mm"), value("y_mm"), value("z_mm")) if touches else None
     if place is not None and math.hypot(*place) < SMALLEST_RADIUS_MM:
         raise DatasetError(
-            f"{path}, line {number}: x_mm, y_mm, z_mm = {cell['x_mm']}, {cell['y_mm']}, {cell['z_mm']} is "
+            f"{where}: x_mm, y_mm, z_mm = {cell['x_mm']}, {cell['y_mm']}, {cell['z_mm']} is "
             "the dome's centre: give the point of its outer surface, or leave them blank without a contact"
         )
     return Press(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -18,16 +19,33 @@ MOST_BEADS = 2000  # of all rings
 MARKER_COUNTS = range(7, 701)  # of a layout to learn
 IMAGE_SIDE_PX = range(16, 8193)
 
+Check = tuple[str, object, bool, str]
+"""A key of sensor.toml, its value, whether it is allowed, and what is."""
+
 
 def read_sensor(path: Path) -> Sensor:
     """Read a ``sensor.toml``. Raises DatasetError with the file, the key and what is allowed."""
     guide = "docs/press-dataset.md lists the keys of a sensor"
     sensor = read_toml(path, Sensor, guide=guide, error=DatasetError, trusted=False)
-    for key, value, is_allowed, allowed in _checks(sensor):
-        if not is_allowed:
-            raise DatasetError(f"{path}: {key} = {value} is out of range: it must be {allowed}")
+    refuse_out_of_range(path, _checks(sensor))
     _check_rings(path, sensor.markers)
     return sensor
+
+
+def refuse_out_of_range(path: Path, checks: Iterable[Check]) -> None:
+    """Raise DatasetError for the first check of a sensor.toml that failed."""
+    for key, value, is_allowed, allowed in checks:
+        if not is_allowed:
+            raise DatasetError(f"{path}: {key} = {value} is out of range: it must be {allowed}")
+
+
+def picture_checks(width: int, height: int, fps: float) -> list[Check]:
+    """Return the checks of the pictures' size and rate, which every kind of sensor has."""
+    return [
+        ("camera.width", width, width in IMAGE_SIDE_PX, "16 to 8192"),
+        ("camera.height", height, height in IMAGE_SIDE_PX, "16 to 8192"),
+        ("camera.fps", fps, 0 < fps <= 1000, "above 0 and at most 1000"),
+    ]
 
 
 def _check_rings(path: Path, markers: Markers) -> None:
@@ -43,8 +61,8 @@ def _check_rings(path: Path, markers: Markers) -> None:
         )
 
 
-def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
-    """Key, value, whether it is allowed, and what is, of sizes that TOML's types leave open."""
+def _checks(sensor: Sensor) -> list[Check]:
+    """Return the checks of sizes that TOML's types leave open."""
     dome, markers, camera = sensor.dome, sensor.markers, sensor.camera
     radius_mm, wall_mm = dome.outer_radius_mm, dome.wall_mm
     lens = (4,) if camera.model == "fisheye" else (4, 5, 8)
@@ -84,8 +102,7 @@ def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
         ),
         *rings,
         *_layout_checks(sensor),
-        ("camera.width", camera.width, camera.width in IMAGE_SIDE_PX, "16 to 8192"),
-        ("camera.height", camera.height, camera.height in IMAGE_SIDE_PX, "16 to 8192"),
+        *picture_checks(camera.width, camera.height, camera.fps),
         (
             "camera.matrix",
             list(camera.matrix),
@@ -99,11 +116,10 @@ def _checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
             f"{' or '.join(map(str, lens))} finite coefficients of the {camera.model} model",
         ),
         ("camera.position_mm", list(camera.position_mm), _all_finite(camera.position_mm), "finite"),
-        ("camera.fps", camera.fps, 0 < camera.fps <= 1000, "above 0 and at most 1000"),
     ]
 
 
-def _layout_checks(sensor: Sensor) -> list[tuple[str, object, bool, str]]:
+def _layout_checks(sensor: Sensor) -> list[Check]:
     """Checks of the declared number of beads: of a layout to learn, or of the rings."""
     count, rings = sensor.markers.count, sensor.markers.rings
     if isinstance(count, msgspec.UnsetType):

@@ -9,6 +9,7 @@ contact threshold: a contact that grows too slowly to be noticed loses no more t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,8 +43,7 @@ class Drift:
 
     def compensate(self, beads: Beads) -> Beads:
         """Return the beads as they would be seen without the drift."""
-        position_px = beads.position_px - self._drift_px
-        return Beads(position_px, beads.found, beads.lost, beads.searched, beads.doubt, beads.noise)
+        return replace(beads, position_px=beads.position_px - self._drift_px)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""

@@ -13,16 +13,26 @@ MAX_BLIND_SPOT = 0.65  # HiddenBeads.blind_spot; a contact in a larger one could
 def check_beads(record: FrameRecord) -> None:
     """Raise ImplausibleBeadsError for too few or doubtful beads, another skin's, or a hidden region."""
     found, expected = record.found_count, len(record.beads.found)
-    if found < MIN_BEADS_SHARE * expected:
-        raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
+    check_found(found, expected)
     if record.tracked.doubt > MAX_DOUBT:
         raise ImplausibleBeadsError(
             "beads and blobs are left over side by side: the labels may be one row off"
         )
-    if record.motion.roughness > MAX_ROUGHNESS:
-        raise ImplausibleBeadsError("displacements of the beads are not smooth (another sensor, or no dome)")
+    check_smooth(record.motion.roughness)
     if record.hidden.blind_spot > MAX_BLIND_SPOT:
         raise ImplausibleBeadsError("all beads of a region are hidden: a contact there could not be detected")
+
+
+def check_found(found: int, expected: int) -> None:
+    """Raise ImplausibleBeadsError where too few beads were found."""
+    if found < MIN_BEADS_SHARE * expected:
+        raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
+
+
+def check_smooth(roughness: float) -> None:
+    """Raise ImplausibleBeadsError for beads that do not move as one skin; roughness: see Motion."""
+    if roughness > MAX_ROUGHNESS:
+        raise ImplausibleBeadsError("displacements of the beads are not smooth (another sensor, or no dome)")
 
 
 class ImplausibleBeadsError(FrameRejectedError):

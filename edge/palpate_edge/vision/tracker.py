@@ -49,9 +49,8 @@ class Tracker:
         self._diameter_px = float(np.median(reference.diameter_px))
         self._min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * float(np.median(reference.contrast)))
         self._max_blobs = int(BLOBS_PER_BEAD * len(reference.position_px))
-        self._last_px = reference.position_px.copy()
-        self._last_lost, self._is_reference = 0, True
         self.counters = TrackingCounters()
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last frame: the next one starts from the reference."""

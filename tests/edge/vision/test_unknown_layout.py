@@ -120,7 +120,7 @@ OVEREXPOSED = {("press-hard", 5), ("press-hard", 7)}  # most of the dome is whit
 @pytest.mark.parametrize("number", range(8))
 @pytest.mark.long
 def test_beads_of_the_twins_sensors_and_no_reflection_of_a_lamp(shared_data, dataset, shown, number):
-    """Where the beads are is known from the drawing: in colour, and under overexposed patches of light."""
+    """The drawing gives the places of the beads: in colour, and under overexposed patches of light."""
     data = read_dataset(shared_data(dataset))
     blobs, _, _ = beads_without_layout(read_image(data.reference[number]))
     drawn_px = View(data.sensor.camera).project(bead_layout_mm(data.sensor.markers)[0])

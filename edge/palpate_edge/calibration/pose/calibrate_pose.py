@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate_edge.calibration.measurement import NAMED_FRAMES
+from palpate_edge.calibration.measurement import dropped_presses
 from palpate_edge.calibration.pose.label_regression import fit_labels
 from palpate_edge.calibration.pose.press_matching import FEWEST_PRESSES, match_presses
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
-from palpate_edge.common.arrays import Mask
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.datasets.pose_dataset import PoseDataset, PosePress
-from palpate_edge.estimation.calibration import CalibrationSource, DroppedPresses
+from palpate_edge.datasets.pose_dataset import PoseDataset
+from palpate_edge.estimation.calibration import CalibrationSource
 from palpate_edge.estimation.pose.kernel_expansion import packed
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
 from palpate_edge.estimation.pose.spot_detection import SpotDetector
@@ -46,6 +45,10 @@ def calibrate_pose(
     points = matched.modes.coordinates(matched.displacement_px[good])
     targets = np.array([press.values for press in presses])[good]
     groups, half_widths = fit_labels(points, matched.modes.variance, targets, dataset.labels)
+    dropped = dropped_presses(
+        "markers could not be followed",
+        [press for press, kept in zip(presses, good.tolist(), strict=True) if not kept],
+    )
     progress(len(presses) + 1, len(presses) + 1)
     return PoseCalibration(
         sensor=dataset.sensor,
@@ -62,14 +65,6 @@ def calibrate_pose(
         groups=groups,
         half_widths=half_widths,
         source=CalibrationSource(
-            dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), _dropped(presses, good)
+            dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), dropped
         ),
     )
-
-
-def _dropped(presses: tuple[PosePress, ...], good: Mask) -> tuple[DroppedPresses, ...]:
-    """Return the presses that were not learned from."""
-    frames = [press.frame for press, kept in zip(presses, good.tolist(), strict=True) if not kept]
-    if not frames:
-        return ()
-    return (DroppedPresses("markers could not be followed", len(frames), tuple(frames[:NAMED_FRAMES])),)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_edge.calibration.calibration_file import AGAIN, FileHead
+from palpate_edge.calibration.calibration_file import AGAIN, FileHead, read_calibration_bytes
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.config_file import json_fault
-from palpate_edge.common.errors import CalibrationError, reason_of
+from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.type_text import value_text
 from palpate_edge.estimation.pose.pose_calibration import FORMAT, VERSION, PoseCalibration
 
@@ -30,10 +30,7 @@ def save_pose_calibration(calibration: PoseCalibration, path: Path) -> None:
 
 def load_pose_calibration(path: Path) -> PoseCalibration:
     """Read and check a calibration file. Raises CalibrationError with the file, the fault and the way out."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CalibrationError(f"{path}: {reason_of(error)}; make it with palpate-edge calibrate") from None
+    data = read_calibration_bytes(path)
     try:
         head = msgspec.json.decode(data, type=FileHead)
         if head.format == FORMAT and head.version != VERSION:

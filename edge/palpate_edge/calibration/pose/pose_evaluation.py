@@ -12,11 +12,11 @@ import numpy as np
 from palpate_edge.calibration.evaluation import StageTime
 from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.pose_dataset import PoseDataset, read_pose_dataset
+from palpate_edge.datasets.truth_table import check_split_has_rows
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
 from palpate_edge.estimation.pose.pose_estimator import PoseEstimator
 
@@ -62,10 +62,7 @@ def evaluate_pose(
     check_pose_sensor(calibration, calibration_path, dataset)
     presses = dataset.split(split)
     labels = [label for label in calibration.labels if label in dataset.labels]
-    if not presses:
-        raise DatasetError(
-            f"{folder / 'truth.csv'} has no row of the split {split!r}: give another --split (train or test)"
-        )
+    check_split_has_rows(folder, split, presses)
     if not labels:
         raise DatasetError(
             f"{folder / 'truth.csv'} has none of the labels of {calibration_path}: "
@@ -121,11 +118,6 @@ def _figures(label: str, truth: Array, contacts: list[Contact], calibration: Pos
         covered_percent=float(100 * (error[answered] <= half_width).mean()),
         mean_all=float(error.mean()),
     )
-
-
-def write_pose_json(figures: PoseFigures, path: Path) -> None:
-    """Write the figures for programs."""
-    write_atomically(path, msgspec.json.format(msgspec.json.encode(figures), indent=1) + b"\n", DatasetError)
 
 
 def pose_table(figures: PoseFigures) -> str:

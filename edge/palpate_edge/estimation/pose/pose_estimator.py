@@ -11,10 +11,11 @@ import math
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image
-from palpate_edge.common.contact import MIN_BEADS_SHARE, Contact, LabelEstimate, refused_contact
+from palpate_edge.common.contact import Contact, LabelEstimate, refused_contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
+from palpate_edge.estimation.plausibility import check_found, check_smooth
 from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
@@ -22,8 +23,6 @@ from palpate_edge.estimation.pose.pose_calibration import Guide, Modes, PoseCali
 from palpate_edge.estimation.pose.spot_detection import SpotDetector
 from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.neighbourhood import rms
-
-MAX_ROUGHNESS = 0.12  # spacings; rough displacements are of another sensor, or pairs are wrong
 
 
 class Projector:
@@ -83,7 +82,8 @@ class PoseEstimator:
             return refused_contact(frame.sequence, frame.exposed_at_us, str(rejection), 0, expected)
         found = int(match.found.sum())
         try:
-            _check(match, found)
+            check_found(found, expected)
+            check_smooth(match.roughness)
         except FrameRejectedError as rejection:
             return refused_contact(frame.sequence, frame.exposed_at_us, str(rejection), found, expected)
         moved_px = match.position_px - self._rest_px
@@ -119,12 +119,3 @@ class PoseEstimator:
                 self._calibration.labels, values.tolist(), half_widths, strict=True
             )
         )
-
-
-def _check(match: PairedMarkers, found: int) -> None:
-    """Raise FrameRejectedError for too few markers, or markers that move unlike one skin."""
-    expected = len(match.found)
-    if found < MIN_BEADS_SHARE * expected:
-        raise FrameRejectedError(f"only {found} of {expected} beads found")
-    if match.roughness > MAX_ROUGHNESS:
-        raise FrameRejectedError("displacements of the beads are not smooth (another sensor, or no dome)")
