@@ -24,6 +24,7 @@ from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.calibration import Calibration
+from palpate_host.cli.main import main as host_main
 
 pytest_plugins = (
     "tests.tiers",
@@ -270,6 +271,26 @@ def fingertips_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, "-m", "palpate_host.cli.main", "simulate", "fingertips", "-o", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
     return folder
+
+
+@pytest.fixture
+def host_refused(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs ``palpate-host ARGS`` in this process and gives the text of its refusal, its last line."""
+
+    def run(*arguments: object) -> str:
+        capfd.readouterr()
+        monkeypatch.setattr(sys, "argv", ["palpate-host", *map(str, arguments)])
+        with pytest.raises(SystemExit) as leaving:
+            host_main()
+        said = capfd.readouterr()
+        assert leaving.value.code not in (0, None)
+        assert "Traceback" not in said.err
+        *_, last = said.err.splitlines()
+        assert last.startswith("error: "), said.err
+        assert said.err.count("error: ") == 1, said.err
+        return last.removeprefix("error: ")
+
+    return run
 
 
 @pytest.hookimpl(wrapper=True)

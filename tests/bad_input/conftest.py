@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from palpate_edge.cli.main import main as edge_main
-from palpate_host.cli.main import main as host_main
 
 HUB = "from palpate_bus.cli.main import bus; bus()"
 PATIENCE_S = 60
@@ -43,26 +42,6 @@ def refused(
         assert said.err.count("\n") == 1, said.err
         assert contents(tmp_path) == before
         return said.err.removeprefix("error: ").strip()
-
-    return run
-
-
-@pytest.fixture
-def host_refused(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Runs ``palpate-host ARGS`` in this process and gives the text of its refusal, its last line."""
-
-    def run(*arguments: object) -> str:
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["palpate-host", *map(str, arguments)])
-        with pytest.raises(SystemExit) as leaving:
-            host_main()
-        said = capfd.readouterr()
-        assert leaving.value.code not in (0, None)
-        assert "Traceback" not in said.err
-        *_, last = said.err.splitlines()
-        assert last.startswith("error: "), said.err
-        assert said.err.count("error: ") == 1, said.err
-        return last.removeprefix("error: ")
 
     return run
 

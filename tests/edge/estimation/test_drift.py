@@ -197,7 +197,7 @@ def warped(image, amount):
     return np.asarray(np.clip(out * (1 - 0.2 * amount), 0, 255), np.uint8)  # and the light fades
 
 
-@pytest.mark.parametrize("finger", ["finger-1", "finger-2"])
+@pytest.mark.parametrize("finger", [pytest.param("finger-1", marks=pytest.mark.slow), "finger-2"])
 def test_a_press_after_two_minutes_of_drift_is_as_good_as_before(shared_data, sample_calibration, finger):
     """Recorded frames warped: up to 2 px and 20 % of brightness in the two minutes before the presses."""
     rest = [read_image(path, grey=True) for path in read_dataset(shared_data("press-sample")).reference]

@@ -52,6 +52,7 @@ def test_press_too_deep_is_refused() -> None:
     assert isinstance(result.exception, ConfigError)
 
 
+@pytest.mark.slow
 def test_side_points_spread_alike_at_all_contact_angles() -> None:
     """As in Table 2, the ratio hardly depends on the contact angle."""
     ratios = [

@@ -75,6 +75,7 @@ def slide(probe, friction, slide_mm):
 
 
 @pytest.mark.fem
+@pytest.mark.slow
 def test_a_sphere_that_slides_over_the_dome_slips():
     steps = slide(Probe.SPHERE10, 0.6, SLIDE_MM)
     detector = SlipDetector()
@@ -86,6 +87,7 @@ def test_a_sphere_that_slides_over_the_dome_slips():
 
 
 @pytest.mark.fem
+@pytest.mark.slow
 def test_a_sphere_that_sticks_does_not():
     steps = slide(Probe.SPHERE10, 1.5, 1.0)
     assert max(step.slipping for step in steps[5:]) < 0.5

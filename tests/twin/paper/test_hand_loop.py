@@ -51,6 +51,7 @@ def test_the_chain_turns_the_object():
     assert 0.05 < result.contact_error_mm < 0.2
 
 
+@pytest.mark.slow
 def test_no_tip_slides_while_the_integral_ends_the_turn_that_needs_most_friction():
     """30 deg of pitch need a friction ratio of 0.48 of 0.5; the first touch accounts for 0.2 mm of slip."""
     result = turned(PITCH, noise_mm=0.24, seconds=6.0, integral_per_s=1.0)

@@ -122,6 +122,7 @@ def pressed_dataset(pressed_dome, tmp_path_factory):
     return read_dataset(pressed_dome.write(tmp_path_factory.mktemp("pressed") / "dome", presses=80))
 
 
+@pytest.mark.slow
 def test_a_drawn_sensor_with_presses_and_without(pressed_dataset):
     """Pictures of trigonometry and motion of finite elements: places as exact as on the sample."""
     many, none = (figures_of(pressed_dataset, calibrated(with_presses(pressed_dataset, n))) for n in (60, 0))
