@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +24,8 @@ COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_
 LARGEST = {"t_s": 1e9, "lost": 1e6} | dict.fromkeys(("x_mm", "y_mm", "z_mm"), 1e3)  # others: 1e4
 SMALLEST_RADIUS_MM = 0.1  # of a contact: nearer to the dome's centre there is no direction
 FORCES = ("fn_N", "fx_N", "fy_N", "fz_N")
+TORSION = "torsion_Nmm"
+"""Optional last column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,8 @@ class Press:
 
     frame: file name under frames/. position_mm: point of first touch on the undeformed outer surface, None
     without contact. normal_force_N: >= 0; force_N: total force on the dome; both None for a contact whose
-    force was not measured. lost: number of hidden beads.
+    force was not measured. lost: number of hidden beads. torsion_Nmm: moment of the contact about the inward
+    normal through that point, None for a contact whose torsion was not measured.
     """
 
     frame: str
@@ -42,6 +46,7 @@ class Press:
     force_N: Vector3 | None
     probe: str
     lost: int
+    torsion_Nmm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,33 +86,52 @@ def read_dataset(folder: Path) -> PressDataset:
 def read_truth(path: Path) -> tuple[Press, ...]:
     """Read all rows of a truth.csv. Raises DatasetError with the line and the column.
 
-    Forces are unknown where no contact has any: its four columns are blank, or 0 in every row.
+    Forces are unknown where no contact has any: its four columns are blank, or 0 in every row. The same holds
+    for the torsion, whose column is optional.
     """
     rows = read_rows(path, "docs/press-dataset.md")
-    if not rows or rows[0] != COLUMNS:
-        raise DatasetError(f"{path}: the first line must be {','.join(COLUMNS)}")
-    presses = {number: _press(path, number, row) for number, row in enumerate(rows[1:], start=2) if row}
-    touches = {number: press for number, press in presses.items() if press.position_mm is not None}
-    blank = [number for number, press in touches.items() if press.force_N is None]
-    if blank and len(blank) < len(touches):
+    if not rows or rows[0] not in (COLUMNS, [*COLUMNS, TORSION]):
         raise DatasetError(
-            f"{path}, line {blank[0]}: {', '.join(FORCES)} are blank, but {len(touches) - len(blank)} other "
-            "contacts have a force: give the force of every contact, or of none"
+            f"{path}: the first line must be {','.join(COLUMNS)}, or that and {TORSION} as the last column"
         )
+    columns = rows[0]
+    presses = {
+        number: _press(path, number, row, columns) for number, row in enumerate(rows[1:], start=2) if row
+    }
+    touches = {number: press for number, press in presses.items() if press.position_mm is not None}
+    _check_all_or_none(path, {n: press.force_N for n, press in touches.items()}, FORCES, "force")
+    _check_all_or_none(path, {n: press.torsion_Nmm for n, press in touches.items()}, (TORSION,), "torsion")
     if not any(_has_force(press) for press in touches.values()):
         for number, press in touches.items():
             presses[number] = replace(press, normal_force_N=None, force_N=None)
+    if not any(press.torsion_Nmm for press in touches.values()):
+        for number in touches:
+            presses[number] = replace(presses[number], torsion_Nmm=None)
     return tuple(presses.values())
+
+
+def _check_all_or_none(
+    path: Path, values: Mapping[int, object], columns: Sequence[str], quantity: str
+) -> None:
+    """Refuse contacts, by line, of which some have the quantity (not None) and some do not."""
+    blank = [number for number, value in values.items() if value is None]
+    are = "is" if len(columns) == 1 else "are"
+    if blank and len(blank) < len(values):
+        raise DatasetError(
+            f"{path}, line {blank[0]}: {', '.join(columns)} {are} blank, but "
+            f"{len(values) - len(blank)} other contacts have a {quantity}: give the {quantity} of every "
+            "contact, or of none"
+        )
 
 
 def _has_force(press: Press) -> bool:
     return press.force_N is not None and any((press.normal_force_N, *press.force_N))
 
 
-def _press(path: Path, number: int, row: list[str]) -> Press:
+def _press(path: Path, number: int, row: list[str], columns: list[str]) -> Press:
     where = f"{path}, line {number}"
-    check_length(where, row, COLUMNS)
-    cell = dict(zip(COLUMNS, row, strict=True))
+    check_length(where, row, columns)
+    cell = dict(zip(columns, row, strict=True))
 
     def value(column: str) -> float:
         number_read = finite_number(where, column, cell[column])
@@ -125,6 +149,9 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
     force_N: Vector3 | None = None if touches else (0.0, 0.0, 0.0)
     if any(cell[column] for column in FORCES):
         normal_force_N, force_N = value("fn_N"), (value("fx_N"), value("fy_N"), value("fz_N"))
+    torsion_Nmm: float | None = None if touches else 0.0
+    if cell.get(TORSION):
+        torsion_Nmm = value(TORSION)
     place = (value("x_mm"), value("y_mm"), value("z_mm")) if touches else None
     if place is not None and math.hypot(*place) < SMALLEST_RADIUS_MM:
         raise DatasetError(
@@ -140,4 +167,5 @@ def _press(path: Path, number: int, row: list[str]) -> Press:
         force_N=force_N,
         probe=cell["probe"],
         lost=int(value("lost")),
+        torsion_Nmm=torsion_Nmm,
     )

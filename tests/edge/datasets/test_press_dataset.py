@@ -36,7 +36,20 @@ def refusal(call, path):
 def test_a_row_is_read_as_written(tmp_path):
     rows = read_truth(truth(tmp_path, GOOD, "b.jpg,test,0.6,,,,0,0,0,0,none,0"))
     assert rows[0] == Press("a.jpg", "train", 0.5, (1.5, -2.0, 29.9), 1.25, (0.1, 0.2, -1.2), "plate", 3)
-    assert rows[1] == Press("b.jpg", "test", 0.6, None, 0.0, (0.0, 0.0, 0.0), "none", 0)
+    assert rows[1] == Press("b.jpg", "test", 0.6, None, 0.0, (0.0, 0.0, 0.0), "none", 0, 0.0)
+
+
+def test_the_torsion_is_an_optional_last_column(tmp_path):
+    header = f"{HEADER},torsion_Nmm"
+    rows = read_truth(truth(tmp_path, f"{GOOD},-4.5", "b.jpg,test,0.6,,,,0,0,0,0,none,0,", header=header))
+    assert [row.torsion_Nmm for row in rows] == [-4.5, 0.0]
+    for cell in ("", "0", "-0.0"):
+        assert read_truth(truth(tmp_path, f"{GOOD},{cell}", header=header))[0].torsion_Nmm is None
+    said = refusal(read_truth, truth(tmp_path, f"{GOOD},1", f"{GOOD},", header=header))
+    assert "line 3: torsion_Nmm is blank, but 1 other contacts have a torsion" in said
+    said = refusal(read_truth, truth(tmp_path, f"{GOOD},big", header=header))
+    assert 'line 2: torsion_Nmm = "big" is not a finite number' in said
+    assert "line 2 has 12 fields, not 13" in refusal(read_truth, truth(tmp_path, GOOD, header=header))
 
 
 @pytest.mark.parametrize("force", [",,,", "0,0,0,0", "0.0,0,-0.0,0e3"])
