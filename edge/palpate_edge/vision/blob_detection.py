@@ -47,13 +47,16 @@ def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENG
         np.asarray(cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3), np.float32)
         for order in ((2, 0), (0, 2), (1, 1))
     )
-    determinant: Floats = xx * yy - xy * xy
-    determinant *= xx + yy > 0
+    cv2.threshold(xx, 0.0, 0.0, cv2.THRESH_TOZERO, dst=xx)  # bright spots then have no positive determinant
+    determinant: Floats = np.multiply(xx, yy, out=xx)
+    determinant -= np.multiply(xy, xy, out=xy)
     to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
     limit = (min_strength / to_strength) ** 2
     reach = max(1, round(0.45 * diameter_px / binning))
-    highest = cv2.dilate(determinant, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    peak = (determinant >= highest) & (determinant > limit)
+    near = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    highest: Floats = np.asarray(cv2.dilate(determinant, near, dst=yy), np.float32)
+    np.maximum(highest, np.nextafter(np.float32(limit), np.float32(np.inf)), out=highest)
+    peak = determinant >= highest
     peak[[0, -1], :] = False
     peak[:, [0, -1]] = False
     index = np.flatnonzero(peak)

@@ -40,7 +40,8 @@ SMOOTH = 0.25  # local spacings; a bead farther from its prediction may be anoth
 MIN_SUPPORT = 0.25  # of a bead's neighbours have to be labelled before it is
 MIN_PATCH = 8  # beads; fewer determine no affine map and its error
 MAX_HYPOTHESES, MAX_PATCHES = 2, 4  # tried, and of each the patches tried as seeds
-MAX_ROUNDS = 24
+MAX_ROUNDS = 24  # of growth a frame, over all seeds
+RANKING_BEADS = 64  # about that many beads rank the hypotheses
 ENOUGH_LEFT = 0.02  # of the beads; with fewer left over the labels are right, and no other seed is tried
 CAP_SQUARED = 0.16  # squared spacings, from a hypothesis to the nearest blob; farther is no nearer to right
 STRONG = 0.5  # of the labelled blobs' strength; specks and reflections are mostly weaker
@@ -76,29 +77,31 @@ class Correspondence:
         self._spacing_squared = float(np.median(spacing_px)) ** 2
         self._start_gate, self._growth_gate = ((gate * spacing_px) ** 2 for gate in (START_GATE, GROWTH_GATE))
         self._smooth_squared = (SMOOTH * spacing_px) ** 2
+        self._some = slice(None, None, max(1, len(spacing_px) // RANKING_BEADS))
         self._near = neighbourhood.nearest(PATCH_NEIGHBOURS)
         distance_px = np.take_along_axis(neighbourhood.distance_px, self._near, axis=1)
         self._joined = distance_px < PATCH_REACH * spacing_px[:, None]
         self._patch_step = ((PATCH_STEP * spacing_px) ** 2)[:, None]
 
-    def match(self, blobs: Blobs, shape: tuple[int, int], hypotheses_px: Array) -> Match:
-        """Return the labels of the blobs of an image of `shape`.
+    def match(self, blobs: Blobs, hypotheses_px: Array) -> Match:
+        """Return the labels of one image's blobs.
 
         hypotheses_px (h, n, 2): where the beads may be, at least one; ties go to the first.
         """
         if len(blobs.strength) < MIN_PATCH:
             return self._no_match(hypotheses_px[0])
-        nearest = NearestBlob(blobs.position_px, shape)
+        nearest = NearestBlob(blobs.position_px)
         order = self._best_first(nearest, hypotheses_px)
-        best = self._no_match(hypotheses_px[order[0]])
+        best, rounds = self._no_match(hypotheses_px[order[0]]), MAX_ROUNDS
         for expected_px in hypotheses_px[order]:
             blob = nearest.assign(expected_px, self._start_gate)
             displacement_px = blobs.position_px[blob] - self._reference_px
             for patch in self._patches(displacement_px, blob != NO_BLOB):
-                match = self._grow(nearest, blobs, displacement_px, patch)
+                seed = np.where(patch, blob, NO_BLOB)
+                match, rounds = self._grow(nearest, blobs, displacement_px, seed, rounds)
                 if np.count_nonzero(match.found) > np.count_nonzero(best.found):
                     best = match
-                if best.doubt <= ENOUGH_LEFT:
+                if best.doubt <= ENOUGH_LEFT or not rounds:
                     return best
         return best
 
@@ -116,8 +119,10 @@ class Correspondence:
         """Return the hypotheses whose places lie nearest to blobs."""
         if len(hypotheses_px) == 1:
             return np.zeros(1, np.intp)
-        _, squared = nearest.look_up(hypotheses_px)
-        distance = np.minimum(squared, CAP_SQUARED * self._spacing_squared).mean(axis=1)
+        some_px = hypotheses_px[:, self._some]
+        _, squared = nearest.look_up(some_px.reshape(-1, 2))
+        squared = np.minimum(squared, CAP_SQUARED * self._spacing_squared)
+        distance = squared.reshape(len(some_px), -1).mean(axis=1)
         return np.asarray(np.argsort(distance, kind="stable")[:MAX_HYPOTHESES])
 
     def _patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
@@ -139,10 +144,13 @@ class Correspondence:
                 return
             yield label == patch
 
-    def _grow(self, nearest: NearestBlob, blobs: Blobs, displacement_px: Array, known: Mask) -> Match:
-        """Spread the labels of the `known` (n,) beads over the skin."""
-        last = np.full(len(known), NO_BLOB)
-        for _ in range(MAX_ROUNDS):
+    def _grow(
+        self, nearest: NearestBlob, blobs: Blobs, displacement_px: Array, seed: Indices, rounds: int
+    ) -> tuple[Match, int]:
+        """Spread the labels `seed` (n,) over the skin in at most `rounds`; return also how many are left."""
+        last, known = seed, seed != NO_BLOB
+        while rounds:
+            rounds -= 1
             predicted, support = self._warp.predict(displacement_px, known)
             place_px = self._reference_px + predicted
             gate = np.where(support >= MIN_SUPPORT, self._growth_gate, 0.0)
@@ -153,7 +161,7 @@ class Correspondence:
             displacement_px = np.where(
                 known[:, None], blobs.position_px[blob] - self._reference_px, predicted
             )
-        return Match(last, place_px, self._doubt(blobs, last, place_px))
+        return Match(last, place_px, self._doubt(blobs, last, place_px)), rounds
 
     def _doubt(self, blobs: Blobs, blob: Indices, place_px: Array) -> float:
         """Return the share of the beads left over on both sides: beads without blob, and blobs without bead.
@@ -164,8 +172,9 @@ class Correspondence:
         missing = len(found) - np.count_nonzero(found)
         if not missing or missing == len(found):
             return float(missing > 0)
-        spare = blobs.strength > STRONG * np.median(blobs.strength[blob[found]])
-        spare[blob[found]] = False
+        labelled = np.sort(blob[found])  # the strongest first, as the blobs are
+        spare = blobs.strength > STRONG * blobs.strength[labelled[len(labelled) // 2]]
+        spare[labelled] = False
         if np.count_nonzero(spare) == 0:
             return 0.0
         apart = distances(blobs.position_px[spare], place_px)

@@ -2,14 +2,14 @@
 
 Skin stretches smoothly, so near one bead the displacement is a plane: a shift and a gradient. Both are fitted
 to the neighbours with Gaussian weights, without the bead itself. All sums of all beads are one product of a
-constant matrix (n, n) and a matrix (n, 12).
+matrix (12, n) and a constant one (n, n).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Mask
+from palpate_edge.common.arrays import Array, Floats, Mask
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 LENGTH, REACH = 1.1, 2.6  # of the weights, in local spacings; neighbours beyond the reach have none
@@ -33,11 +33,11 @@ class LocalWarp:
         self._unit_px = float(np.median(self.spacing_px))
         relative = distance_px / self.spacing_px[:, None]
         weight = np.where(relative < REACH, np.exp(-0.5 * (np.minimum(relative, REACH) / LENGTH) ** 2), 0.0)
-        self._weight = weight.astype(np.float32)
-        self._all = np.maximum(self._weight.sum(axis=1), 1e-6)
-        self._place = ((place - place.mean(axis=0)) / self._unit_px).astype(np.float32)
-        x, y = self._place.T
-        self._terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+        self._weight: Floats = np.ascontiguousarray(weight.T, dtype=np.float32)
+        self._per_all = (1.0 / np.maximum(weight.sum(axis=1), 1e-6)).astype(np.float32)
+        x, y = ((place - place.mean(axis=0)) / self._unit_px).T.astype(np.float32)
+        self._x, self._y = x, y
+        self._terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
     def predict(self, displacement_px: Array, known: Mask) -> tuple[Array, Array]:
         """Return the displacement (n, 2) of each bead as the `known` (n,) others predict it, and the support.
@@ -45,23 +45,25 @@ class LocalWarp:
         Support (n,), 0 to 1: weight of the known neighbours, of all neighbours. A bead without support is
         given displacement 0.
         """
-        place = self._place
-        value = (displacement_px * (known / self._unit_px)[:, None]).astype(np.float32)
-        terms = self._terms * known[:, None]
-        sums = self._weight @ np.concatenate(
-            [terms, value, value * place[:, :1], value * place[:, 1:]], axis=1
-        )
-        total = np.maximum(sums[:, 0], 1e-6)
-        sums /= total[:, None]
-        mean = sums[:, 1:3]
-        xx = sums[:, 3] - mean[:, 0] ** 2 + GRADIENT_RIDGE
-        xy = sums[:, 4] - mean[:, 0] * mean[:, 1]
-        yy = sums[:, 5] - mean[:, 1] ** 2 + GRADIENT_RIDGE
-        shift = sums[:, 6:8]
-        along_x = sums[:, 8:10] - shift * mean[:, :1]
-        along_y = sums[:, 10:12] - shift * mean[:, 1:]
-        offset = (place - mean) / (xx * yy - xy * xy)[:, None]
-        by_x = offset[:, 0] * yy - offset[:, 1] * xy
-        by_y = offset[:, 1] * xx - offset[:, 0] * xy
-        predicted = shift + by_x[:, None] * along_x + by_y[:, None] * along_y
-        return predicted.astype(np.float64) * self._unit_px, total / self._all
+        place_x, place_y = self._x, self._y
+        values = np.empty((12, len(known)), np.float32)
+        np.multiply(self._terms, known, out=values[:6])
+        np.multiply(displacement_px.T, known / self._unit_px, out=values[6:8], casting="same_kind")
+        np.multiply(values[6:8], place_x, out=values[8:10])
+        np.multiply(values[6:8], place_y, out=values[10:])
+        sums = values @ self._weight
+        total = np.maximum(sums[0], 1e-6)
+        sums /= total
+        x, y = sums[1], sums[2]
+        xx = sums[3] - x * x + GRADIENT_RIDGE
+        xy = sums[4] - x * y
+        yy = sums[5] - y * y + GRADIENT_RIDGE
+        shift = sums[6:8]
+        along_x = sums[8:10] - shift * x
+        along_y = sums[10:] - shift * y
+        ahead_x, ahead_y = place_x - x, place_y - y
+        per_determinant = self._unit_px / (xx * yy - xy * xy)
+        shift *= self._unit_px
+        shift += ((ahead_x * yy - ahead_y * xy) * per_determinant) * along_x
+        shift += ((ahead_y * xx - ahead_x * xy) * per_determinant) * along_y
+        return shift.T.astype(np.float64), total * self._per_all

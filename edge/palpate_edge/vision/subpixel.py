@@ -26,7 +26,8 @@ BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels 
 DISK_RADIUS = 0.8  # of the pixels that the centroid is made of, in bead diameters
 SKIN_RANKS = slice(6, 14)  # of the skin's pixels by grey: the darkest may be a bead's, the brightest glare
 LOW_RANKS, HIGH_RANKS = slice(3, 6), slice(11, 14)  # their difference is the skin's unevenness
-CONVERGED_STEP = 0.05  # of a bead diameter: a centroid that moved less is on its bead
+EXACT_STEP = 0.05  # of a bead diameter: a centroid that moved less needs no other step
+CONVERGED_STEP = 0.15  # a centroid whose last step was smaller is right to 0.03 px
 MAX_STEP = 0.5  # of a bead diameter
 GATE = 0.1  # of the contrast: a pixel less darker than the skin has weight 0
 MAX_STEPS = 4
@@ -67,15 +68,19 @@ class Refiner:
         self._unlit = None if shading is None else shading.unlit
         self._patches = Patches(self._binning, int(disk.max()), diameter)
         steps = self._patches.steps
-        in_disk = np.hypot(*steps.T) <= disk[:, None]
-        self._slope = (slope @ steps.T).astype(np.float32)
-        self._outside = np.where(in_disk, 0.0, OUTSIDE).astype(np.float32)
+        added = np.where(np.hypot(*steps.T) <= disk[:, None], 0.0, OUTSIDE)
+        if self._unlit is None:
+            added += slope @ steps.T
+        self._alike = bool((added == added[0]).all())
+        self._added = (added[:1] if self._alike else added).astype(np.float32)
+        self._slope = slope.astype(np.float32)
         self._moments = np.column_stack([np.ones(len(steps)), steps]).astype(np.float32)
+        self._one_and_steps = np.ascontiguousarray(self._moments.T)
         # Displacement that subtracting the skin's slope adds to the centroid of an unshaded bead.
         self._slope_shift = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
         self._half_area = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
         self._max_step = MAX_STEP * diameter[:, None]
-        self._converged_squared = (CONVERGED_STEP * diameter) ** 2
+        self._exact_squared = (EXACT_STEP * diameter) ** 2
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
@@ -86,10 +91,19 @@ class Refiner:
         """Take the plane in which :meth:`centroids` measures until the next one is loaded."""
         self._patches.load(dark)
 
-    def centroids(self, start_px: Array, beads: Indices | None = None) -> Refined:
+    def centroids(
+        self,
+        start_px: Array,
+        beads: Indices | None = None,
+        max_steps: int = MAX_STEPS,
+        min_contrast: Floats | float = 0.0,
+        max_faint: int | None = None,
+    ) -> Refined:
         """Return the centroids of `beads` (m,), all if None, near `start_px` (m, 2) in the loaded plane.
 
-        A start outside the image gives contrast 0 and stays where it is.
+        At most `max_steps` are taken, and no second one from faint places, where the contrast is below
+        `min_contrast` (m,), nor from any place if more than `max_faint` are faint. A start outside the image
+        gives contrast 0 and stays where it is.
         """
         half = 0.5 * (self._binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self._binning
@@ -98,12 +112,15 @@ class Refiner:
         offset, contrast, area, unevenness = self._measure(centre, beads)
         there = centre + offset
         step = there - position
-        converged_squared = self._converged_squared if beads is None else self._converged_squared[beads]
-        converged = np.vecdot(step, step) <= converged_squared
-        for _ in range(MAX_STEPS - 1):
-            if converged.all():
+        exact_squared = self._exact_squared if beads is None else self._exact_squared[beads]
+        step_squared = np.vecdot(step, step)
+        at_bead = contrast >= min_contrast
+        moving = np.flatnonzero((step_squared > exact_squared) & at_bead)
+        if max_faint is not None and len(at_bead) - np.count_nonzero(at_bead) > max_faint:
+            max_steps = 1
+        for _ in range(max_steps - 1):
+            if not len(moving):
                 break
-            moving = np.flatnonzero(~converged)
             which = moving if beads is None else beads[moving]
             max_step = self._max_step[which]
             again = position[moving] + np.minimum(np.maximum(step[moving], -max_step), max_step)
@@ -111,8 +128,10 @@ class Refiner:
             centre = np.rint(again).astype(np.intp)
             offset, contrast[moving], area[moving], unevenness[moving] = self._measure(centre, which)
             position[moving], there[moving] = again, centre + offset
-            step[moving] = there[moving] - again
-            converged[moving] = np.vecdot(step[moving], step[moving]) <= converged_squared[moving]
+            step[moving] = last_step = there[moving] - again
+            step_squared[moving] = last_squared = np.vecdot(last_step, last_step)
+            moving = moving[last_squared > exact_squared[moving]]
+        converged = step_squared <= (CONVERGED_STEP / EXACT_STEP) ** 2 * exact_squared
         place_px = there * self._binning + half
         if position is not start:
             outside = self._patches.outside(start)
@@ -132,16 +151,15 @@ class Refiner:
         weight = self._patches.squares(index)
         if self._unlit is None:
             weight *= -scale[:, None]
-            weight += self._slope[some]
         else:
-            weight -= self._unlit
-            skin = skin - self._unlit
+            if self._unlit:
+                weight -= self._unlit
+                skin = skin - self._unlit
             lit = np.maximum(np.abs(skin), np.maximum(DARKEST_SKIN * contrast, 1.0))
             slope = self._slope[some] / np.copysign(lit, skin)[:, None]
-            slope -= scale[:, None]
-            weight *= slope
+            weight *= np.column_stack([-scale, slope]) @ self._one_and_steps
         weight += (skin * scale - GATE)[:, None]
-        weight += self._outside[some]
+        weight += self._added if self._alike else self._added[some]
         cv2.threshold(weight, 0.0, 0.0, cv2.THRESH_TOZERO, dst=weight)
         cv2.threshold(weight, 1.0, 0.0, cv2.THRESH_TRUNC, dst=weight)
         factor = 1.5 - weight  # t^2 (3 - 2 t) / 2: smooth at both ends, so independent of the pixel grid

@@ -1,8 +1,12 @@
 """Tracking: every bead keeps its number, in a video as in single frames.
 
-A frame is read in small windows around the last places. Where beads jumped, the windows also start from the
-reference. Such labels are accepted when nearly all beads are there and move as one skin. Otherwise the blobs
-of the whole image are matched with the beads by topology (correspondence.py), which takes a millisecond.
+A frame is read in small windows around the last places, the missing beads once more where their neighbours
+predict them. Such labels are accepted when no bead jumped and hardly more are missing than before, or when
+nearly all beads are there and move as one skin. Otherwise the blobs of the whole image are matched with the
+beads by topology (correspondence.py).
+
+Each of the two happens at most once a frame, whatever the frame shows: no frame costs much more than most do.
+A bead that stays hidden causes no search: only the loss of further beads does.
 """
 
 from __future__ import annotations
@@ -11,16 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Mask, Plane
+from palpate_edge.common.arrays import Array, Indices, Mask, Plane
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
 from palpate_edge.vision.window_search import WindowSearch
 
-MAX_RETRIES = 3
-MAX_LOST_SHARE = 0.1  # of the beads, in windows; with more lost the whole image is searched
+MAX_LOST_SHARE = 0.1  # of the beads, beyond those lost in the last search; with more the image is searched
 MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict none
+MAX_FAINT_AT_REST = 0.05  # of the beads, at their places in the reference; with more the press is deep
 MAX_LOST_AFTER_JUMP = 0.02  # a shift by one row loses the beads of one side
 MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
@@ -55,23 +59,18 @@ class Tracker:
     def reset(self) -> None:
         """Forget the last frame: the next one starts from the reference."""
         self._last_px = self._reference.position_px.copy()
-        self._last_lost, self._is_reference = 0, True
+        self._last_lost, self._accepted_lost, self._is_reference = 0, 0, True
 
     def follow(self, dark: Plane) -> Beads:
         """Return the beads of the next frame."""
         self._windows.load(dark)
-        labelling = self._windows.find_beads(self._last_px)
-        lost = len(labelling[1]) - np.count_nonzero(labelling[1])
-        if lost <= self._last_lost + MAX_LOST_SHARE * len(labelling[1]):
-            labelling = self._complete(labelling)
-            if self._has_jumped(labelling):
-                labelling = self._after_jump(labelling)
-        beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
-        if len(beads.lost) > MAX_LOST_SHARE * len(beads.found):
-            self.counters.searches += 1
-            searched = self._in_whole_image(dark)
-            if searched.found_count > beads.found_count:
-                beads = searched
+        labelling = self._in_windows()
+        if labelling is None:
+            beads = self._in_whole_image(dark)
+            self._accepted_lost = len(beads.lost)
+        else:
+            beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
+            self._accepted_lost = min(self._accepted_lost, len(beads.lost))
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
@@ -84,27 +83,27 @@ class Tracker:
             self._is_reference = False
         return beads
 
-    def _in_windows(self, expected_px: Array) -> Labelling:
-        """Find every bead near `expected_px` (n, 2), the missing ones again near their neighbours."""
-        return self._complete(self._windows.find_beads(expected_px))
-
-    def _has_jumped(self, labelling: Labelling) -> bool:
-        """Return whether beads may be their neighbours: they moved far, or a row of them was lost at once."""
-        found = labelling[1]
-        lost = len(found) - np.count_nonzero(found)
-        if lost > self._last_lost + MAX_LOST_AFTER_JUMP * len(found):
-            return True
-        return self._labels.has_jumped(labelling, self._last_px)
-
-    def _after_jump(self, labelling: Labelling) -> Labelling:
-        """Return this labelling or that from the reference if one is plausible, else one without beads."""
-        if self._is_plausible(labelling):
+    def _in_windows(self) -> Labelling | None:
+        """Find every bead near its last place; None where the labels may be wrong or many are missing."""
+        count = len(self._last_px)
+        max_lost = int(self._accepted_lost + MAX_LOST_SHARE * count)
+        max_faint = int(MAX_FAINT_AT_REST * count) if self._is_reference else max_lost
+        labelling = self._windows.find_beads(self._last_px, max_faint)
+        if labelling is None:
+            return None
+        missing = np.flatnonzero(~labelling[1])
+        if len(missing) > self._accepted_lost + MAX_RETRIED_SHARE * count:
+            return None
+        if len(missing):
+            self._retry(*labelling, missing)
+        labelling = self._labels.drop_doubles(labelling, self._last_px)
+        lost = count - np.count_nonzero(labelling[1])
+        if lost > max_lost:
+            return None
+        moved_on = lost <= self._last_lost + MAX_LOST_AFTER_JUMP * count
+        if moved_on and not self._labels.has_jumped(labelling, self._last_px):
             return labelling
-        if not self._is_reference:
-            labelling = self._in_windows(self._reference.position_px)
-            if self._is_plausible(labelling):
-                return labelling
-        return labelling[0], np.zeros_like(labelling[1])
+        return labelling if self._is_plausible(labelling) else None
 
     def _is_plausible(self, labelling: Labelling) -> bool:
         """Return whether nearly all beads were found and are displaced like their neighbours."""
@@ -115,14 +114,14 @@ class Tracker:
 
     def _in_whole_image(self, dark: Plane) -> Beads:
         """Match the blobs of the whole image with the beads."""
+        self.counters.searches += 1
         blobs = find_blobs(dark, self._diameter_px, self._min_strength).strongest(self._max_blobs)
-        height, width = dark.shape
         hypotheses = (
             [self._reference.position_px]
             if self._is_reference
             else [self._last_px, self._reference.position_px]
         )
-        match = self._correspondence.match(blobs, (height, width), np.stack(hypotheses))
+        match = self._correspondence.match(blobs, np.stack(hypotheses))
         matched = match.found
         blob_px = blobs.position_px[match.blob] if len(blobs.strength) else match.predicted_px
         expected_px = np.where(matched[:, None], blob_px, match.predicted_px)
@@ -135,20 +134,7 @@ class Tracker:
             position_px, found, searched=True, doubt=match.doubt, noise=self._windows.noise(found)
         )
 
-    def _complete(self, labelling: Labelling) -> Labelling:
-        """Retry the missing beads and drop doubles; changes both arrays in place."""
-        position_px, found = labelling
-        if not found.all():
-            self._retry(position_px, found)
-        return self._labels.drop_doubles(labelling, self._last_px)
-
-    def _retry(self, position_px: Array, found: Mask) -> None:
-        """Search the missing beads again where their neighbours' displacement predicts them."""
-        for _ in range(MAX_RETRIES):
-            missing = np.flatnonzero(~found)
-            if not len(missing) or len(missing) > MAX_RETRIED_SHARE * len(found):
-                return
-            expected_px = self._neighbourhood.predict(position_px, found, missing)
-            position_px[missing], found[missing] = self._windows.find_predicted(expected_px, missing)
-            if not found[missing].any():
-                return
+    def _retry(self, position_px: Array, found: Mask, missing: Indices) -> None:
+        """Search the missing beads where their neighbours predict them; changes both arrays."""
+        expected_px = self._neighbourhood.predict(position_px, found, missing)
+        position_px[missing], found[missing] = self._windows.find_predicted(expected_px, missing)

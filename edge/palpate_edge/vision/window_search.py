@@ -1,4 +1,8 @@
-"""Search of beads in small windows around the places where they are expected."""
+"""Search of beads in small windows around the places where they are expected.
+
+Each search measures every bead once, and a second time only where the first window was off its centre. What a
+window showed is kept until the next plane is loaded: nothing is measured twice at the same place.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,8 @@ MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
 MAX_STEP = 0.45  # of the spacing, from the expected place
+MAX_WINDOWS, MAX_WINDOWS_OF_BLOB = 2, 3  # of one bead in one search; at blobs in uneven light
+SAME_WINDOW = 0.15  # of the bead's diameter: a window so near to another one shows the same
 # Of a bead whose place its neighbours predict: light may be dim, and beside glare.
 MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.45
 # Of a bead whose blob was matched with it.
@@ -32,43 +38,69 @@ class WindowSearch:
         self._refiner = Refiner(reference.diameter_px, spacing_px, reference.shading)
         self._spacing_squared = spacing_px**2
         self._contrast = np.maximum(reference.contrast, 1e-3).astype(np.float32)
+        self._min_contrast = MIN_CONTRAST_SHARE * self._contrast
         self._min_area, self._max_area = ((share * reference.area).astype(np.float32) for share in AREA_RANGE)
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._max_unevenness = np.full(spacing_px.shape, unevenness + MAX_ADDED_UNEVENNESS, np.float32)
         self._noise_unevenness = 0.0
         self._contrast_share = np.ones_like(self._contrast)
         self._excess = np.zeros_like(self._contrast)
+        self._same_squared = (SAME_WINDOW * reference.diameter_px) ** 2
 
     def load(self, dark: Plane) -> None:
         """Take the plane that is measured until the next one is loaded."""
         self._refiner.load(dark)
 
-    def find_beads(self, expected_px: Array) -> tuple[Array, Mask]:
-        """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads."""
-        refined = self._refiner.centroids(expected_px)
+    def find_beads(self, expected_px: Array, max_faint: int) -> tuple[Array, Mask] | None:
+        """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads.
+
+        Return None where the first windows show more than `max_faint` faint places: the beads are not there.
+        """
+        refined = self._refiner.centroids(expected_px, None, MAX_WINDOWS, self._min_contrast, max_faint)
+        self._last, self._last_start_px = refined, expected_px
         self._contrast_share = refined.contrast / self._contrast
-        found = refined.converged & (self._contrast_share > MIN_CONTRAST_SHARE)
+        found = self._contrast_share > MIN_CONTRAST_SHARE
+        if len(found) - np.count_nonzero(found) > max_faint:
+            return None
+        found &= refined.converged
         found &= refined.area > self._min_area
         found &= refined.area < self._max_area
         step = refined.position_px - expected_px
         found &= np.vecdot(step, step) < MAX_STEP**2 * self._spacing_squared
-        found &= self._is_even(refined)
+        self._excess = self._excess_of(refined.unevenness)
+        found &= self._excess < 0
         return refined.position_px, found
 
     def find_predicted(self, expected_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), as their neighbours predict them,
-        and which (m,) were found."""
-        refined, step_squared = self._measure(expected_px, beads)
-        found = refined.converged & (self._contrast_share[beads] > MIN_PREDICTED_CONTRAST_SHARE)
-        found &= refined.area > self._min_area[beads]
-        found &= refined.area < self._max_area[beads]
-        found &= step_squared < MAX_PREDICTED_STEP**2
+        and which (m,) were found; find_beads was called for this plane before."""
+        self._look_again(expected_px, beads)
+        last = self._last
+        found = last.converged[beads] & (self._contrast_share[beads] > MIN_PREDICTED_CONTRAST_SHARE)
+        found &= last.area[beads] > self._min_area[beads]
+        found &= last.area[beads] < self._max_area[beads]
+        step = last.position_px[beads] - expected_px
+        found &= np.vecdot(step, step) < MAX_PREDICTED_STEP**2 * self._spacing_squared[beads]
         found &= self._excess[beads] < MAX_GLARE
-        return refined.position_px, found
+        return last.position_px[beads], found
+
+    def _look_again(self, expected_px: Array, beads: Indices) -> None:
+        """Measure the `beads` (m,) about `expected_px` (m, 2) whose last window did not show them."""
+        last = self._last
+        apart = self._last_start_px[beads] - expected_px
+        far = np.vecdot(apart, apart) > self._same_squared[beads]
+        far &= ~last.converged[beads]
+        if not far.any():
+            return
+        beads, expected_px = beads[far], expected_px[far]
+        refined, _ = self._measure(expected_px, beads, MAX_WINDOWS)
+        last.position_px[beads], last.area[beads] = refined.position_px, refined.area
+        last.converged[beads] = refined.converged
 
     def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured."""
-        refined, step_squared = self._measure(blob_px, beads)
+        refined, step_squared = self._measure(blob_px, beads, MAX_WINDOWS_OF_BLOB)
+        self._excess[beads] = self._excess_of(refined.unevenness, beads)
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
         found &= step_squared < MAX_BLOB_STEP**2
@@ -88,24 +120,23 @@ class WindowSearch:
         noise = np.where(glare, np.maximum(noise, by_glare), noise)
         return np.where(inexact, np.minimum(noise, MAX_NOISE), 1.0).astype(np.float32)
 
-    def _measure(self, start_px: Array, beads: Indices) -> tuple[Refined, Array]:
+    def _measure(self, start_px: Array, beads: Indices, max_steps: int) -> tuple[Refined, Array]:
         """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
-        refined = self._refiner.centroids(start_px, beads)
+        refined = self._refiner.centroids(start_px, beads, max_steps)
         self._contrast_share[beads] = refined.contrast / self._contrast[beads]
         self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
         step = refined.position_px - start_px
         return refined, np.asarray(np.vecdot(step, step) / self._spacing_squared[beads])
 
-    def _is_even(self, refined: Refined) -> Mask:
-        """Return which of all beads (n,) have no glare beside them; its edge would displace the centroid.
+    def _excess_of(self, unevenness: Floats, beads: slice | Indices = slice(None)) -> Floats:
+        """Return by how much the unevenness (m,) about the `beads` (m,) is above its limit; glare beside a
+        bead, whose edge would displace the centroid, makes it positive.
 
         Unevenness that most beads share is camera noise: it is added to the limit until the next call.
         """
-        self._excess = refined.unevenness - self._max_unevenness
-        even = self._excess < 0
+        excess: Floats = unevenness - self._max_unevenness[beads]
         self._noise_unevenness = 0.0
-        if not even.all():
-            self._noise_unevenness = max(0.0, float(np.median(self._excess)) + MAX_ADDED_UNEVENNESS)
-            self._excess -= self._noise_unevenness
-            even = self._excess < 0
-        return np.asarray(even)
+        if (excess >= 0).any():
+            self._noise_unevenness = max(0.0, float(np.median(excess)) + MAX_ADDED_UNEVENNESS)
+            excess -= self._noise_unevenness
+        return excess

@@ -13,7 +13,6 @@ from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 SPACING_PX = 17.0
-SHAPE = (480, 640)
 
 
 def lattice(shells=10):
@@ -39,7 +38,7 @@ def strong(place_px):
 
 
 def match(blobs, *hypotheses):
-    return Correspondence(Neighbourhood(REST)).match(blobs, SHAPE, np.stack(hypotheses or (REST,)))
+    return Correspondence(Neighbourhood(REST)).match(blobs, np.stack(hypotheses or (REST,)))
 
 
 @pytest.mark.parametrize(("depth", "width"), [(0.3, 3.0), (0.8, 3.0), (1.1, 4.0), (1.5, 5.0)])

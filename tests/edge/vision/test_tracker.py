@@ -15,6 +15,7 @@ from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
 from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.neighbourhood import interpolate
+from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import Tracker
 
 SPACING_PX = 22.0
@@ -86,6 +87,41 @@ def test_hidden_beads_are_lost_and_come_back(skin):
         assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3 + 0.2 * bool(unseen)
     assert tracker.counters.beads_lost == 2 * len(hidden)
     assert tracker.counters.frames == 4
+
+
+@pytest.mark.parametrize("hidden", [(24,), tuple(range(0, 49, 4)), tuple(range(14))])
+def test_beads_that_stay_hidden_cause_one_search_at_most(skin, hidden):
+    """One bead, 27 % of all here and there, or the first two rows: the others are followed as ever."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    for shift in np.linspace(0.0, 6.0, 5):
+        places = grid() + np.array([shift, 0.0])
+        beads = tracker.follow(draw(places, hidden))
+        assert set(np.flatnonzero(~beads.found)) == set(hidden)
+    assert tracker.counters.searches <= 1
+
+
+def test_no_frame_is_searched_twice_and_no_bead_measured_often(skin, monkeypatch):
+    """Whatever a frame shows: a jump, another jump, specks and hidden beads, darkness."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    measured = np.zeros(0)
+    searched = []
+    measure = Refiner._measure
+
+    def counted(self, centre, beads):
+        measured[slice(None) if beads is None else beads] += 1
+        return measure(self, centre, beads)
+
+    monkeypatch.setattr(Refiner, "_measure", counted)
+    frames = [draw(grid() + aside) for aside in ((0, 0), (9, 0), (-9, 5))]
+    frames += [draw(bulged(grid(), 9.0), tuple(range(0, 49, 3))), np.full((256, 256), 20, np.float32)]
+    for picture in [*frames, *reversed(frames)]:
+        before, measured = tracker.counters.searches, np.zeros(49)
+        tracker.follow(picture)
+        searched.append(tracker.counters.searches - before)
+        assert measured.max() <= 2 + 2 + 3  # at the last place, where the neighbours predict it, at its blob
+    assert max(searched) == 1
 
 
 def test_after_darkness_the_whole_image_is_searched_and_everything_found_again(skin):
