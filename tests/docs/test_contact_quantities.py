@@ -23,8 +23,11 @@ HEAD = ("quantity", "object", "increment", "TPDO", "estimate", "recording", "MCA
 TABLE = "edge/palpate_edge/common/contact_quantities.py"
 PARSED = "edge/palpate_edge/node/fingertip.parsed.json"
 EDS = ("firmware/fingertip.eds", "edge/palpate_edge/node/fingertip.eds", PARSED)
-PRODUCERS = tuple(f"edge/palpate_edge/{room}/" for room in ("estimation", "calibration", "diagnostics"))
-"""Rooms that make the quantity or draw its making; they do not carry it."""
+PRODUCERS = (
+    *(f"edge/palpate_edge/{room}/" for room in ("estimation", "calibration", "datasets", "diagnostics")),
+    *(f"host/palpate_twin/{room}/" for room in ("camera", "dome")),
+)
+"""Rooms that make the quantity, its label, or a drawing of its making; they do not carry it."""
 
 ALSO_NAMED = {"radius95_mm": {"edge/palpate_edge/cli/estimate.py"}}  # the help of `palpate-edge estimate`
 

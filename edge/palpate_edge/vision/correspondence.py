@@ -15,7 +15,8 @@ spread along the skin from where they are right:
    one side of the dome and blobs on the other. Then the next largest patch is tried, and the labelling with
    the most beads taken. What is still left over on both sides is the doubt.
 
-Nothing here depends on a layout of rings or rows, nor on a frame before.
+Nothing here depends on a layout of rings or rows, nor on a frame before. docs/matching.md shows the steps in
+pictures.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ class Correspondence:
         for expected_px in hypotheses_px[order]:
             blob = nearest.assign(expected_px, self._start_gate)
             displacement_px = blobs.position_px[blob] - self._reference_px
-            for patch in self._patches(displacement_px, blob != NO_BLOB):
+            for patch in self.patches(displacement_px, blob != NO_BLOB):
                 seed = np.where(patch, blob, NO_BLOB)
                 match, rounds = self._grow(nearest, blobs, displacement_px, seed, rounds)
                 if np.count_nonzero(match.found) > np.count_nonzero(best.found):
@@ -125,7 +126,7 @@ class Correspondence:
         distance = squared.reshape(len(some_px), -1).mean(axis=1)
         return np.asarray(np.argsort(distance, kind="stable")[:MAX_HYPOTHESES])
 
-    def _patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
+    def patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
         """Yield the patches (n,) of the known beads, the largest first."""
         apart = displacement_px[:, None] - displacement_px[self._near]
         joined = np.vecdot(apart, apart) < self._patch_step

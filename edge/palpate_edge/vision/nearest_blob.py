@@ -13,7 +13,7 @@ class NearestBlob:
     """Looks up the nearest of one frame's blobs.
 
     |p - q|^2 = |p|^2 - 2 p q + |q|^2, of which |p|^2 is the same for all blobs q of a place p. In single
-    precision, with the blobs' centre as origin, two blobs are told apart that differ by 0.02 px.
+    precision, with the blobs' centre as origin, distances that differ by 0.02 px are distinguished.
     """
 
     def __init__(self, blob_px: Array) -> None:

@@ -5,7 +5,7 @@ predict them. Such labels are accepted when no bead jumped and hardly more are m
 nearly all beads are there and move as one skin. Otherwise the blobs of the whole image are matched with the
 beads by topology (correspondence.py).
 
-Each of the two happens at most once a frame, whatever the frame shows: no frame costs much more than most do.
+Each of the two happens at most once for any frame: no frame costs much more than most do.
 A bead that stays hidden causes no search: only the loss of further beads does.
 """
 
