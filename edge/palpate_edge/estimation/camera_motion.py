@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import rms, row_normalised, weighted_mean
+from palpate_edge.vision.neighbourhood import mean_of, rms, row_normalised, weighted
 
 MOTIONS = 6
 DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
@@ -34,29 +34,29 @@ class CameraMotion:
 
     def __init__(self, reference: Reference) -> None:
         modes = camera_modes(reference.position_px)
-        self._modes = modes
         self._flat_modes = modes.reshape(-1, MOTIONS)  # NumPy multiplies a stack of small matrices slowly
         self._fit = np.linalg.pinv(self._flat_modes)
-        self._averaging = reference.neighbourhood.weights(DENT_LENGTH)
-        self._averaging_all = row_normalised(self._averaging).astype(np.float32)
+        self._bead_normals = np.einsum("nci,ncj->nij", modes, modes).reshape(len(modes), -1)
+        averaging = reference.neighbourhood.weights(DENT_LENGTH)
+        self._averaging = averaging.astype(np.float32)
+        self._averaging_all = row_normalised(averaging).astype(np.float32)
 
     def split(self, displacement_px: Array, beads: Beads) -> SplitMotion:
         """Split a displacement (n, 2); only found beads determine the common part."""
         if beads.all_exact:
             common = (self._flat_modes @ (self._fit @ displacement_px.ravel())).reshape(-1, 2)
             return SplitMotion(common, displacement_px - common)
-        found = beads.found
-        modes = self._modes[found].reshape(-1, MOTIONS)
-        weighted = modes.T * np.repeat(beads.weight[found], 2)
-        amounts = np.linalg.solve(weighted @ modes, weighted @ displacement_px[found].ravel())
+        weight = beads.weight
+        normal = (weight @ self._bead_normals).reshape(MOTIONS, MOTIONS)
+        amounts = np.linalg.solve(normal, (displacement_px * weight[:, None]).ravel() @ self._flat_modes)
         common = (self._flat_modes @ amounts).reshape(-1, 2)
-        return SplitMotion(common, np.where(found[:, None], displacement_px - common, 0.0))
+        return SplitMotion(common, (displacement_px - common) * beads.found[:, None])
 
     def dent_size_px(self, dent_px: Array, beads: Beads) -> float:
         """Return the root mean square, over the found beads, of the dent averaged over their neighbours."""
         if beads.all_exact:
             return rms(self._averaging_all @ dent_px.astype(np.float32))
-        return rms(weighted_mean(self._averaging, dent_px, beads.weight)[beads.found])
+        return rms(mean_of(self._averaging @ weighted(dent_px, beads.weight))[beads.found])
 
 
 def camera_modes(position_px: Array) -> Array:

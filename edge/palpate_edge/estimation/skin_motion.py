@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Floats
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import rms, row_normalised, weighted_mean
+from palpate_edge.vision.neighbourhood import mean_of, rms, row_normalised, weighted
 
 AVERAGING_LENGTH = 2.0  # spacings
 MAX_ROUGHNESS = 0.12  # spacings; see Motion
@@ -38,21 +38,18 @@ class Motion(NamedTuple):
 
 
 class SkinMotion:
-    """Measures the motion of one sensor's beads; with all beads found by a single float32 product."""
+    """Measures the motion of one sensor's beads by a single float32 product."""
 
     def __init__(self, reference: Reference) -> None:
         neighbourhood = reference.neighbourhood
         self._reference_px = reference.position_px
         self._spacing_px = neighbourhood.spacing_px
-        self._averaging = neighbourhood.weights(AVERAGING_LENGTH)
-        self._averaging_squared = self._averaging**2
-        self._variance = float(
-            (self._averaging_squared.sum(axis=1) / self._averaging.sum(axis=1) ** 2).mean()
-        )
-        self._neighbours = neighbourhood.weights(1.0)
-        np.fill_diagonal(self._neighbours, 0.0)
-        roughness = np.eye(len(self._spacing_px)) - row_normalised(self._neighbours)
-        both = np.vstack([row_normalised(self._averaging), roughness / self._spacing_px[:, None]])
+        averaging, neighbours = neighbourhood.weights(AVERAGING_LENGTH), neighbourhood.weights(1.0)
+        np.fill_diagonal(neighbours, 0.0)
+        self._variance = float(((averaging**2).sum(axis=1) / averaging.sum(axis=1) ** 2).mean())
+        self._sums = np.vstack([averaging, neighbours, averaging**2]).astype(np.float32)
+        roughness = np.eye(len(self._spacing_px)) - row_normalised(neighbours)
+        both = np.vstack([row_normalised(averaging), roughness / self._spacing_px[:, None]])
         self._average_and_roughness = both.astype(np.float32)
 
     def measure(self, beads: Beads) -> Motion:
@@ -61,24 +58,27 @@ class SkinMotion:
         if beads.all_exact:
             both = self._average_and_roughness @ displacement.astype(np.float32)
             return Motion(displacement, rms(both[: len(found)]), rms(both[len(found) :]))
-        weight = beads.weight
-        average = weighted_mean(self._averaging, displacement, weight)
-        rough = displacement - weighted_mean(self._neighbours, displacement, weight)
+        count, weight = len(found), beads.weight
+        sums = self._sums @ weighted(displacement, weight)
+        averaged = sums[:count][found]
+        rough = displacement - mean_of(sums[count : 2 * count])
         rough *= (np.sqrt(weight) / self._spacing_px)[:, None]
-        return Motion(displacement, rms(average[found]), rms(rough[found]), self._noise(beads))
+        noise = self._noise(sums[2 * count :, 2][found], averaged[:, 2])
+        return Motion(displacement, rms(mean_of(averaged)), rms(rough[found]), noise)
 
-    def _noise(self, beads: Beads) -> float:
+    def _noise(self, squared_sum: Floats, total: Floats) -> float:
         """Return Motion.noise: the averages' variance over that with all beads exact.
+
+        squared_sum (m,), total (m,): sums of a^2 w and of a w over the neighbours of each found bead.
 
         A mean with weights a w, w = 1 / variance, has the variance sum(a^2 w) / sum(a w)^2. Its root would be
         the noise if the beads' errors were independent; but neighbours are in the same light, and untouched
         frames of a sensor in strong room light show that it grows as the variance itself.
         """
-        if not beads.found_count:
+        if not len(total):
             return 1.0
-        weight = beads.weight
-        variance = self._averaging_squared @ weight / np.maximum(self._averaging @ weight, 1e-9) ** 2
-        return max(1.0, float(variance[beads.found].mean()) / self._variance)
+        variance = squared_sum / np.maximum(total, 1e-9) ** 2
+        return max(1.0, float(variance.mean()) / self._variance)
 
 
 def faintness(motion_px: float, threshold_px: float) -> float:

@@ -22,7 +22,7 @@ class LabelCheck:
         spacing_px, diameter_px = neighbourhood.spacing_px, reference.diameter_px
         self._reference_px = reference.position_px
         self._pairs = neighbourhood.pairs(PAIR_RANGE)
-        self._overlap_squared = (0.5 * diameter_px[self._pairs[0]]) ** 2
+        self._overlap_squared = ((0.5 * diameter_px[self._pairs[0]]) ** 2).astype(np.float32)
         gap_px = spacing_px - 0.5 * diameter_px
         self._min_overlap_squared = (float(gap_px.min()) / 2) ** 2  # two beads that approach each other
         self._jump_squared = (JUMP * spacing_px) ** 2
@@ -49,12 +49,13 @@ class LabelCheck:
         displacement = position_px - self._reference_px
         if np.vecdot(displacement, displacement).max() < self._min_overlap_squared:
             return labelling
-        first, second = self._pairs
-        apart = position_px[first] - position_px[second]
-        near = (apart**2).sum(axis=1) < self._overlap_squared
-        near &= found[first] & found[second]
-        if near.any():
+        x, y = position_px.T.astype(np.float32)
+        apart_x, apart_y = (axis.take(self._pairs[0]) - axis.take(self._pairs[1]) for axis in (x, y))
+        near = np.flatnonzero(apart_x * apart_x + apart_y * apart_y < self._overlap_squared)
+        if len(near):
+            first, second = (ends[near] for ends in self._pairs)
+            both = found[first] & found[second]
+            first, second = first[both], second[both]
             step_px = np.linalg.norm(position_px - last_px, axis=1)
-            first, second = first[near], second[near]
             found[np.where(step_px[first] > step_px[second], first, second)] = False
         return labelling

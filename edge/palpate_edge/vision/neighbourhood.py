@@ -74,11 +74,18 @@ def row_normalised(weight: Array) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
 
 
-def weighted_mean(weight: Array, values: Array, bead_weight: Array) -> Array:
-    """Return the weighted means (n, k) of the beads' `values` (n, k), by weights (n, n) of the neighbourhood
-    times the weight (n,) of each bead."""
-    sums = weight @ np.column_stack([values * bead_weight[:, None], bead_weight])
-    return np.asarray(sums[:, :-1] / np.maximum(sums[:, -1:], 1e-12))
+def weighted(vectors: Array, bead_weight: Array) -> Floats:
+    """Return the beads' vectors (n, 2) times their weights (n,), and the weights: columns (n, 3) whose sums
+    over neighbours make a weighted mean."""
+    columns = np.empty((len(vectors), 3), np.float32)
+    columns[:, 2] = bead_weight
+    np.multiply(vectors, columns[:, 2:], out=columns[:, :2], casting="same_kind")
+    return columns
+
+
+def mean_of(sums: Floats) -> Floats:
+    """Return the means (n, 2) of sums (n, 3) of what :func:`weighted` returns."""
+    return np.asarray(sums[:, :2] / np.maximum(sums[:, 2:], 1e-12))
 
 
 def rms(vectors: Array | Floats) -> float:
