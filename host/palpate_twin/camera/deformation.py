@@ -13,6 +13,7 @@ from palpate_edge.geometry.sensor import Dome
 from palpate_twin.dome import field_grid as grid
 from palpate_twin.dome.library import FieldLibrary, periodic, ring_weights
 from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.uneven_wall import Stiffness, UnevenWall
 
 AZIMUTHS = grid.POINTS_A_RING * (grid.RINGS - 1)  # azimuths of the skin's polar grid: the outermost ring's
 WALL_TOLERANCE = 0.02  # tolerance of wall over radius; fields depend on this ratio
@@ -59,9 +60,12 @@ class DeformableDome:
     large.
     """
 
-    def __init__(self, library: FieldLibrary, dome: Dome, bead_directions: Array) -> None:
+    def __init__(
+        self, library: FieldLibrary, dome: Dome, bead_directions: Array, stiffness: Stiffness | None = None
+    ) -> None:
         """Prepare the fields at bead_directions (n, 3), unit vectors in F.
 
+        stiffness: relative shear modulus of an uneven wall, which takes some seconds; None for an even one.
         Raises ConfigError if the wall ratio is not the library's.
         """
         self.scale = dome.outer_radius_mm / library.outer_radius_mm
@@ -73,6 +77,10 @@ class DeformableDome:
             )
         self._library = library
         self._beads = ring_weights(bead_directions) @ _library_directions()
+        self._uneven = None
+        if stiffness is not None:
+            points_mm = grid.BEAD_RADIUS_MM * self.scale * skin_directions()[:-1].reshape(-1, 3)
+            self._uneven = UnevenWall(stiffness, points_mm, dome.outer_radius_mm, dome.wall_mm)
 
     def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
         return self.scale * self._library.largest_depth_mm(theta_rad, probe)
@@ -126,6 +134,13 @@ class DeformableDome:
         skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the last ring, the base edge, is fixed
         skin[:-1] = turned_rings(solved.displacement_mm @ to_azimuth * self.scale, press.azimuth_rad)
         force = solved.force_per_mu_mm2 @ to_azimuth * self.scale**2
+        if self._uneven is not None:
+            change = self._uneven.change(
+                press.theta_rad, press.azimuth_rad, press.depth_mm, press.shear_mm, press.probe
+            )
+            size_mm = np.sqrt((skin[:-1] ** 2).sum(axis=-1).mean())
+            skin[:-1] += size_mm * change.displacement.reshape(skin[:-1].shape)
+            force = force + np.linalg.norm(force) * change.force
         return Deformation(self._beads @ skin[:-1].reshape(-1, 3), skin, force)
 
 

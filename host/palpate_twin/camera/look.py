@@ -61,7 +61,8 @@ class TwinSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A simulated sensor with its tolerances, which are not in the dataset's sensor.toml.
 
     sensor: nominal sensor of sensor.toml; pose: true camera pose; bead_mm: true centres in F, in any order;
-    bead_size: diameter of each bead relative to the nominal one; shear_modulus_N_mm2: of the silicone.
+    bead_size: diameter of each bead relative to the nominal one; shear_modulus_N_mm2: of the silicone;
+    wall_unevenness: standard deviation of the logarithm of the wall's stiffness, drawn from look.seed.
     """
 
     sensor: Sensor
@@ -70,6 +71,7 @@ class TwinSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bead_size: tuple[float, ...]
     shear_modulus_N_mm2: float
     look: Look
+    wall_unevenness: float = 0.0
 
 
 def save_twin(twin: TwinSensor, path: Path) -> None:

@@ -17,6 +17,7 @@ from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.noise import NoiseField
 from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
 from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.uneven_wall import random_stiffness
 
 FULL_LIGHT = 128  # value of full light in a light image; 255 is twice as bright
 
@@ -35,7 +36,8 @@ class CameraView:
         self._bead_mm = np.array(twin.bead_mm)
         self._normal = self._bead_mm / np.linalg.norm(self._bead_mm, axis=1, keepdims=True)
         self._across_mm = 0.5 * twin.sensor.markers.diameter_mm * np.array(twin.bead_size)
-        self.dome = DeformableDome(library, twin.sensor.dome, self._normal)
+        uneven = random_stiffness(twin.wall_unevenness, look.seed) if twin.wall_unevenness else None
+        self.dome = DeformableDome(library, twin.sensor.dome, self._normal, uneven)
         view = View(camera, twin.pose)
         self._projector = BeadProjector(camera, twin.pose)
         opening = np.asarray(np.rint(255 * dome_mask(twin.sensor, view, look)), dtype=np.uint8)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import cv2
+import msgspec
 
 from palpate_edge.common.signals import stop_event
 from palpate_twin.camera.layouts import NAMES
@@ -71,6 +72,12 @@ press_seed_option = click.option(
 @probe_option
 @click.option("--hide", type=click.IntRange(0), default=0, help="Largest number of beads hidden in a frame.")
 @press_seed_option
+@click.option(
+    "--wall-unevenness",
+    type=click.FloatRange(0, 0.5),
+    help="Standard deviation of the wall's stiffness over the dome, as a fraction.  [default: the sensor's, "
+    "0 for a new one]",
+)
 def dataset(
     output: Path,
     sensor_path: Path | None,
@@ -82,6 +89,7 @@ def dataset(
     probe_names: tuple[str, ...],
     hide: int,
     press_seed: int,
+    wall_unevenness: float | None,
 ) -> None:
     """Write a press dataset of a simulated sensor for `palpate-edge calibrate` and `evaluate`.
 
@@ -93,6 +101,7 @@ def dataset(
       palpate-host simulate dataset -o dome-7 --random-seed 7
       palpate-host simulate dataset -o moving-7 --sensor dome-7 --seconds 8 --press-seed 1
       palpate-host simulate dataset -o mine --sensor sensor.toml --presses 500 --probe plate --probe sphere5
+      palpate-host simulate dataset -o uneven-7 --random-seed 7 --wall-unevenness 0.1
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
@@ -108,6 +117,8 @@ def dataset(
 
     cv2.setNumThreads(1)
     twin = choose_sensor(sensor_path, random_seed, layout)
+    if wall_unevenness is not None:
+        twin = msgspec.structs.replace(twin, wall_unevenness=wall_unevenness)
     view = CameraView(twin, load_library())
     plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide)
     if seconds is None:

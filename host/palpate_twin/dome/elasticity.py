@@ -29,16 +29,25 @@ def bulk_per_mu(poisson_ratio: float) -> float:
 class Solid:
     """Internal forces and stiffness of 20-node hexahedra at a displacement. It has no state.
 
-    points_mm (n, 3); cells (m, 20), nodes as in `mesh.HEXAHEDRON20`.
+    points_mm (n, 3); cells (m, 20), nodes as in `mesh.HEXAHEDRON20`; relative (m,): modulus of each element
+    relative to mu, 1 if not given.
     """
 
-    def __init__(self, points_mm: Array, cells: Indices, poisson_ratio: float = POISSON_RATIO) -> None:
+    def __init__(
+        self,
+        points_mm: Array,
+        cells: Indices,
+        poisson_ratio: float = POISSON_RATIO,
+        relative: Array | None = None,
+    ) -> None:
         self._bulk = bulk_per_mu(poisson_ratio)
         self._cells = cells
         self._size = 3 * len(points_mm)
         by_natural = hexahedron.slope(GAUSS_POINTS)
         jacobian = np.einsum("mai,qaj->mqij", points_mm[cells], by_natural)
-        self._volume = np.linalg.det(jacobian)  # (m, q), each Gauss weight is 1
+        self._volume = np.linalg.det(jacobian)  # (m, q), each Gauss weight is 1; times the relative modulus
+        if relative is not None:
+            self._volume *= relative[:, None]
         self._slope = np.einsum("qaj,mqjk->mqak", by_natural, np.linalg.inv(jacobian))  # dN/dX, 1/mm
         unknowns = (3 * cells[:, :, None] + np.arange(3)).reshape(len(cells), -1)
         self._rows = np.repeat(unknowns, unknowns.shape[1], axis=1).ravel()

@@ -55,13 +55,18 @@ class ElasticDome:
     """Mechanical model of the dome: mesh, silicone, outer surface and friction. It has no state."""
 
     def __init__(
-        self, mesh: DomeMesh, poisson_ratio: float = POISSON_RATIO, friction: float = FRICTION
+        self,
+        mesh: DomeMesh,
+        poisson_ratio: float = POISSON_RATIO,
+        friction: float = FRICTION,
+        relative: Array | None = None,
     ) -> None:
+        """relative (m,): modulus of each element relative to mu, 1 if not given."""
         self.mesh = mesh
         self.friction = friction
         self.poisson_ratio = poisson_ratio
         self.surface: Surface = outer_surface(mesh)
-        self._solid = Solid(mesh.points_mm, mesh.cells, poisson_ratio)
+        self._solid = Solid(mesh.points_mm, mesh.cells, poisson_ratio, relative)
         fixed = np.zeros((len(mesh.points_mm), 3), dtype=bool)
         fixed[mesh.base] = True
         fixed[mesh.mirror, 1] = True
