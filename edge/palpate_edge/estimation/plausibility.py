@@ -14,10 +14,7 @@ def check_beads(record: FrameRecord) -> None:
     """Raise ImplausibleBeadsError for too few or doubtful beads, another skin's, or a hidden region."""
     found, expected = record.found_count, len(record.beads.found)
     check_found(found, expected)
-    if record.tracked.doubt > MAX_DOUBT:
-        raise ImplausibleBeadsError(
-            "beads and blobs are left over side by side: the labels may be one row off"
-        )
+    check_doubt(record.tracked.doubt)
     check_smooth(record.motion.roughness)
     if record.hidden.blind_spot > MAX_BLIND_SPOT:
         raise ImplausibleBeadsError("all beads of a region are hidden: a contact there could not be detected")
@@ -27,6 +24,14 @@ def check_found(found: int, expected: int) -> None:
     """Raise ImplausibleBeadsError where too few beads were found."""
     if found < MIN_BEADS_SHARE * expected:
         raise ImplausibleBeadsError(f"only {found} of {expected} beads found")
+
+
+def check_doubt(doubt: float) -> None:
+    """Raise ImplausibleBeadsError for labels that may be wrong; doubt: see correspondence.Match."""
+    if doubt > MAX_DOUBT:
+        raise ImplausibleBeadsError(
+            "beads and blobs are left over side by side: the labels may be one row off"
+        )
 
 
 def check_smooth(roughness: float) -> None:

@@ -35,12 +35,12 @@ def calibrate_pose(
     rest = find_rest_markers(dataset)
     detector = SpotDetector(rest.diameter_px, rest.weakest_strength, len(rest.position_px))
     grey = rest.appearance.channel == "grey"
-    spots_px = []
+    spots = []
     for number, press in enumerate(presses, start=1):
         image = dataset.read(dataset.path(press), grey=grey)
-        spots_px.append(detector.find(plane(image, rest.appearance)))
+        spots.append(detector.find(plane(image, rest.appearance)))
         progress(number, len(presses) + 1)
-    matched = match_presses(rest.position_px, spots_px)
+    matched = match_presses(rest.position_px, spots)
     good = matched.good
     points = matched.modes.coordinates(matched.displacement_px[good])
     targets = np.array([press.values for press in presses])[good]

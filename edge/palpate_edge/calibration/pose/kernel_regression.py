@@ -1,4 +1,4 @@
-"""Gaussian kernel ridge regression with settings chosen by predictions of presses left out in turn."""
+"""Kernel ridge regression with settings chosen by predictions of presses left out in turn."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array
-from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
+from palpate_edge.common.arrays import Array, Indices
+from palpate_edge.estimation.pose.kernel_expansion import Expansion, matern, packed
 
-MOST_FOR_SETTINGS = 1200  # presses that settings are chosen by
+MOST_FOR_SETTINGS = 400  # presses that settings are chosen by
 RIDGES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 
 
@@ -39,24 +39,38 @@ class Fit:
     left_out: Array
 
 
-def kernel(points: Array, centres: Array) -> Array:
-    """Return exp(-d^2 / 2) between points (s, p) and centres (c, p)."""
-    squared = (points**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2 * points @ centres.T
-    return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))
+def evenly(count: int, most: int) -> Indices:
+    """Return all of `count` places, or `most` of them, evenly spaced."""
+    return np.linspace(0, count - 1, min(count, most)).astype(np.intp)
+
+
+def standardised(targets: Array) -> Array:
+    """Return targets (s, k) about their mean, over their deviation."""
+    return np.asarray((targets - targets.mean(axis=0)) / np.maximum(targets.std(axis=0), 1e-12))
+
+
+def squared_distances(points: Array) -> Array:
+    """Return the squared distances (s, s) between points (s, p), at least 0."""
+    size = (points**2).sum(axis=1)
+    return np.asarray(np.maximum(size[:, None] + size - 2 * points @ points.T, 0.0))
+
+
+def kernel(points: Array) -> Array:
+    """Return the kernel (s, s) between points (s, p)."""
+    return np.asarray(matern(squared_distances(points)))
 
 
 def choose_settings(
     points: Array, variance: Array, groups: Sequence[Array], powers: Sequence[float], lengths: Sequence[float]
 ) -> list[Settings]:
     """Return for each group of targets (s, k) the settings with the least mean absolute left-out error, each
-    target over its deviation."""
-    some = np.linspace(0, len(points) - 1, min(len(points), MOST_FOR_SETTINGS)).astype(np.intp)
+    target over its deviation. At most `MOST_FOR_SETTINGS` of the points (s, m) are used."""
+    some = evenly(len(points), MOST_FOR_SETTINGS)
     points = points[some]
-    standard = [_standardised(targets[some]) for targets in groups]
+    standard = [standardised(targets[some]) for targets in groups]
     best: list[tuple[float, Settings]] = [(math.inf, Settings(0.0, 1.0, 1.0))] * len(groups)
     for power, length in itertools.product(powers, lengths):
-        scaled = points @ Settings(power, length, 0.0).metric(variance)
-        values, vectors = np.linalg.eigh(kernel(scaled, scaled))
+        values, vectors = np.linalg.eigh(kernel(points @ Settings(power, length, 0.0).metric(variance)))
         squared = vectors**2
         turned = [vectors.T @ targets for targets in standard]
         for ridge in RIDGES:
@@ -69,21 +83,12 @@ def choose_settings(
     return [settings for _, settings in best]
 
 
-def _standardised(targets: Array) -> Array:
-    return np.asarray((targets - targets.mean(axis=0)) / np.maximum(targets.std(axis=0), 1e-12))
-
-
 def fit(points: Array, metric: Array, targets: Array, ridge: float) -> Fit:
     """Fit targets (s, k) at points (s, m), whose distances are taken after the product with metric (m, q)."""
     offset = targets.mean(axis=0)
-    weights, inverse = solve(points @ metric, targets - offset, ridge)
-    left_out = targets - weights / np.diag(inverse)[:, None]
-    return Fit(Expansion(packed(metric), packed(weights), packed(offset)), np.asarray(left_out))
-
-
-def solve(points: Array, targets: Array, ridge: float) -> tuple[Array, Array]:
-    """Return the weights (s, k) and the inverse of the kernel with its ridge (s, s)."""
-    gram = kernel(points, points)
+    gram = kernel(points @ metric)
     gram[np.diag_indices_from(gram)] += ridge
     inverse = np.linalg.inv(gram)
-    return np.asarray(inverse @ targets), np.asarray(inverse)
+    weights = inverse @ (targets - offset)
+    left_out = targets - weights / np.diag(inverse)[:, None]
+    return Fit(Expansion(packed(metric), packed(weights), packed(offset), "matern"), np.asarray(left_out))

@@ -3,61 +3,76 @@
 A fitted kernel regression changes most along what matters for its targets. The mean outer product of its
 gradients over the presses (Radhakrishnan et al., Science 383, 1461, 2024: recursive feature machines) is
 taken as the next metric, a few times. A tilt, for instance, hides in modes of hundredths of a pixel behind
-those of depth and shear.
+those of depth and shear. How often pays depends on the label: each round's metric is returned.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from palpate_edge.calibration.pose.kernel_regression import (
-    MOST_FOR_SETTINGS,
     Settings,
     choose_settings,
-    kernel,
-    solve,
+    evenly,
+    squared_distances,
+    standardised,
 )
 from palpate_edge.common.arrays import Array
+from palpate_edge.estimation.pose.kernel_expansion import ROOT_3, matern
 
-ROUNDS = 2
-POWERS, LENGTHS = (0.0, 0.25, 0.5, 0.75), (0.7, 1.0, 1.5, 2.5, 5.0)
+ROUNDS = 3
+MOST_FOR_METRIC = 1200  # presses that gradients are taken at
+POWERS, LENGTHS = (0.0, 0.25, 0.5, 0.75), (0.7, 1.4, 2.8, 5.6)
+LENGTHS_AGAIN = (0.35, 0.6, 1.0, 1.7)  # longer ones make weights too large for single precision
 FLOOR = 1e-3  # of the largest eigenvalue: no direction is forgotten
 
 
-def learn_metrics(points: Array, variance: Array, groups: list[Array]) -> list[tuple[Array, float]]:
-    """Return for each group of targets (s, k) the metric (m, m) and the ridge of its kernel.
+@dataclass(frozen=True, slots=True)
+class LearnedMetric:
+    """metric (m, m) and ridge of a kernel regression."""
 
-    points (s, m): with coordinates of this variance (m,). At most MOST_FOR_SETTINGS of them are used.
+    metric: Array
+    ridge: float
+
+
+def learn_metrics(points: Array, variance: Array, groups: list[Array]) -> list[list[LearnedMetric]]:
+    """Return for each group of targets (s, k) the metric and ridge after each of `ROUNDS` rounds.
+
+    points (s, m): with coordinates of this variance (m,). At most MOST_FOR_METRIC of them are used.
     """
-    some = np.linspace(0, len(points) - 1, min(len(points), MOST_FOR_SETTINGS)).astype(np.intp)
+    some = evenly(len(points), MOST_FOR_METRIC)
     points, groups = points[some], [targets[some] for targets in groups]
     chosen = choose_settings(points, variance, groups, POWERS, LENGTHS)
     return [_refined(points, variance, *pair) for pair in zip(groups, chosen, strict=True)]
 
 
-def _refined(points: Array, variance: Array, targets: Array, settings: Settings) -> tuple[Array, float]:
-    """Return metric and ridge after `ROUNDS` of gradients."""
-    metric = settings.metric(variance)
-    off = (targets - targets.mean(axis=0)) / np.maximum(targets.std(axis=0), 1e-12)
+def _refined(points: Array, variance: Array, targets: Array, settings: Settings) -> list[LearnedMetric]:
+    metric, off = settings.metric(variance), standardised(targets)
+    learned = []
     for _ in range(ROUNDS):
-        scaled = points @ metric
-        weights, _ = solve(scaled, off, settings.ridge)
-        values, vectors = np.linalg.eigh(_gradients(scaled, weights))
+        values, vectors = np.linalg.eigh(_gradients(points @ metric, off, settings.ridge))
         relative = np.maximum(values, 0.0) / max(values.max(), 1e-300)
         turned = metric @ (vectors * (relative + FLOOR) ** 0.25)
         coordinates = points @ turned
         variance = coordinates.var(axis=0) + 1e-12
-        (settings,) = choose_settings(coordinates, variance, [targets], (0.0,), LENGTHS)
+        (settings,) = choose_settings(coordinates, variance, [targets], (0.0,), LENGTHS_AGAIN)
         metric = turned @ settings.metric(variance)
-    return metric, settings.ridge
+        learned.append(LearnedMetric(metric, settings.ridge))
+    return learned
 
 
-def _gradients(points: Array, weights: Array) -> Array:
-    """Return the mean outer product (q, q) of the gradients, at points (s, q), of all targets (s, k)."""
-    gram = kernel(points, points)
+def _gradients(points: Array, targets: Array, ridge: float) -> Array:
+    """Return the mean outer product (q, q) of the gradients, at points (s, q), of a fit to targets (s, k)."""
+    squared = squared_distances(points)
+    gram = matern(squared)
+    gram[np.diag_indices_from(gram)] += ridge
+    weights = np.linalg.solve(gram, targets)
+    slope = np.exp(-ROOT_3 * np.sqrt(squared))  # the kernel's gradient is -3 slope (x - centre)
     total = np.zeros((points.shape[1],) * 2)
     for column in weights.T:
-        pull = gram * column
+        pull = slope * column
         gradient = pull @ points - pull.sum(axis=1)[:, None] * points
         total += gradient.T @ gradient
     return total / len(points)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import choose_settings, fit
+from palpate_edge.calibration.pose.kernel_regression import choose_settings, evenly, fit
 from palpate_edge.calibration.pose.principal_modes import PrincipalModes, principal_modes
 from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.common.errors import CalibrationError
@@ -20,10 +20,11 @@ from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner, packe
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
 from palpate_edge.estimation.pose.pose_calibration import Guide
+from palpate_edge.vision.blob_detection import Blobs
 
 DENSITY_MODES, DISPLACEMENT_MODES = 60, 80
-JOIN_ROUNDS, PAIR_ROUNDS = 4, 2
 MIN_FOUND, MAX_ROUGHNESS = 0.93, 0.08  # share of the markers, spacings: of a press that others are joined to
+MAX_DOUBT = 0.02
 MIN_FOUND_TO_LEARN = 0.6
 ROUNDS = 2  # of regression and pairing
 MOST_GUIDES = 1200
@@ -42,30 +43,29 @@ class MatchedPresses:
     guide: Guide
 
 
-def match_presses(rest_px: Array, spots_px: list[Array]) -> MatchedPresses:
-    """Pair the spots (m, 2) of each press with the markers at rest (n, 2).
+def match_presses(rest_px: Array, spots: list[Blobs]) -> MatchedPresses:
+    """Pair the spots of each press with the markers at rest (n, 2).
 
     Raises CalibrationError when fewer than `FEWEST_PRESSES` can be read.
     """
     density, pairing = MarkerDensity(rest_px), Pairing(rest_px)
-    codes = np.array([density.of(spots) for spots in [rest_px, *spots_px]], dtype=np.float64)
+    places = [rest_px, *(some.position_px for some in spots)]
+    codes = np.array([density.of(place) for place in places], dtype=np.float64)
     density_modes = principal_modes(codes[1:], DENSITY_MODES)
     points = density_modes.coordinates(codes)
-    matches = _join(points, rest_px, pairing, spots_px)
+    matches = _join(points, rest_px, pairing, spots)
     for _ in range(ROUNDS):
         modes, guide, expected = _regress(points[1:], density_modes, rest_px, matches)
         matches = [
-            pairing.match(rest_px + moved.reshape(-1, 2), spots, PAIR_ROUNDS)
-            for moved, spots in zip(expected, spots_px, strict=True)
+            pairing.match(rest_px + moved.reshape(-1, 2), some)
+            for moved, some in zip(expected, spots, strict=True)
         ]
     displacement = np.array([(match.position_px - rest_px).ravel() for match in matches])
-    good = np.array(
-        [match.found.mean() >= MIN_FOUND_TO_LEARN and match.roughness <= MAX_ROUGHNESS for match in matches]
-    )
+    good = np.array([_is_clean(match, MIN_FOUND_TO_LEARN) for match in matches])
     return MatchedPresses(displacement, good, modes, guide)
 
 
-def _join(points: Array, rest_px: Array, pairing: Pairing, spots_px: list[Array]) -> list[PairedMarkers]:
+def _join(points: Array, rest_px: Array, pairing: Pairing, spots: list[Blobs]) -> list[PairedMarkers]:
     """Pair press by press; points (s + 1, m): of the untouched sensor, then of the presses."""
     presses = points[1:]
     nearest = np.square(presses - points[0]).sum(axis=1)
@@ -75,7 +75,7 @@ def _join(points: Array, rest_px: Array, pairing: Pairing, spots_px: list[Array]
     for _ in range(len(presses)):
         press = int(np.where(waiting, nearest, np.inf).argmin())
         start_px = rest_px if parent[press] < 0 else matches[int(parent[press])].position_px
-        matches[press] = match = pairing.match(start_px, spots_px[press], JOIN_ROUNDS)
+        matches[press] = match = pairing.match(start_px, spots[press])
         waiting[press] = False
         if _is_clean(match):
             squared = np.square(presses - presses[press]).sum(axis=1)
@@ -84,8 +84,9 @@ def _join(points: Array, rest_px: Array, pairing: Pairing, spots_px: list[Array]
     return [matches[press] for press in range(len(presses))]
 
 
-def _is_clean(match: PairedMarkers) -> bool:
-    return bool(match.found.mean() > MIN_FOUND and match.roughness < MAX_ROUGHNESS)
+def _is_clean(match: PairedMarkers, min_found: float = MIN_FOUND) -> bool:
+    enough = match.found.mean() >= min_found
+    return bool(enough and match.roughness <= MAX_ROUGHNESS and match.doubt <= MAX_DOUBT)
 
 
 def _regress(
@@ -101,7 +102,7 @@ def _regress(
         )
     displacement = np.array([(matches[press].position_px - rest_px).ravel() for press in clean])
     modes = principal_modes(displacement, DISPLACEMENT_MODES)
-    some = np.linspace(0, len(clean) - 1, min(len(clean), MOST_GUIDES)).astype(np.intp)
+    some = evenly(len(clean), MOST_GUIDES)
     centres, targets = points[clean[some]], modes.coordinates(displacement[some])
     (settings,) = choose_settings(centres, density_modes.variance, [targets[:, :12]], POWERS, LENGTHS)
     fitted = fit(centres, settings.metric(density_modes.variance), targets, settings.ridge)

@@ -113,8 +113,7 @@ def _steady(
     pairing = Pairing(place_px)
     places = [place_px]
     for path in dataset.reference:
-        spots_px = detector.find(plane(dataset.read(path), appearance))
-        paired = pairing.match(place_px, spots_px)
+        paired = pairing.match(place_px, detector.find(plane(dataset.read(path), appearance)))
         if (
             paired.found.any()
             and rms((paired.position_px - place_px)[paired.found]) < QUIET * pairing.pitch_px

@@ -15,7 +15,7 @@ from palpate_edge.common.contact import Contact, LabelEstimate, refused_contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
-from palpate_edge.estimation.plausibility import check_found, check_smooth
+from palpate_edge.estimation.plausibility import check_doubt, check_found, check_smooth
 from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
@@ -83,6 +83,7 @@ class PoseEstimator:
         found = int(match.found.sum())
         try:
             check_found(found, expected)
+            check_doubt(match.doubt)
             check_smooth(match.roughness)
         except FrameRejectedError as rejection:
             return refused_contact(frame.sequence, frame.exposed_at_us, str(rejection), found, expected)
@@ -104,8 +105,8 @@ class PoseEstimator:
 
     def _match(self, image: Image) -> PairedMarkers:
         self._image_check.check_image(image)
-        spots_px = self._detector.find(plane(image, self._calibration.appearance))
-        return self._pairing.match(self._rest_px + self._expected.of(spots_px), spots_px)
+        spots = self._detector.find(plane(image, self._calibration.appearance))
+        return self._pairing.match(self._rest_px + self._expected.of(spots.position_px), spots)
 
     def _labels(self, moved_px: Array) -> tuple[LabelEstimate, ...]:
         point = self._displacement.coordinates(moved_px.ravel())

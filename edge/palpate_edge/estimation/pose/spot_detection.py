@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Plane
-from palpate_edge.vision.blob_detection import find_blobs
+from palpate_edge.common.arrays import Plane
+from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.subpixel import BINNED_FROM_PX, Refiner
 
 SPARE = 1.5  # spots that are kept, over the sensor's number of markers
@@ -21,13 +21,13 @@ class SpotDetector:
         measured_px = min(diameter_px, 0.99 * BINNED_FROM_PX)  # on whole pixels
         self._refiner = Refiner(np.full(self._most, measured_px))
 
-    def find(self, dark: Plane) -> Array:
-        """Return the spots (m, 2) px in a plane (see appearance.plane), the strongest first."""
+    def find(self, dark: Plane) -> Blobs:
+        """Return the spots in a plane (see appearance.plane), the strongest first."""
         blobs = find_blobs(dark, self._diameter_px, self._weakest).strongest(self._most)
         rough_px = blobs.position_px
         if not len(rough_px):
-            return rough_px
+            return blobs
         self._refiner.load(dark)
         place_px = self._refiner.centroids(rough_px, np.arange(len(rough_px))).position_px
         moved = np.abs(place_px - rough_px).max(axis=1) > MAX_REFINED_MOVE * self._diameter_px
-        return np.asarray(np.where(moved[:, None], rough_px, place_px))
+        return Blobs(np.where(moved[:, None], rough_px, place_px), blobs.strength)
