@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Floats, Indices, Plane
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
-BINNED_FROM_PX = 10.0  # blobs of at least this diameter are searched on pixels of two by two
+BINNED_FROM_PX = 10.0, 16.0  # blobs of these diameters are searched on pixels of two by two, four by four
 KERNEL_SIGMAS = 2.5  # half the width of the filter
 MIN_STRENGTH = 1.0  # grey levels
 
@@ -36,10 +37,12 @@ def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENG
     """Return all dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
 
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
-    Large blobs are searched at half the resolution. Places are right to a few tenths of a pixel.
+    Large blobs are searched at a half or a quarter of the resolution: their filter is then as wide as small
+    blobs' is. Places are right to a few tenths of a pixel.
     """
-    binning = 2 if diameter_px >= BINNED_FROM_PX else 1
-    smooth: Floats = _binned(dark, binning)
+    halvings = sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX)
+    binning = 2**halvings
+    smooth = _halved(dark, halvings)
     sigma = SCALE_OF_DIAMETER * diameter_px / binning
     width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
     cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
@@ -66,13 +69,14 @@ def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENG
     return Blobs(place * binning + 0.5 * (binning - 1), strength[order])
 
 
-def _binned(dark: Plane, binning: int) -> Floats:
-    """Return the means of the plane's squares of `binning` by `binning` pixels."""
-    if binning == 1:
-        return dark.astype(np.float32)
-    height, width = (size // binning for size in dark.shape)
-    whole = dark[: height * binning, : width * binning]
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+def _halved(dark: Plane, halvings: int) -> Floats:
+    """Return the plane at half the resolution, `halvings` times: OpenCV takes means of two by two much faster
+    than of four by four."""
+    for _ in range(halvings):
+        height, width = (size // 2 for size in dark.shape)
+        whole = dark[: 2 * height, : 2 * width]
+        dark = cast(Plane, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+    return dark.astype(np.float32)
 
 
 def _highest_points(values: Floats, index: Indices) -> Array:

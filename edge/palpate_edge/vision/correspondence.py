@@ -129,8 +129,12 @@ class Correspondence:
     def patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
         """Yield the patches (n,) of the known beads, the largest first."""
         apart = displacement_px[:, None] - displacement_px[self._near]
-        joined = np.vecdot(apart, apart) < self._patch_step
-        joined &= self._joined & known[:, None] & known[self._near]
+        both_known = self._joined & known[:, None] & known[self._near]
+        joined = (np.vecdot(apart, apart) < self._patch_step) & both_known
+        if np.count_nonzero(joined) == np.count_nonzero(both_known):
+            if np.count_nonzero(known) >= MIN_PATCH:
+                yield known  # no tear anywhere
+            return
         none = len(known)
         label = np.where(known, np.arange(none), none)
         while True:  # the smallest number of a patch spreads over it; every bead also takes its label's label

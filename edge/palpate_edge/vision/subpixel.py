@@ -14,6 +14,7 @@ because a pixel twice as bright as the skin also changes twice as much.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -49,6 +50,17 @@ class Refined:
     area: Floats
     unevenness: Floats
     converged: Mask
+
+
+class Levels(NamedTuple):
+    """Greys about places (m,) whose pixels have the indices `pixel` (m,): of the skin, its contrast to the bead
+    (scale: over it, contrasts below 1 as 1); unevenness: see Refined."""
+
+    pixel: Indices
+    skin: Floats
+    contrast: Floats
+    scale: Floats
+    unevenness: Floats
 
 
 class Refiner:
@@ -102,22 +114,24 @@ class Refiner:
         """Return the centroids of `beads` (m,), all if None, near `start_px` (m, 2) in the loaded plane.
 
         At most `max_steps` are taken, and no second one from faint places, where the contrast is below
-        `min_contrast` (m,), nor from any place if more than `max_faint` are faint. A start outside the image
-        gives contrast 0 and stays where it is.
+        `min_contrast` (m,). If more than `max_faint` starts are faint, no step is taken from any. A start
+        outside the image gives contrast 0 and stays where it is.
         """
         half = 0.5 * (self._binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self._binning
         position = self._patches.inside(start)
         centre = np.rint(position).astype(np.intp)
-        offset, contrast, area, unevenness = self._measure(centre, beads)
+        levels = self._levels(centre, beads)
+        at_bead = levels.contrast >= min_contrast
+        if max_faint is not None and len(at_bead) - np.count_nonzero(at_bead) > max_faint:
+            nowhere = np.zeros_like(at_bead)
+            return Refined(start_px, levels.contrast, nowhere.astype(np.float32), levels.unevenness, nowhere)
+        offset, contrast, area, unevenness = self._measure(levels, beads)
         there = centre + offset
         step = there - position
         exact_squared = self._exact_squared if beads is None else self._exact_squared[beads]
         step_squared = np.vecdot(step, step)
-        at_bead = contrast >= min_contrast
         moving = np.flatnonzero((step_squared > exact_squared) & at_bead)
-        if max_faint is not None and len(at_bead) - np.count_nonzero(at_bead) > max_faint:
-            max_steps = 1
         for _ in range(max_steps - 1):
             if not len(moving):
                 break
@@ -126,7 +140,8 @@ class Refiner:
             again = position[moving] + np.minimum(np.maximum(step[moving], -max_step), max_step)
             again = self._patches.inside(again)
             centre = np.rint(again).astype(np.intp)
-            offset, contrast[moving], area[moving], unevenness[moving] = self._measure(centre, which)
+            measured = self._measure(self._levels(centre, which), which)
+            offset, contrast[moving], area[moving], unevenness[moving] = measured
             position[moving], there[moving] = again, centre + offset
             step[moving] = last_step = there[moving] - again
             step_squared[moving] = last_squared = np.vecdot(last_step, last_step)
@@ -138,17 +153,21 @@ class Refiner:
             contrast[outside], place_px[outside] = 0.0, start_px[outside]
         return Refined(place_px, contrast, area, unevenness, converged)
 
-    def _measure(self, centre: Indices, beads: Indices | None) -> tuple[Array, Floats, Floats, Floats]:
-        """Measure about the binned pixels `centre` (m, 2): centroid from there (m, 2), contrast, area,
-        unevenness."""
-        some = slice(None) if beads is None else beads
+    def _levels(self, centre: Indices, beads: Indices | None) -> Levels:
+        """Measure the greys of skin and bead about the binned pixels `centre` (m, 2)."""
         index = self._patches.index(centre)
-        greys = self._patches.circles(index, some)
+        greys = self._patches.circles(index, slice(None) if beads is None else beads)
         greys[:, :SKIN_PIXELS].sort(axis=1)
-        skin, variation, core = (greys @ _LEVELS).T
+        skin, variation, core = (greys @ _TO_LEVELS).T
         contrast: Floats = skin - core
         scale = np.reciprocal(np.maximum(contrast, 1.0))
-        weight = self._patches.squares(index)
+        return Levels(index, skin, contrast, scale, variation * scale)
+
+    def _measure(self, levels: Levels, beads: Indices | None) -> tuple[Array, Floats, Floats, Floats]:
+        """Measure where these levels (m,) are: centroid from there (m, 2), contrast, area, unevenness."""
+        some = slice(None) if beads is None else beads
+        pixel, skin, contrast, scale, unevenness = levels
+        weight = self._patches.squares(pixel)
         if self._unlit is None:
             weight *= -scale[:, None]
         else:
@@ -168,10 +187,10 @@ class Refiner:
         moments = weight @ self._moments
         mass = np.maximum(moments[:, 0], 1e-3)
         area = np.divide(mass, self._half_area[some])
-        return moments[:, 1:] / mass[:, None] - self._slope_shift[some], contrast, area, variation * scale
+        return moments[:, 1:] / mass[:, None] - self._slope_shift[some], contrast, area, unevenness
 
 
-def _levels() -> Floats:
+def _to_levels() -> Floats:
     """Return the matrix (32, 3) from greys about a bead, the skin's sorted, to skin, variation and bead."""
     levels = np.zeros((SKIN_PIXELS + CORE_PIXELS, 3), np.float32)
     ranks = levels[:SKIN_PIXELS]
@@ -181,4 +200,4 @@ def _levels() -> Floats:
     return levels
 
 
-_LEVELS = _levels()
+_TO_LEVELS = _to_levels()

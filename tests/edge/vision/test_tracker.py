@@ -109,9 +109,9 @@ def test_no_frame_is_searched_twice_and_no_bead_measured_often(skin, monkeypatch
     searched = []
     measure = Refiner._measure
 
-    def counted(self, centre, beads):
+    def counted(self, levels, beads):
         measured[slice(None) if beads is None else beads] += 1
-        return measure(self, centre, beads)
+        return measure(self, levels, beads)
 
     monkeypatch.setattr(Refiner, "_measure", counted)
     frames = [draw(grid() + aside) for aside in ((0, 0), (9, 0), (-9, 5))]
