@@ -53,8 +53,11 @@ class Refined:
 
 
 class Levels(NamedTuple):
-    """Greys about places (m,) whose pixels have the indices `pixel` (m,): of the skin, its contrast to the bead
-    (scale: over it, contrasts below 1 as 1); unevenness: see Refined."""
+    """Greys about places (m,) in the pixels with the indices `pixel` (m,).
+
+    skin (m,): its grey; contrast (m,): to the bead; scale (m,): 1 over the contrast, which counts as 1 at least;
+    unevenness (m,): see Refined.
+    """
 
     pixel: Indices
     skin: Floats
