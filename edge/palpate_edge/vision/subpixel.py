@@ -55,7 +55,7 @@ class Refined:
 class Levels(NamedTuple):
     """Greys about places (m,) in the pixels with the indices `pixel` (m,).
 
-    skin (m,): its grey; contrast (m,): to the bead; scale (m,): 1 over the contrast, which counts as 1 at least;
+    skin (m,): its grey; contrast (m,): to the bead; scale (m,): 1 over the contrast, at most 1;
     unevenness (m,): see Refined.
     """
 
