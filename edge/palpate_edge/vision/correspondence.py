@@ -82,7 +82,7 @@ class Correspondence:
         self._near = neighbourhood.nearest(PATCH_NEIGHBOURS)
         distance_px = np.take_along_axis(neighbourhood.distance_px, self._near, axis=1)
         self._joined = distance_px < PATCH_REACH * spacing_px[:, None]
-        self._patch_step = ((PATCH_STEP * spacing_px) ** 2)[:, None]
+        self._patch_step = ((PATCH_STEP * spacing_px) ** 2).astype(np.float32)[:, None]
 
     def match(self, blobs: Blobs, hypotheses_px: Array) -> Match:
         """Return the labels of one image's blobs.
@@ -128,18 +128,20 @@ class Correspondence:
 
     def patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
         """Yield the patches (n,) of the known beads, the largest first."""
-        apart = displacement_px[:, None] - displacement_px[self._near]
+        x, y = displacement_px.T.astype(np.float32)
+        apart_x, apart_y = (axis[:, None] - axis[self._near] for axis in (x, y))
         both_known = self._joined & known[:, None] & known[self._near]
-        joined = (np.vecdot(apart, apart) < self._patch_step) & both_known
+        joined = both_known & (apart_x * apart_x + apart_y * apart_y < self._patch_step)
         if np.count_nonzero(joined) == np.count_nonzero(both_known):
             if np.count_nonzero(known) >= MIN_PATCH:
                 yield known  # no tear anywhere
             return
         none = len(known)
-        label = np.where(known, np.arange(none), none)
+        label = np.arange(none)
+        joined_to = np.where(joined, self._near, label[:, None])
         while True:  # the smallest number of a patch spreads over it; every bead also takes its label's label
-            lower = np.minimum(label, np.where(joined, label[self._near], none).min(axis=1))
-            lower[known] = lower[lower[known]]
+            lower = np.minimum(label, label[joined_to].min(axis=1))
+            lower = lower[lower]
             if (lower == label).all():
                 break
             label = lower
@@ -147,7 +149,7 @@ class Correspondence:
         for patch in np.argsort(-size, kind="stable")[:MAX_PATCHES]:
             if size[patch] < MIN_PATCH:
                 return
-            yield label == patch
+            yield (label == patch) & known
 
     def _grow(
         self, nearest: NearestBlob, blobs: Blobs, displacement_px: Array, seed: Indices, rounds: int

@@ -9,6 +9,7 @@ from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.subpixel import BINNED_FROM_PX, Refiner
 
 SPARE = 1.5  # spots that are kept, over the sensor's number of markers
+STEPS = 1  # from where the spot was found, which is right to a few tenths of a pixel
 MAX_REFINED_MOVE = 0.5  # marker diameters; a centroid that ran off stays where the spot was found
 
 
@@ -18,7 +19,9 @@ class SpotDetector:
     def __init__(self, diameter_px: float, weakest_strength: float, count: int) -> None:
         self._diameter_px, self._weakest = diameter_px, weakest_strength
         self._most = int(SPARE * count) + 1
-        measured_px = min(diameter_px, 0.99 * BINNED_FROM_PX)  # on whole pixels
+        measured_px = max(
+            diameter_px, BINNED_FROM_PX
+        )  # on pixels of two by two: as exact, a quarter of the work
         self._refiner = Refiner(np.full(self._most, measured_px))
 
     def find(self, dark: Plane) -> Blobs:
@@ -28,6 +31,6 @@ class SpotDetector:
         if not len(rough_px):
             return blobs
         self._refiner.load(dark)
-        place_px = self._refiner.centroids(rough_px, np.arange(len(rough_px))).position_px
+        place_px = self._refiner.centroids(rough_px, np.arange(len(rough_px)), STEPS).position_px
         moved = np.abs(place_px - rough_px).max(axis=1) > MAX_REFINED_MOVE * self._diameter_px
         return Blobs(np.where(moved[:, None], rough_px, place_px), blobs.strength)
