@@ -130,12 +130,8 @@ class Correspondence:
         """Yield the patches (n,) of the known beads, the largest first."""
         x, y = displacement_px.T.astype(np.float32)
         apart_x, apart_y = (axis[:, None] - axis[self._near] for axis in (x, y))
-        both_known = self._joined & known[:, None] & known[self._near]
-        joined = both_known & (apart_x * apart_x + apart_y * apart_y < self._patch_step)
-        if np.count_nonzero(joined) == np.count_nonzero(both_known):
-            if np.count_nonzero(known) >= MIN_PATCH:
-                yield known  # no tear anywhere
-            return
+        joined = self._joined & known[:, None] & known[self._near]
+        joined &= apart_x * apart_x + apart_y * apart_y < self._patch_step
         none = len(known)
         label = np.arange(none)
         joined_to = np.where(joined, self._near, label[:, None])

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Plane
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
-from palpate_edge.vision.subpixel import BINNED_FROM_PX, Refiner
+from palpate_edge.vision.subpixel import Refiner
 
 SPARE = 1.5  # spots that are kept, over the sensor's number of markers
 STEPS = 1  # from where the spot was found, which is right to a few tenths of a pixel
@@ -19,10 +19,7 @@ class SpotDetector:
     def __init__(self, diameter_px: float, weakest_strength: float, count: int) -> None:
         self._diameter_px, self._weakest = diameter_px, weakest_strength
         self._most = int(SPARE * count) + 1
-        measured_px = max(
-            diameter_px, BINNED_FROM_PX
-        )  # on pixels of two by two: as exact, a quarter of the work
-        self._refiner = Refiner(np.full(self._most, measured_px))
+        self._refiner = Refiner(np.full(self._most, diameter_px))
 
     def find(self, dark: Plane) -> Blobs:
         """Return the spots in a plane (see appearance.plane), the strongest first."""
