@@ -52,7 +52,8 @@ def _beads(dataset: PressDataset, calibration: Calibration) -> tuple[int, int, i
     visible = found = invented = 0
     for press in dataset.split("test"):
         tracker.reset()
-        beads = tracker.follow(plane(read_image(dataset.path(press)), calibration.appearance))
+        image = read_image(dataset.path(press))
+        beads = tracker.follow(plane(image, calibration.appearance), image)
         there = len(beads.found) - press.lost
         visible += there
         found += min(beads.found_count, there)

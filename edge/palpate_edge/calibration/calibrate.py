@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,7 +49,7 @@ def calibrate(
         model, stiffness_scale = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
-    ring_of = measured.registration.ring_of
+    ring_of, sigma_px = measured.registration.ring_of, measured.reference.fit_sigma_px
     off_px = measured.view.project(measured.registration.layout_mm) - measured.reference.position_px
     return Calibration(
         sensor=dataset.sensor,
@@ -64,6 +65,8 @@ def calibrate(
         ),
         model=model,
         stiffness_scale=stiffness_scale,
+        fit_sigma_px=msgspec.UNSET if sigma_px is None else sigma_px,
+        bead_noise_px=measured.bead_noise_px,
     )
 
 
@@ -120,7 +123,9 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
+    reader = DisplacementReader(
+        measured.reference.position_px, measured.view, radius_mm, measured.bead_noise_px
+    )
     roll_rad = camera_roll(reader, training_presses(measured), dome.for_markers(radius_mm))
     return turned(measured, sensor, roll_rad)
 
@@ -134,7 +139,9 @@ def _train(
     from palpate_edge.calibration.training.samples import make_samples, training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
+    reader = DisplacementReader(
+        measured.reference.position_px, measured.view, radius_mm, measured.bead_noise_px
+    )
     presses = training_presses(measured)
     regression = fit(
         make_samples(reader, presses) if presses else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.registration import Registration, register
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
+from palpate_edge.vision.symmetric_fit import SymmetricFit
 from palpate_edge.vision.tracker import Tracker
 
 # Contact threshold over the motion that most frames without contact stay below, and over the largest: that is
@@ -31,6 +32,7 @@ THRESHOLD_FLOOR_PX = 0.025
 STIFFEST_PERCENTILE = 5  # of the skin's motion a newton, of the lightest third of the presses
 LIGHT_SHARE = 1 / 3
 CLEAR = 0.8  # of a bead's median contrast over the reference frames
+OUTLYING = 2.0  # median distances of a bead from its place; farther places count less
 NAMED_FRAMES = 3  # of those dropped for one reason
 NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
 NOT_MOVED = "the skin moves less than the contact threshold"
@@ -42,7 +44,8 @@ class Measured:
 
     view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
     threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
-    the dome is stiffest, None where no press's force is known; dropped: the frames left out, by reason.
+    the dome is stiffest, None where no press's force is known; dropped: the frames left out, by reason;
+    bead_noise_px: standard deviation of an exact bead's place along an axis.
     """
 
     registration: Registration
@@ -52,6 +55,7 @@ class Measured:
     threshold_px: float
     threshold_N: float | None
     dropped: tuple[DroppedPresses, ...] = ()
+    bead_noise_px: float = 0.0
 
 
 def measure(
@@ -62,23 +66,25 @@ def measure(
     Raises CalibrationError where the reference frames do not show the layout, DatasetError for bad files.
     """
     registration = register(_read(dataset, dataset.reference[0]), dataset.sensor)
-    reference, rest_motion = _measure_reference(dataset, registration, progress)
+    reference, rest = _measure_reference(dataset, registration, progress)
     tracker, skin = Tracker(reference), SkinMotion(reference)
-    touches: list[tuple[Press, Beads]] = []
-    motion_px: list[float] = []
+    pressed: list[tuple[Press, Beads]] = []
     torn: list[Press] = []
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
-        beads = tracker.follow(plane(_read(dataset, dataset.path(press)), registration.appearance))
-        moved = skin.measure(beads)
-        if moved.roughness > MAX_ROUGHNESS:
+        image = _read(dataset, dataset.path(press))
+        beads = tracker.follow(plane(image, registration.appearance), image)
+        if skin.measure(beads).roughness > MAX_ROUGHNESS:
             torn.append(press)  # would teach nonsense; the estimator refuses such a frame
         elif press.position_mm is None:
-            rest_motion.append(moved.size_px / moved.noise)
+            rest.append(beads)
         else:
-            touches.append((press, beads))
-            motion_px.append(moved.size_px / moved.noise)
+            pressed.append((press, beads))
         progress(len(dataset.reference) + number)
+    reference = replace(reference, position_px=rest_places(rest, reference.position_px))
+    skin = SkinMotion(reference)
+    rest_motion = [_motion_px(skin, beads) for beads in rest]
+    touches, motion_px = pressed, [_motion_px(skin, beads) for _, beads in pressed]
     threshold_px = threshold_above(np.array(rest_motion))
     still = [
         press for (press, _), moved_px in zip(touches, motion_px, strict=True) if moved_px <= threshold_px
@@ -93,7 +99,45 @@ def measure(
             threshold_px, np.array([press.normal_force_N or 0.0 for press, _ in touches]), np.array(motion_px)
         ),
         (*dropped_presses(NOT_ONE_SKIN, torn), *dropped_presses(NOT_MOVED, still)),
+        bead_noise_px(rest, reference.position_px),
     )
+
+
+def _motion_px(skin: SkinMotion, beads: Beads) -> float:
+    """Return the skin's motion over its Motion.noise."""
+    moved = skin.measure(beads)
+    return moved.size_px / moved.noise
+
+
+def rest_places(rest: Sequence[Beads], expected_px: Array) -> Array:
+    """Return the beads' places (n, 2) on the untouched sensor: the means over its frames.
+
+    Each frame counts by its noise, and places far from the median count less (Huber's estimate). A bead that
+    no frame shows stays at `expected_px` (n, 2).
+    """
+    found = np.array([beads.found for beads in rest])
+    noise = np.array([np.ones(len(expected_px)) if b.noise is None else b.noise for b in rest])
+    places = np.where(found[..., None], np.array([beads.position_px for beads in rest]), np.nan)
+    seen = found.any(axis=0)
+    median = expected_px.copy()
+    median[seen] = np.nanmedian(places[:, seen], axis=0)
+    off = np.linalg.norm(places - median, axis=2) / noise
+    limit = OUTLYING * np.median(off[found]) if found.any() else 0.0
+    weight = np.where(found, np.minimum(1.0, limit / np.maximum(off, 1e-9)) / noise**2, 0.0)
+    total = np.maximum(weight.sum(axis=0), 1e-12)
+    mean = (np.where(found[..., None], places - median, 0.0) * weight[..., None]).sum(axis=0) / total[:, None]
+    return np.asarray(median + mean)
+
+
+def bead_noise_px(rest: Sequence[Beads], place_px: Array) -> float:
+    """Return the standard deviation along an axis of an exact bead's place, px: the median over the frames of
+    the untouched sensor, whose beads stand at `place_px` (n, 2)."""
+    squares = []
+    for beads in rest:
+        if beads.found_count:
+            off_px = beads.position_px - place_px
+            squares.append(float(np.vecdot(off_px, off_px) @ beads.weight) / beads.found_count)
+    return float(np.sqrt(np.median(squares) / 2)) if squares else 0.0
 
 
 def dropped_presses(reason: str, presses: Sequence[Press | PosePress]) -> tuple[DroppedPresses, ...]:
@@ -129,13 +173,14 @@ def _read(dataset: PressDataset, path: Path) -> Image:
 
 def _measure_reference(
     dataset: PressDataset, registration: Registration, progress: Callable[[int], None]
-) -> tuple[Reference, list[float]]:
-    """Median looks of each bead over the reference frames, and each frame's motion."""
+) -> tuple[Reference, list[Beads]]:
+    """Median looks of each bead over the reference frames, and the beads of each frame."""
     spacing_px = spacing(registration.position_px)
     refiner = Refiner(registration.diameter_px, spacing_px)
-    planes = []
+    images, planes = [], []
     for number, path in enumerate(dataset.reference, start=1):
-        planes.append(plane(_read(dataset, path), registration.appearance))
+        images.append(_read(dataset, path))
+        planes.append(plane(images[-1], registration.appearance))
         progress(number)
     rough = [refiner.refine(dark, registration.position_px) for dark in planes]
     slopes = [
@@ -147,13 +192,14 @@ def _measure_reference(
     refiner = Refiner(registration.diameter_px, spacing_px, shading)
     frames = [refiner.refine(dark, registration.position_px) for dark in planes]
     reference = _reference(registration, frames, shading)
-    tracker, skin = Tracker(reference), SkinMotion(reference)
-    motion = []
-    for dark in planes:
+    if registration.appearance.channel != "grey":
+        reference = replace(reference, fit_sigma_px=_fit_sigma_px(reference, images))
+    tracker = Tracker(reference)
+    rest = []
+    for image, dark in zip(images, planes, strict=True):
         tracker.reset()
-        moved = skin.measure(tracker.follow(dark))
-        motion.append(moved.size_px / moved.noise)
-    return reference, motion
+        rest.append(tracker.follow(dark, image))
+    return reference, rest
 
 
 def _reference(registration: Registration, frames: list[Refined], shading: Shading) -> Reference:
@@ -176,6 +222,17 @@ def _reference(registration: Registration, frames: list[Refined], shading: Shadi
     )
     shading = Shading(np.where(measured[:, None], shading.slope, 0.0), shading.unlit)
     return Reference(place, registration.diameter_px, contrast, area, shading, unevenness)
+
+
+def _fit_sigma_px(reference: Reference, images: list[Image]) -> float:
+    """Return the median over beads and frames of the symmetric fit's standard deviation, px."""
+    fit = SymmetricFit(reference.diameter_px, reference.neighbourhood.spacing_px)
+    every = np.arange(len(reference.diameter_px))
+    sigma_px = []
+    for image in images:
+        fit.load(image)
+        sigma_px.append(fit.measure(reference.position_px, every).sigma_px)
+    return float(np.median(sigma_px))
 
 
 def _median_place(frames: list[Refined], contrast: Array) -> Array:

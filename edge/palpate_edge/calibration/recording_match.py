@@ -38,7 +38,7 @@ def _check_reference(calibration: Calibration, calibration_path: Path, folder: P
     if image.shape[1::-1] != calibration.sensor.image_size_px:
         return
     reference = calibration.reference()
-    beads = Tracker(reference).follow(plane(image, calibration.appearance))
+    beads = Tracker(reference).follow(plane(image, calibration.appearance), image)
     shift_px = np.linalg.norm(beads.position_px - reference.position_px, axis=1)[beads.found]
     if not len(shift_px) or float(np.median(shift_px)) > MAX_REFERENCE_SHIFT_PX:
         moved = f"{float(np.median(shift_px)):.1f} px off" if len(shift_px) else "not there"

@@ -50,7 +50,7 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
     if not paper.beads_found:
         raise DatasetError(f"{name}: {paper.reason}: give a frame of the sensor that was calibrated")
     view, radius_mm = View(calibration.sensor.camera, calibration.pose), calibration.sensor.markers.radius_mm
-    beads = Tracker(reference).follow(plane(image, calibration.appearance))
+    beads = Tracker(reference).follow(plane(image, calibration.appearance), image)
     mesh = VirtualPointMesh(reference.position_px, calibration.ring_of())
     points = mesh.points(beads.position_px, beads.found)
     raw = raw_contact(mesh, points, view, radius_mm)
@@ -64,7 +64,7 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
         change=mesh.area_change(points),
         raw=raw,
         theta_rad=corrected_theta(calibration.paper, raw.theta_rad),
-        field=DisplacementReader(reference.position_px, view, radius_mm).read(beads),
+        field=DisplacementReader(reference.position_px, view, radius_mm, calibration.noise_px).read(beads),
         paper=paper,
         corrected=corrected,
     )

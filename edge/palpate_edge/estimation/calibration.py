@@ -61,8 +61,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     contact_threshold_N: the normal force that causes it where the dome is stiffest, None without presses of
     known force; residual_px: root mean square distance of the beads from the fitted layout; model: the
     correction model's ONNX file, empty without one; stiffness_scale: the sensor's forces over the dome
-    model's, None without presses of known force (then no force is estimated); checksum: over all other
-    fields.
+    model's, None without presses of known force (then no force is estimated); fit_sigma_px: see
+    beads.Reference, unset for a grey camera; bead_noise_px: standard deviation of an exact bead's place along
+    an axis (both unset in older files); checksum: over all other fields.
     """
 
     sensor: Sensor
@@ -76,6 +77,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model: bytes = b""
     stiffness_scale: float | None = None
     contact_threshold_N: float | None = None
+    fit_sigma_px: float | msgspec.UnsetType = msgspec.UNSET
+    bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""
@@ -95,7 +98,13 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 np.array([(bead.slope_x, bead.slope_y) for bead in self.beads]), unlit_grey(self.appearance)
             ),
             unevenness=np.array([bead.unevenness for bead in self.beads]),
+            fit_sigma_px=self.fit_sigma_px if isinstance(self.fit_sigma_px, float) else None,
         )
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an exact bead's place along an axis, px; 0 in a file without it."""
+        return self.bead_noise_px if isinstance(self.bead_noise_px, float) else 0.0
 
     def ring_of(self) -> Indices:
         """Return the ring index of each bead, (n,)."""

@@ -30,7 +30,7 @@ class ContactValidation:
             raise FrameRejectedError("all beads moved together (camera knocked out of place): tare")
         if record.skin is not SkinState.TOUCHED:
             return
-        motion_px, located = record.motion.size_px, record.located
+        motion_px, located = record.motion.size_px / record.motion.noise, record.located
         record.radius95_mm = self._radius95_mm(located.radius95_mm, motion_px)
         noise = self._threshold_px / motion_px
         position = (record.radius95_mm or 0.0) / self._dome_radius_mm

@@ -4,6 +4,10 @@ The dome is axisymmetric: a press at one azimuth is the same press at any other,
 of a press is a press. Bead places differ between sensors, and some beads are hidden. Therefore the beads'
 displacement is interpolated (Gaussian process, Matern 3/2 kernel on the sphere) and evaluated at fixed
 directions of a *canonical frame*: F rotated about z by the azimuth of the displacement's centre of gravity.
+
+A faint contact displaces the beads by little more than the errors of their places. The noise of the process
+is therefore that of the beads over the frame's own displacement: the field of a firm contact is interpolated,
+that of a faint one smoothed.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array, Indices, Mask
+from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.beads import Beads
@@ -26,6 +30,8 @@ Some = TypeVar("Some", Array, NDArray[np.float32])
 CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.0, 24), (72.0, 24))
 KERNEL_LENGTH = 0.45  # on the unit sphere: about two bead spacings of the paper's layout
 BEAD_NOISE = 1e-3  # variance of a bead's place, relative to the field's
+NOISE_WEIGHT = 16.0  # of the noise's variance: a contact's field is smoother than the kernel's samples
+LEAST_SIGNAL = 0.1  # of a frame's mean square displacement; the rest is noise at most
 PIXEL_STEP = 0.5  # of the finite differences
 PER_COSINE = 6.0 / KERNEL_LENGTH**2  # 3 chord^2 / length^2, with chord^2 = 2 - 2 cos
 
@@ -84,13 +90,18 @@ def mirrored(values: Array) -> Array:
 class DisplacementReader:
     """Interpolates one sensor's beads to canonical fields."""
 
-    def __init__(self, reference_px: Array, view: View, markers_radius_mm: float) -> None:
-        """reference_px (n, 2): the untouched beads; view: the camera that sees them."""
+    def __init__(
+        self, reference_px: Array, view: View, markers_radius_mm: float, noise_px: float = 0.0
+    ) -> None:
+        """reference_px (n, 2): the untouched beads; view: the camera that sees them; noise_px: standard
+        deviation of a bead's place along an axis."""
         self._reference_px = reference_px
         self._beads = view.onto_sphere(reference_px, markers_radius_mm) / markers_radius_mm
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
-        covariance = kernel(self._beads, self._beads) + BEAD_NOISE * np.eye(len(reference_px))
-        self._inverse = np.linalg.inv(covariance)
+        self._covariance = kernel(self._beads, self._beads)
+        self._inverse = np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px)))
+        self._variances, self._modes = np.linalg.eigh(self._covariance)
+        self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._beads_32 = self._beads.T.astype(np.float32)
 
     def hidden(self, beads: Beads) -> HiddenBeads:
@@ -113,10 +124,8 @@ class DisplacementReader:
         pixels = beads.position_px - self._reference_px
         displacement_mm = np.vecdot(self._mm_per_px, pixels[:, None])
         hidden = hidden or self.hidden(beads)
-        if len(hidden.beads):
-            displacement_mm = self._filled(displacement_mm, beads.found, hidden)
-        azimuth_rad = self._azimuth_rad(displacement_mm) + turn_rad
-        weights = self._inverse @ displacement_mm
+        weights = self._kernel_weights(displacement_mm, beads)
+        azimuth_rad = self._azimuth_rad(self._covariance @ weights) + turn_rad
         # float32: fields accurate to 1e-6 in a third of the time
         turn = rotation_about_z(azimuth_rad).astype(np.float32)
         covariance = _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
@@ -124,15 +133,31 @@ class DisplacementReader:
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
         return CanonicalField(values, azimuth_rad, hidden.blind_spot)
 
-    def _filled(self, displacement_mm: Array, found: Mask, hidden: HiddenBeads) -> Array:
-        """Return the displacement (n, 3) with the hidden beads' predicted from the others, and the inexact
-        beads' moved towards their prediction.
+    def _kernel_weights(self, displacement_mm: Array, beads: Beads) -> Array:
+        """Return the beads' weights (n, 3) in the Gaussian process of the displacement (n, 3)."""
+        noise = BEAD_NOISE + NOISE_WEIGHT * self._relative_noise(displacement_mm, beads.weight)
+        if beads.all_exact:
+            return np.asarray(
+                self._modes @ ((self._modes.T @ displacement_mm) / (self._variances + noise)[:, None])
+            )
+        found = np.flatnonzero(beads.found)
+        each = np.full(len(found), noise) if beads.noise is None else noise * beads.noise[found] ** 2.0
+        covariance = self._covariance[np.ix_(found, found)] + np.diag(each)
+        weights = np.zeros_like(displacement_mm)
+        weights[found] = np.linalg.solve(covariance, displacement_mm[found])
+        return weights
 
-        The hidden beads' weights are then 0 and the inexact ones' small (Woodbury's identity).
+    def _relative_noise(self, displacement_mm: Array, weight: Array) -> float:
+        """Return the variance of an exact bead's place over that of the displacement (n, 3) of all beads.
+
+        weight (n,): of each bead.
         """
-        filled = displacement_mm * found[:, None]
-        filled[hidden.beads] -= hidden.covariance @ (self._inverse[hidden.beads] @ filled)
-        return filled
+        total = float(weight.sum())
+        if not self._noise_mm2 or not total:
+            return 0.0
+        square = float(np.vecdot(displacement_mm, displacement_mm) @ weight) / total
+        expected = self._noise_mm2 * np.count_nonzero(weight) / total
+        return self._noise_mm2 / max(square - expected, LEAST_SIGNAL * square, 1e-12)
 
     def _azimuth_rad(self, displacement_mm: Array) -> float:
         """Return the azimuth of the centre of gravity of the squared displacement (n, 3)."""

@@ -19,7 +19,7 @@ from palpate_edge.estimation.drift import Drift
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.paper_method import PaperMethod
-from palpate_edge.estimation.plausibility import ImplausibleBeadsError, check_beads
+from palpate_edge.estimation.plausibility import ImplausibleBeadsError, check_beads, check_blind_spot
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.slip import SlipDetector
 from palpate_edge.estimation.tare import Tare
@@ -90,7 +90,9 @@ class Estimator:
         record = FrameRecord(frame)
         try:
             self._image_check.check_image(frame.image)
-            record.tracked = self._tracker.follow(plane(frame.image, self._calibration.appearance))
+            record.tracked = self._tracker.follow(
+                plane(frame.image, self._calibration.appearance), frame.image
+            )
             record.found_count = record.tracked.found_count
             record.hidden = self._reader.hidden(record.tracked)
             record.beads = self._drift.compensate(record.tracked)
@@ -100,6 +102,7 @@ class Estimator:
             record.skin = self._classifier.classify(record.beads, record.motion, frame.exposed_at_us)
             if record.skin is SkinState.TOUCHED:
                 record.located = self._locator.locate(record)
+            check_blind_spot(record)
             self._validation.validate(record)
         except FrameRejectedError as rejection:
             if isinstance(rejection, ImplausibleBeadsError):
@@ -128,7 +131,9 @@ class Estimator:
         self._skin_motion = SkinMotion(reference)
         self._drift = Drift(reference, threshold_px)
         self._classifier = TouchClassifier(reference, self._drift, threshold_px)
-        self._reader = DisplacementReader(reference.position_px, self._view, sensor.markers.radius_mm)
+        self._reader = DisplacementReader(
+            reference.position_px, self._view, sensor.markers.radius_mm, calibration.noise_px
+        )
         if self._model is not None:
             self._locator: Locator = CorrectedMethod(calibration, self._reader, self._model)
         else:

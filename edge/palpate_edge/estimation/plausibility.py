@@ -5,19 +5,28 @@ from __future__ import annotations
 from palpate_edge.common.contact import MIN_BEADS_SHARE
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS
+from palpate_edge.estimation.touch_classification import SkinState
 
 MAX_DOUBT = 0.03  # Match.doubt: two of 85 beads; labels a row off leave over the beads of one side
 MAX_BLIND_SPOT = 0.65  # HiddenBeads.blind_spot; a contact in a larger one could not be seen
 
 
 def check_beads(record: FrameRecord) -> None:
-    """Raise ImplausibleBeadsError for too few or doubtful beads, another skin's, or a hidden region."""
+    """Raise ImplausibleBeadsError for too few or doubtful beads, or another skin's."""
     found, expected = record.found_count, len(record.beads.found)
     check_found(found, expected)
     check_doubt(record.tracked.doubt)
     check_smooth(record.motion.roughness)
-    if record.hidden.blind_spot > MAX_BLIND_SPOT:
-        raise ImplausibleBeadsError("all beads of a region are hidden: a contact there could not be detected")
+
+
+def check_blind_spot(record: FrameRecord) -> None:
+    """Raise FrameRejectedError for a hidden region in which a contact could be.
+
+    A contact that is seen elsewhere is the only one, and its 95 % radius grows with the hidden beads.
+    """
+    seen_elsewhere = record.skin is SkinState.TOUCHED and record.located.radius95_mm is not None
+    if record.hidden.blind_spot > MAX_BLIND_SPOT and not seen_elsewhere:
+        raise FrameRejectedError("all beads of a region are hidden: a contact there could not be detected")
 
 
 def check_found(found: int, expected: int) -> None:

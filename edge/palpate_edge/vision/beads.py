@@ -19,7 +19,8 @@ class Reference:
     """The n beads of the untouched sensor as its camera sees them.
 
     position_px (n, 2); diameter_px, contrast, area (n,); shading: of the skin about the beads; unevenness
-    (n,): see subpixel.Refined. The last two are None where only one frame is known.
+    (n,): see subpixel.Refined. The last two are None where only one frame is known. fit_sigma_px: median
+    of symmetric_fit.Fitted.sigma_px; None where places are measured on one channel.
     """
 
     position_px: Array
@@ -28,6 +29,7 @@ class Reference:
     area: Array
     shading: Shading | None = None
     unevenness: Array | None = None
+    fit_sigma_px: float | None = None
 
     @cached_property
     def neighbourhood(self) -> Neighbourhood:

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Indices, Mask, Plane
+from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
-from palpate_edge.vision.window_search import WindowSearch
+from palpate_edge.vision.symmetric_fit import SymmetricFit
+from palpate_edge.vision.window_search import MAX_NOISE, WindowSearch
 
 MAX_LOST_SHARE = 0.1  # of the beads, beyond those lost in the last search; with more the image is searched
 MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict none
@@ -29,6 +30,8 @@ MAX_LOST_AFTER_JUMP = 0.02  # a shift by one row loses the beads of one side
 MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
 MIN_STRENGTH = 0.7  # grey levels
+MAX_FIT_STEP = 0.25  # of a bead diameter, from the centroid to the centre of symmetry
+COLOUR = 3  # dimensions of an image with channels
 BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
 
 
@@ -52,6 +55,10 @@ class Tracker:
         self._correspondence = Correspondence(reference.neighbourhood)
         self._diameter_px = float(np.median(reference.diameter_px))
         self._min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * float(np.median(reference.contrast)))
+        self._fit, self._fit_sigma_px = None, 1.0
+        if reference.fit_sigma_px is not None:
+            self._fit = SymmetricFit(reference.diameter_px, self._neighbourhood.spacing_px)
+            self._fit_sigma_px = reference.fit_sigma_px
         self._max_blobs = int(BLOBS_PER_BEAD * len(reference.position_px))
         self.counters = TrackingCounters()
         self.reset()
@@ -61,9 +68,16 @@ class Tracker:
         self._last_px = self._reference.position_px.copy()
         self._last_lost, self._accepted_lost, self._is_reference = 0, 0, True
 
-    def follow(self, dark: Plane) -> Beads:
-        """Return the beads of the next frame."""
+    def follow(self, dark: Plane, image: Image | None = None) -> Beads:
+        """Return the beads of the next frame.
+
+        image: the frame in colour, (height, width, 3). Where given, places come from all of its channels.
+        """
+        fit = self._fit if image is not None and image.ndim == COLOUR else None
+        if fit is not None and image is not None:
+            fit.load(image)
         self._windows.load(dark)
+        self._windows.allow_glare(allowed=fit is not None)
         labelling = self._in_windows()
         if labelling is None:
             beads = self._in_whole_image(dark)
@@ -71,6 +85,8 @@ class Tracker:
         else:
             beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
+        if fit is not None:
+            beads = self._by_symmetry(fit, beads)
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
@@ -82,6 +98,23 @@ class Tracker:
             self._last_px, self._last_lost = beads.position_px, len(beads.lost)
             self._is_reference = False
         return beads
+
+    def _by_symmetry(self, fit: SymmetricFit, beads: Beads) -> Beads:
+        """Return the found beads at their centres of symmetry; those without a clear one are lost."""
+        some = np.flatnonzero(beads.found)
+        if not len(some):
+            return beads
+        fitted = fit.measure(beads.position_px[some], some)
+        step = fitted.position_px - beads.position_px[some]
+        noise = np.ones(len(beads.found), np.float32)
+        noise[some] = np.maximum(1.0, fitted.sigma_px / self._fit_sigma_px)
+        clear = (np.vecdot(step, step) < MAX_FIT_STEP**2 * self._diameter_px**2) & (noise[some] < MAX_NOISE)
+        position_px, found = beads.position_px.copy(), beads.found.copy()
+        position_px[some[clear]] = fitted.position_px[clear]
+        found[some[~clear]] = False
+        return Beads.from_positions(
+            position_px, found, searched=beads.searched, doubt=beads.doubt, noise=noise
+        )
 
     def _in_windows(self) -> Labelling | None:
         """Find every bead near its last place; None where the labels may be wrong or many are missing."""

@@ -28,6 +28,7 @@ DIM = 0.7  # of the contrast; lighter beads are exact
 GLARE_NOISE, GLARE_NOISE_PER_UNEVENNESS = 2.5, 25.0  # at the limit, and beyond
 MAX_NOISE = 10.0
 MAX_GLARE = 0.05  # of the contrast, beyond the limit; a light's edge displaces such a bead by pixels
+MAX_FITTED_GLARE = 0.3  # of beads that are measured again by symmetric_fit.py
 
 
 class WindowSearch:
@@ -43,6 +44,7 @@ class WindowSearch:
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._max_unevenness = np.full(spacing_px.shape, unevenness + MAX_ADDED_UNEVENNESS, np.float32)
         self._noise_unevenness = 0.0
+        self._max_glare = MAX_GLARE
         self._contrast_share = np.ones_like(self._contrast)
         self._excess = np.zeros_like(self._contrast)
         self._same_squared = (SAME_WINDOW * reference.diameter_px) ** 2
@@ -50,6 +52,10 @@ class WindowSearch:
     def load(self, dark: Plane) -> None:
         """Take the plane that is measured until the next one is loaded."""
         self._refiner.load(dark)
+
+    def allow_glare(self, *, allowed: bool) -> None:
+        """Accept beads in strong glare, since their places are measured again by their symmetry."""
+        self._max_glare = MAX_FITTED_GLARE if allowed else MAX_GLARE
 
     def find_beads(self, expected_px: Array, max_faint: int) -> tuple[Array, Mask] | None:
         """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads.
@@ -81,7 +87,7 @@ class WindowSearch:
         found &= last.area[beads] < self._max_area[beads]
         step = last.position_px[beads] - expected_px
         found &= np.vecdot(step, step) < MAX_PREDICTED_STEP**2 * self._spacing_squared[beads]
-        found &= self._excess[beads] < MAX_GLARE
+        found &= self._excess[beads] < self._max_glare
         return last.position_px[beads], found
 
     def _look_again(self, expected_px: Array, beads: Indices) -> None:
@@ -104,7 +110,7 @@ class WindowSearch:
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
         found &= step_squared < MAX_BLOB_STEP**2
-        found &= self._excess[beads] < MAX_GLARE
+        found &= self._excess[beads] < self._max_glare
         return refined.position_px, found
 
     def noise(self, found: Mask) -> Floats | None:

@@ -98,6 +98,20 @@ def test_hidden_beads_widen_the_radius(with_model, frame_of):
     assert math.dist(partly.position_mm, whole.position_mm) <= partly.radius95_mm
 
 
+def test_a_hidden_region_costs_only_contacts_that_could_be_in_it(with_model, frame_of):
+    """Opposite the press: the press is still measured, but without one a contact could be hidden there."""
+    places = with_model.reference().position_px
+    theta, phi, _ = PRESS
+    opposite = places.mean(axis=0) - 110.0 * np.array([math.cos(phi), math.sin(phi)])
+    region = np.argsort(np.linalg.norm(places - opposite, axis=1))[:20].tolist()
+    pressed = Estimator(with_model).estimate(frame_of(PRESS, region))
+    assert pressed.in_contact, pressed.reason
+    truth = 30 * np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)])
+    assert math.dist(pressed.position_mm, truth) <= pressed.radius95_mm
+    untouched = Estimator(with_model).estimate(frame_of((0.0, 0.0, 0.0), region))
+    assert untouched.reason == "all beads of a region are hidden: a contact there could not be detected"
+
+
 def test_nothing_touching_is_no_force_and_no_place(with_model, frame_of):
     contact = Estimator(with_model).estimate(frame_of((0.0, 0.0, 0.0)))
     assert contact.valid

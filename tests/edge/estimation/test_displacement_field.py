@@ -178,6 +178,33 @@ def test_hidden_beads_are_interpolated(hidden, most):
     assert np.mean(share) < most, np.mean(share)
 
 
+@pytest.mark.parametrize("inexact", [False, True], ids=["all exact", "some inexact"])
+def test_faint_contacts_are_smoothed_and_firm_ones_are_not(inexact):
+    """A dent of 0.15 mm is read with half of the error or less from beads with 0.2 px of noise; one of 3 mm
+    with 0.02 px of noise as without."""
+    rng = np.random.default_rng(5)
+    at_rest_px, view = pinhole(RADIUS_MM * BEADS, UPRIGHT), View(CAMERA, UPRIGHT)
+    plain = DisplacementReader(at_rest_px, view, RADIUS_MM)
+    noise = np.where(np.arange(len(BEADS)) % 4 == 0, 4.0, 1.0) if inexact else np.ones(len(BEADS))
+    everywhere = np.ones(len(BEADS), dtype=np.bool_)
+    errors = []
+    for depth_mm, noise_px in ((0.15, 0.2), (3.0, 0.02)):
+        smoothing = DisplacementReader(at_rest_px, view, RADIUS_MM, noise_px)
+        moved = dent(BEADS, contact(0.4, 1.0), depth_mm, np.zeros(3))
+        moved_px = pinhole(RADIUS_MM * BEADS + moved, UPRIGHT)
+        moved_px += noise_px * noise[:, None] * rng.standard_normal(moved_px.shape)
+        beads = Beads.from_positions(
+            moved_px, everywhere, noise=noise.astype(np.float32) if inexact else None
+        )
+        for reader in (plain, smoothing):
+            where, motion = vectors(reader.read(beads))
+            truth = dent(where, contact(0.4, 1.0), depth_mm, np.zeros(3))
+            errors.append(np.sqrt(((motion - truth) ** 2).sum() / (truth**2).sum()))
+    faint, faint_smoothed, firm, firm_smoothed = errors
+    assert faint_smoothed < 0.5 * faint
+    assert firm_smoothed < firm + 0.02
+
+
 def test_where_a_hidden_bead_is_said_to_be_does_not_matter():
     moved = dent(BEADS, contact(0.5, 0.5), 1.5, np.zeros(3))
     found = np.ones(len(BEADS), dtype=np.bool_)

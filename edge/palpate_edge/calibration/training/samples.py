@@ -55,17 +55,20 @@ class Samples:
 
 def training_presses(measured: Measured) -> list[TrainingPress]:
     """The touches of a dataset as training presses; rows without a place are left out."""
-    skin = SkinMotion(measured.reference)
-    return [
-        TrainingPress(
-            beads,
-            np.array(press.position_mm) / np.linalg.norm(press.position_mm),
-            None if press.force_N is None else np.array(press.force_N),
-            faintness(skin.measure(beads).size_px, measured.threshold_px),
+    skin, presses = SkinMotion(measured.reference), []
+    for press, beads in measured.touches:
+        if press.position_mm is None:
+            continue
+        moved = skin.measure(beads)
+        presses.append(
+            TrainingPress(
+                beads,
+                np.array(press.position_mm) / np.linalg.norm(press.position_mm),
+                None if press.force_N is None else np.array(press.force_N),
+                faintness(moved.size_px / moved.noise, measured.threshold_px),
+            )
         )
-        for press, beads in measured.touches
-        if press.position_mm is not None
-    ]
+    return presses
 
 
 def make_samples(

@@ -1,0 +1,158 @@
+"""Sub-pixel places by symmetry: the centre about which the colour of a bead is alike to all sides.
+
+Glare washes out one side of a bead, and a weighted centroid moves to the other side by pixels. Here each
+colour channel about a bead is a plane (the light) plus a profile of the distance from the centre (the bead
+of any shade). Both are fitted by least squares; what the fit leaves on the edges of the profile
+gives the step to the centre (Gauss and Newton, with plane and profile eliminated).
+
+Two channels are used, in which white light is 0: the brightness of a ball depends on where the light comes
+from, and moves the centre by a tenth of a pixel when the light changes. The channels are weighted by the
+inverse covariance of their residuals, so that the one counts that noise and saturation leave.
+
+The same weights give the standard deviation of the place. It is about half of the error found, since
+neighbouring pixels share their noise, but proportional to it from clear beads to beads in glare.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from palpate_edge.common.arrays import Array, Floats, Image, Indices
+from palpate_edge.vision.shading import NEIGHBOUR
+
+BINNING = 2  # colour is coded at half resolution in JPEG and in most video formats
+COLOURS = np.array([[1, 0, -1], [-0.6, 1.2, -0.6]], np.float32) / math.sqrt(
+    2
+)  # of B, G, R; white light has none
+CHANNELS = len(COLOURS)
+GRID_STEP = 0.15  # between samples, in bead diameters
+REACH, MIN_REACH = 1.1, 0.7  # radius of the samples, in bead diameters; smaller where another bead is near
+KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
+PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
+PLANE = 3  # columns of the design before the profile: constant, x and y
+NOISE = np.eye(CHANNELS, dtype=np.float32)  # grey levels^2, least covariance: rounding and compression
+MAX_STEP = 0.12  # of a bead diameter
+FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
+ROUNDS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Centres of beads: position_px (m, 2), and their standard deviation sigma_px (m,) but for a factor."""
+
+    position_px: Array
+    sigma_px: Array
+
+
+class SymmetricFit:
+    """Measures the centres of n beads in images with three channels (BGR).
+
+    The samples lie on a grid in units of each bead's diameter, so that the matrices of the least squares are
+    computed once.
+    """
+
+    def __init__(self, diameter_px: Array, spacing_px: Array) -> None:
+        """diameter_px (n,); spacing_px (n,): to the nearest other bead, whose pixels are left out."""
+        self._diameter = np.asarray(diameter_px, np.float64) / BINNING
+        steps = int(REACH / GRID_STEP) * GRID_STEP
+        axis = np.arange(-steps, steps + GRID_STEP / 2, GRID_STEP)
+        grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+        grid = grid[np.hypot(*grid.T) <= REACH]
+        radius = np.hypot(*grid.T)
+        profile, slope = radial_splines(radius)
+        design = np.column_stack([np.ones_like(radius), grid, profile])
+        outward = grid / np.maximum(radius, 1e-6)[:, None]
+        motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
+        reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
+        inside = radius <= reach[:, None] + 1e-9
+        self._grid = grid.T.astype(np.float32)
+        self._inside = inside[..., None].astype(np.float32)
+        rows, normal, gram = zip(
+            *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
+        )
+        self._rows = np.array(rows, np.float32)
+        self._normal = np.array(normal, np.float32)
+        self._motion_gram = np.array(gram, np.float32)
+        self._freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1).astype(np.float32)
+        self._all = np.arange(len(diameter_px))
+
+    def load(self, image: Image) -> None:
+        """Take the image (height, width, 3) that is measured until the next one is loaded."""
+        size = image.shape[1] // BINNING, image.shape[0] // BINNING
+        whole = image[: size[1] * BINNING, : size[0] * BINNING]
+        self._image = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+    def measure(self, start_px: Array, beads: Indices) -> Fitted:
+        """Return the centres of `beads` (m,) near `start_px` (m, 2), at most `ROUNDS` steps away."""
+        half = 0.5 * (BINNING - 1)
+        centre, diameter = (start_px - half) / BINNING, self._diameter[beads]
+        step, sigma = self._step(centre, beads)
+        centre += step * diameter[:, None]
+        for _ in range(ROUNDS - 1):
+            far = np.flatnonzero(np.vecdot(step, step) > FAR_STEP**2)
+            if not len(far):
+                break
+            step[far], sigma[far] = self._step(centre[far], beads[far])
+            centre[far] += step[far] * diameter[far, None]
+        return Fitted(centre * BINNING + half, sigma * diameter * BINNING)
+
+    def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array]:
+        """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
+        diameters."""
+        some = slice(None) if len(beads) == len(self._all) else beads  # a slice copies nothing
+        diameter = self._diameter[beads].astype(np.float32)[:, None]
+        column, row = (
+            along * diameter + middle.astype(np.float32)[:, None]
+            for along, middle in zip(self._grid, centre.T, strict=True)
+        )
+        bgr = cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        pixels: Floats = (bgr.reshape(-1, 3) @ COLOURS.T).reshape(*bgr.shape[:2], CHANNELS)
+        pixels *= self._inside[some]
+        both = self._rows[some] @ pixels
+        columns = PLANE + PROFILES
+        fitted, left = both[:, :columns], both[:, columns:].reshape(-1, 2, PROFILES, CHANNELS)
+        squares = pixels.transpose(0, 2, 1) @ pixels
+        squares -= fitted.transpose(0, 2, 1) @ (self._normal[some] @ fitted)
+        covariance = squares / self._freedom[beads, None, None] + NOISE
+        profile = fitted[:, PLANE:]
+        weighted = profile @ np.linalg.inv(covariance)
+        force = (left * weighted[:, None]).sum(axis=(2, 3))
+        contrast = (weighted @ profile.transpose(0, 2, 1)).reshape(len(beads), 1, -1)
+        xx, xy, _, yy = (contrast @ self._motion_gram[some])[:, 0].T.astype(np.float64)
+        determinant = np.maximum(xx * yy - xy * xy, 1e-12)
+        step = np.stack([yy * force[:, 0] - xy * force[:, 1], xx * force[:, 1] - xy * force[:, 0]], axis=1)
+        step = np.clip(step / determinant[:, None], -MAX_STEP, MAX_STEP)
+        return step, np.sqrt((xx + yy) / determinant)
+
+
+def radial_splines(radius: Array) -> tuple[Array, Array]:
+    """Return values and slopes (g, PROFILES) of even cubic splines at distances (g,) in bead diameters."""
+    knots = KNOT_STEP * np.arange(PROFILES)
+    value, slope = _cubic((radius[:, None] - knots) / KNOT_STEP)
+    mirrored_value, mirrored_slope = _cubic((radius[:, None] + knots) / KNOT_STEP)
+    mirrored_value[:, 0] = mirrored_slope[:, 0] = 0.0
+    return value + mirrored_value, (slope + mirrored_slope) / KNOT_STEP
+
+
+def _cubic(distance: Array) -> tuple[Array, Array]:
+    """Return value and slope of the cubic B-spline at distances from its middle, in knots."""
+    size = np.abs(distance)
+    outer, inner = np.maximum(2.0 - size, 0.0), np.maximum(1.0 - size, 0.0)
+    value = (outer**3 - 4.0 * inner**3) / 6.0
+    slope = (-3.0 * outer**2 + 12.0 * inner**2) / 6.0 * np.sign(distance)
+    return value, slope
+
+
+def _least_squares(design: Array, motion: Array) -> tuple[Array, Array, Array]:
+    """Return the rows (k + 2 p, g) that give a bead's fit and the motion's products with what it leaves; the
+    normal matrix (k, k); and the products (p p, 4) of the motion's own residuals, by two profiles and
+    two axes."""
+    normal = design.T @ design + 1e-9 * np.eye(design.shape[1])
+    solution = np.linalg.solve(normal, design.T)
+    left = motion - design @ (solution @ motion)
+    gram = (left.T @ left).reshape(2, PROFILES, 2, PROFILES).transpose(1, 3, 0, 2).reshape(-1, 4)
+    return np.concatenate([solution, left.T]), normal, gram
