@@ -5,11 +5,12 @@ from __future__ import annotations
 import click
 import cv2
 
-from bench import bus, estimate_to_bus, estimator, host, latency, node, startup, tick, twin, twin_hand
+from bench import bus, estimate_to_bus, estimator, host, latency, node, startup, tick, twin, twin_hand, vision
 from palpate_edge.common.entry_point import run_cli
 
 TABLES = {
     "estimator": estimator.report,
+    "vision": vision.report,
     "start": startup.report,
     "bus": bus.report,
     "node": node.report,

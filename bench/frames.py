@@ -37,7 +37,7 @@ class Material:
 @cache
 def demo_material() -> Material:
     """Return the recording of the demo's first finger as grey JPEG frames."""
-    calibration = _calibrated(RECORDING / "press")
+    calibration = calibrated(RECORDING / "press")
     recording = open_recording(RECORDING / "finger-1")
     jpegs = tuple(_grey_jpeg(frame.image) for frame in all_frames(recording))
     recording.close()
@@ -51,10 +51,11 @@ def materials() -> Iterator[Material]:
     if sequence.is_dir():
         frames = sorted((sequence / "frames").glob("*.jpg"))
         jpegs = tuple(np.fromfile(path, np.uint8) for path in frames)
-        yield Material("press-sequences/finger-1", _calibrated(SHARED / "press-sample"), jpegs)
+        yield Material("press-sequences/finger-1", calibrated(SHARED / "press-sample"), jpegs)
 
 
-def _calibrated(presses: Path) -> Calibration:
+@cache
+def calibrated(presses: Path) -> Calibration:
     """Return a calibration that was written to a file and read again, as in use."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.cal"

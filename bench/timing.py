@@ -64,8 +64,11 @@ def time_both(
     return made_s, called_s
 
 
-def table(title: str, rows: Sequence[Row], against: Row | None = None) -> str:
-    """Return a table of median and p99 in ms, ratio to the first row, and speed relative to `against`."""
+def table(title: str, rows: Sequence[Row], against: Row | None = None, *, spread: bool = False) -> str:
+    """Return a table of median and p99 in ms, ratio to the first row, and speed relative to `against`.
+
+    spread: with a column for the ratio of p99 and median.
+    """
     width = max(len(row.name) for row in rows)
     lines = [title, f"{'':{width}}  {'median ms':>10}  {'p99 ms':>8}  {'x first':>8}"]
     for row in rows:
@@ -76,4 +79,8 @@ def table(title: str, rows: Sequence[Row], against: Row | None = None) -> str:
         lines[1] += f"  {'faster than (a)':>15}"
         for number, row in enumerate(rows, start=2):
             lines[number] += f"  {against.median_s / row.median_s:15.1f}"
+    if spread:
+        lines[1] += f"  {'p99/median':>10}"
+        for number, row in enumerate(rows, start=2):
+            lines[number] += f"  {np.percentile(row.seconds, 99) / row.median_s:10.1f}"
     return "\n".join(lines)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from bench.latency import TABLE_4, parts
 from bench.tick import disagreement
+from bench.vision import drawn, pins, pressed
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.vision.tracker import Tracker
 from palpate_host.service.host import load_hand
 
 
@@ -34,3 +36,14 @@ def test_latency_is_split_at_the_time_stamps_of_the_log() -> None:
         *later,
     ]
     assert parts(records, config) == pytest.approx(np.array([[3.0, 1.0, 4.0, 0.5]]) * 1e-3)
+
+
+def test_the_pins_whose_tracking_is_timed_are_numbered_right() -> None:
+    """Nobody wants the time of a wrong answer."""
+    tracker, random = Tracker(pins()), np.random.default_rng(1)
+    for _ in range(3):
+        place_px = pressed(random)
+        tracker.reset()
+        beads = tracker.follow(drawn(place_px))
+        assert beads.found.mean() > 0.97
+        assert np.linalg.norm(beads.position_px - place_px, axis=1)[beads.found].max() < 0.5

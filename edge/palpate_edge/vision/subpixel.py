@@ -27,8 +27,7 @@ BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels 
 DISK_RADIUS = 0.8  # of the pixels that the centroid is made of, in bead diameters
 SKIN_RANKS = slice(6, 14)  # of the skin's pixels by grey: the darkest may be a bead's, the brightest glare
 LOW_RANKS, HIGH_RANKS = slice(3, 6), slice(11, 14)  # their difference is the skin's unevenness
-EXACT_STEP = 0.05  # of a bead diameter: a centroid that moved less needs no other step
-CONVERGED_STEP = 0.15  # a centroid whose last step was smaller is right to 0.03 px
+CONVERGED_STEP = 0.05  # of a bead diameter: a centroid that moved less is on its bead
 MAX_STEP = 0.5  # of a bead diameter
 GATE = 0.1  # of the contrast: a pixel less darker than the skin has weight 0
 MAX_STEPS = 4
@@ -95,7 +94,7 @@ class Refiner:
         self._slope_shift = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
         self._half_area = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
         self._max_step = MAX_STEP * diameter[:, None]
-        self._exact_squared = (EXACT_STEP * diameter) ** 2
+        self._converged_squared = (CONVERGED_STEP * diameter) ** 2
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
@@ -132,9 +131,9 @@ class Refiner:
         offset, contrast, area, unevenness = self._measure(levels, beads)
         there = centre + offset
         step = there - position
-        exact_squared = self._exact_squared if beads is None else self._exact_squared[beads]
+        converged_squared = self._converged_squared if beads is None else self._converged_squared[beads]
         step_squared = np.vecdot(step, step)
-        moving = np.flatnonzero((step_squared > exact_squared) & at_bead)
+        moving = np.flatnonzero((step_squared > converged_squared) & at_bead)
         for _ in range(max_steps - 1):
             if not len(moving):
                 break
@@ -148,8 +147,8 @@ class Refiner:
             position[moving], there[moving] = again, centre + offset
             step[moving] = last_step = there[moving] - again
             step_squared[moving] = last_squared = np.vecdot(last_step, last_step)
-            moving = moving[last_squared > exact_squared[moving]]
-        converged = step_squared <= (CONVERGED_STEP / EXACT_STEP) ** 2 * exact_squared
+            moving = moving[last_squared > converged_squared[moving]]
+        converged = step_squared <= converged_squared
         place_px = there * self._binning + half
         if position is not start:
             outside = self._patches.outside(start)

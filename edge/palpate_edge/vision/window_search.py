@@ -1,6 +1,6 @@
 """Search of beads in small windows around the places where they are expected.
 
-Each search measures every bead once, and a second time only where the first window was off its centre. What a
+Each search measures every bead once, and again, twice at most, where its window was off its centre. What a
 window showed is kept until the next plane is loaded: nothing is measured twice at the same place.
 """
 
@@ -16,7 +16,7 @@ MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
 MAX_STEP = 0.45  # of the spacing, from the expected place
-MAX_WINDOWS, MAX_WINDOWS_OF_BLOB = 2, 3  # of one bead in one search; at blobs in uneven light
+MAX_WINDOWS = 3  # of one bead in one search
 SAME_WINDOW = 0.15  # of the bead's diameter: a window so near to another one shows the same
 # Of a bead whose place its neighbours predict: light may be dim, and beside glare.
 MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.45
@@ -99,13 +99,13 @@ class WindowSearch:
         if not far.any():
             return
         beads, expected_px = beads[far], expected_px[far]
-        refined, _ = self._measure(expected_px, beads, MAX_WINDOWS)
+        refined, _ = self._measure(expected_px, beads)
         last.position_px[beads], last.area[beads] = refined.position_px, refined.area
         last.converged[beads] = refined.converged
 
     def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured."""
-        refined, step_squared = self._measure(blob_px, beads, MAX_WINDOWS_OF_BLOB)
+        refined, step_squared = self._measure(blob_px, beads)
         self._excess[beads] = self._excess_of(refined.unevenness, beads)
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
@@ -126,9 +126,9 @@ class WindowSearch:
         noise = np.where(glare, np.maximum(noise, by_glare), noise)
         return np.where(inexact, np.minimum(noise, MAX_NOISE), 1.0).astype(np.float32)
 
-    def _measure(self, start_px: Array, beads: Indices, max_steps: int) -> tuple[Refined, Array]:
+    def _measure(self, start_px: Array, beads: Indices) -> tuple[Refined, Array]:
         """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
-        refined = self._refiner.centroids(start_px, beads, max_steps)
+        refined = self._refiner.centroids(start_px, beads, MAX_WINDOWS)
         self._contrast_share[beads] = refined.contrast / self._contrast[beads]
         self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
         step = refined.position_px - start_px
