@@ -51,7 +51,7 @@ def random_stiffness(deviation: float, seed: int) -> Stiffness:
 
 @dataclass(frozen=True, slots=True)
 class WallChange:
-    """What an uneven wall changes of a press, both over the even wall's: displacement (q, 3) over the root
+    """Change of a press by an uneven wall, both over the even wall's: displacement (q, 3) over the root
     mean square of its field, force (3,) over the size of its force."""
 
     displacement: Array
