@@ -23,13 +23,15 @@ SLIDE_STEPS = 3
 
 @dataclass(frozen=True, slots=True)
 class ProbePress:
-    """Press of a probe at polar angle and azimuth, then slide towards the base and along the azimuth."""
+    """Press of a probe at polar angle and azimuth, then slide towards the base and along the azimuth, then
+    twist about the inward normal."""
 
     theta_rad: float
     azimuth_rad: float
     depth_mm: float
     shear_mm: tuple[float, float] = (0.0, 0.0)
     probe: Probe = Probe.PLATE
+    twist_rad: float = 0.0
 
     @property
     def outward(self) -> Array:
@@ -45,19 +47,21 @@ class Deformation:
     """Displacement and force of a press, in frame F.
 
     bead_mm: (n, 3) of the beads; skin_mm: (RINGS + 1, AZIMUTHS, 3) of the polar grid of
-    :func:`skin_directions`; force_per_mu_mm2: (3,) on the dome, times the shear modulus in N/mm^2 gives N.
+    :func:`skin_directions`; force_per_mu_mm2: (3,) on the dome, times the shear modulus in N/mm^2 gives N;
+    torsion_per_mu_mm3: its moment about the inward normal through the point of first touch, None unknown.
     """
 
     bead_mm: Array
     skin_mm: Array
     force_per_mu_mm2: Array
+    torsion_per_mu_mm3: float | None = None
 
 
 class DeformableDome:
     """The library's fields on one dome's beads, for domes of any size with the library's wall ratio.
 
-    On a dome that is s times as large, displacements at s times the depth are s times and forces s^2 times as
-    large.
+    On a dome that is s times as large, displacements at s times the depth are s times, forces s^2 times and
+    torsions s^3 times as large.
     """
 
     def __init__(
@@ -84,6 +88,9 @@ class DeformableDome:
 
     def largest_depth_mm(self, theta_rad: float, probe: Probe) -> float:
         return self.scale * self._library.largest_depth_mm(theta_rad, probe)
+
+    def largest_twist_rad(self, depth_mm: float, probe: Probe) -> float:
+        return self._library.largest_twist_rad(depth_mm / self.scale, probe)
 
     def slid(self, press: ProbePress, friction_ratio: Array) -> ProbePress:
         """Return the press with the slide that gives a ratio of tangential to normal force.
@@ -128,20 +135,31 @@ class DeformableDome:
         """Return the deformation of a press. Raises ConfigError outside of the library's grid."""
         along, across = press.shear_mm
         shear_mm = (along / self.scale, across / self.scale)
-        solved = self._library.solved(press.theta_rad, press.depth_mm / self.scale, shear_mm, press.probe)
+        solved = self._library.solved(
+            press.theta_rad, press.depth_mm / self.scale, shear_mm, press.probe, press.twist_rad
+        )
         cos, sin = np.cos(press.azimuth_rad), np.sin(press.azimuth_rad)
         to_azimuth = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the last ring, the base edge, is fixed
         skin[:-1] = turned_rings(solved.displacement_mm @ to_azimuth * self.scale, press.azimuth_rad)
         force = solved.force_per_mu_mm2 @ to_azimuth * self.scale**2
+        torsion = solved.torsion_per_mu_mm3
         if self._uneven is not None:
             change = self._uneven.change(
                 press.theta_rad, press.azimuth_rad, press.depth_mm, press.shear_mm, press.probe
             )
             size_mm = np.sqrt((skin[:-1] ** 2).sum(axis=-1).mean())
             skin[:-1] += size_mm * change.displacement.reshape(skin[:-1].shape)
-            force = force + np.linalg.norm(force) * change.force
-        return Deformation(self._beads @ skin[:-1].reshape(-1, 3), skin, force)
+            even = float(np.linalg.norm(force))
+            force = force + even * change.force
+            if torsion is not None and even > 0:  # of the same stretch of wall as the force
+                torsion *= float(np.linalg.norm(force)) / even
+        return Deformation(
+            self._beads @ skin[:-1].reshape(-1, 3),
+            skin,
+            force,
+            None if torsion is None else torsion * self.scale**3,
+        )
 
 
 def turned_rings(values: Array, azimuth_rad: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,24 +18,35 @@ REST, DOWN, HOLD = 0.2, 0.5, 0.8  # ends of the first three phases, as fractions
 ROLL_DEG = 10.0  # largest movement of the contact in the hold phase
 
 
-def random_press(dome: DeformableDome, probes: Sequence[Probe], rng: np.random.Generator) -> ProbePress:
-    """Return a random press up to MOST_THETA_DEG, uniform over the sphere, of random depth and slide."""
+def random_press(
+    dome: DeformableDome, probes: Sequence[Probe], rng: np.random.Generator, *, twisted: bool = False
+) -> ProbePress:
+    """Return a random press up to MOST_THETA_DEG, uniform over the sphere, of random depth and slide.
+
+    twisted: with a random twist as well. Slide and twist share the friction: the more the probe slides, the
+    less it twists.
+    """
     theta = float(np.arccos(rng.uniform(np.cos(np.radians(MOST_THETA_DEG)), 1.0)))
     probe = probes[int(rng.integers(len(probes)))]
     azimuth = float(rng.uniform(0, 2 * np.pi))
     depth_mm = float(rng.uniform(*DEPTH_SHARES)) * dome.largest_depth_mm(theta, probe)
     slide_mm, direction = float(rng.uniform(0, MOST_SLIDE)) * depth_mm, float(rng.uniform(0, 2 * np.pi))
     shear_mm = (slide_mm * float(np.cos(direction)), slide_mm * float(np.sin(direction)))
-    return ProbePress(theta, azimuth, depth_mm, shear_mm, probe)
+    press = ProbePress(theta, azimuth, depth_mm, shear_mm, probe)
+    if not twisted:
+        return press
+    free = np.sqrt(1 - (slide_mm / (MOST_SLIDE * depth_mm)) ** 2)
+    largest_rad = float(free) * dome.largest_twist_rad(depth_mm, probe)
+    return replace(press, twist_rad=float(rng.uniform(-1, 1)) * largest_rad)
 
 
 def moving_press(
-    dome: DeformableDome, probes: Sequence[Probe], time_s: float, seed: int
+    dome: DeformableDome, probes: Sequence[Probe], time_s: float, seed: int, *, twisted: bool = False
 ) -> ProbePress | None:
     """Return the press at a time, None without contact; each cycle has another position."""
     cycle, phase = divmod(time_s / CYCLE_S, 1.0)
     rng = np.random.default_rng([seed, int(cycle)])
-    target = random_press(dome, probes, rng)
+    target = random_press(dome, probes, rng, twisted=twisted)
     roll = np.radians(ROLL_DEG) * rng.uniform(-1, 1, 2)
     if phase < REST:
         return None
@@ -48,7 +60,11 @@ def moving_press(
     along, across = target.shear_mm
     if depth_mm <= 0:
         return None
-    return ProbePress(theta, azimuth, depth_mm, (slide * along, slide * across), target.probe)
+    twist_rad = progress * target.twist_rad
+    if twisted:
+        largest_rad = dome.largest_twist_rad(depth_mm, target.probe)
+        twist_rad = float(np.clip(twist_rad, -largest_rad, largest_rad))
+    return ProbePress(theta, azimuth, depth_mm, (slide * along, slide * across), target.probe, twist_rad)
 
 
 def _smooth(part: float) -> float:

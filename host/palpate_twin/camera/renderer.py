@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import View
 from palpate_twin.camera.bead_ellipse import BeadProjector
 from palpate_twin.camera.bead_layer import WHOLE, BeadLayer
@@ -16,7 +17,7 @@ from palpate_twin.camera.light import STEP, LightField
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.noise import NoiseField
 from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
-from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.library import MAKE_TWISTS, FieldLibrary
 from palpate_twin.dome.uneven_wall import random_stiffness
 
 FULL_LIGHT = 128  # value of full light in a light image; 255 is twice as bright
@@ -70,6 +71,18 @@ class CameraView:
         deformation = self.dome.press(press)
         image = self.render(deformation, rng, hidden=hidden, exposure=exposure)
         return image, deformation.force_per_mu_mm2 * self.twin.shear_modulus_N_mm2
+
+    def torsion_Nmm(self, press: ProbePress | None) -> float:
+        """Return the moment of a press about the inward normal at its place; 0 without contact.
+
+        Raises ConfigError without a twist library.
+        """
+        if press is None or press.depth_mm <= 0:
+            return 0.0
+        torsion = self.dome.press(press).torsion_per_mu_mm3
+        if torsion is None:
+            raise ConfigError(f"the field library has no torsion: {MAKE_TWISTS}")
+        return torsion * self.twin.shear_modulus_N_mm2
 
     def outlines(self, deformation: Deformation | None) -> tuple[Array, Array]:
         """Return centres (n, 2) in pixels and shapes (n, 2, 2) of the beads' ellipses, ordered as bead_mm."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.errors import DatasetError, reason_of
-from palpate_edge.datasets.press_dataset import COLUMNS
+from palpate_edge.datasets.press_dataset import COLUMNS, TORSION
 from palpate_edge.geometry.sensor import Sensor
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TWIN_FILE, save_twin
@@ -39,7 +39,8 @@ class Plan:
     """Contents of a dataset.
 
     train, test: numbers of presses; a tenth as many frames without contact are added. hide: largest number of
-    beads hidden in a frame. references: number of reference frames.
+    beads hidden in a frame. references: number of reference frames. twist: the probe twists about the contact
+    normal as well, and truth.csv has the torsion.
     """
 
     train: int
@@ -47,6 +48,7 @@ class Plan:
     probes: tuple[Probe, ...] = (Probe.PLATE,)
     hide: int = 0
     references: int = 8
+    twist: bool = False
 
 
 def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
@@ -54,7 +56,9 @@ def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
     rng = np.random.default_rng([seed, 5])
     shots: list[Shot] = []
     for split, count in (("train", plan.train), ("test", plan.test)):
-        presses: list[ProbePress | None] = [random_press(view.dome, plan.probes, rng) for _ in range(count)]
+        presses: list[ProbePress | None] = [
+            random_press(view.dome, plan.probes, rng, twisted=plan.twist) for _ in range(count)
+        ]
         presses += [None] * round(UNTOUCHED * count)
         for press in presses:
             hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
@@ -69,7 +73,12 @@ def one_sequence(view: CameraView, plan: Plan, duration_s: float, seed: int) -> 
     beads = len(view.twin.bead_mm)
     times = [number / fps for number in range(round(duration_s * fps))]
     return [
-        Shot("test", at_s, moving_press(view.dome, plan.probes, at_s, seed), _hidden(beads, plan.hide, rng))
+        Shot(
+            "test",
+            at_s,
+            moving_press(view.dome, plan.probes, at_s, seed, twisted=plan.twist),
+            _hidden(beads, plan.hide, rng),
+        )
         for at_s in times
     ]
 
@@ -81,9 +90,12 @@ def write_dataset(
     references: int,
     seed: int,
     progress: Callable[[], None] = lambda: None,
+    *,
+    torsion: bool = False,
 ) -> None:
     """Write the dataset into a new folder; `progress` is called after each image.
 
+    torsion: add its column to truth.csv; for presses with twists, as a calibration learns from the column.
     A temporary folder is renamed once it is complete. Raises DatasetError if it cannot be written.
     """
     fresh = folder.with_name(folder.name + ".new")
@@ -102,9 +114,9 @@ def write_dataset(
             progress()
         with (fresh / "truth.csv").open("w", newline="", encoding="utf-8") as file:
             truth = csv.writer(file, lineterminator="\n")
-            truth.writerow(COLUMNS)
-            for row in _rows(fresh / "frames", view, shots, rng):
-                truth.writerow(row)
+            truth.writerow([*COLUMNS, TORSION] if torsion else COLUMNS)
+            for shot, row in zip(shots, _rows(fresh / "frames", view, shots, rng), strict=True):
+                truth.writerow([*row, f"{view.torsion_Nmm(shot.press):.5f}"] if torsion else row)
                 progress()
         fresh.replace(folder)
     except OSError as error:

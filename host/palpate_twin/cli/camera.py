@@ -78,6 +78,9 @@ press_seed_option = click.option(
     help="Standard deviation of the wall's stiffness over the dome, as a fraction.  [default: the sensor's, "
     "0 for a new one]",
 )
+@click.option(
+    "--twist", is_flag=True, help="Twist the probe about the contact normal too; truth.csv has the torsion."
+)
 def dataset(
     output: Path,
     sensor_path: Path | None,
@@ -90,6 +93,7 @@ def dataset(
     hide: int,
     press_seed: int,
     wall_unevenness: float | None,
+    twist: bool,
 ) -> None:
     """Write a press dataset of a simulated sensor for `palpate-edge calibrate` and `evaluate`.
 
@@ -120,14 +124,22 @@ def dataset(
     if wall_unevenness is not None:
         twin = msgspec.structs.replace(twin, wall_unevenness=wall_unevenness)
     view = CameraView(twin, load_library())
-    plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide)
+    plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide, twist=twist)
     if seconds is None:
         shots = single_presses(view, plan, press_seed)
     else:
         shots = one_sequence(view, plan, seconds, press_seed)
     with Progress() as progress:
         task = progress.add_task("frames", total=plan.references + len(shots))
-        write_dataset(output, view, shots, plan.references, press_seed, lambda: progress.advance(task))
+        write_dataset(
+            output,
+            view,
+            shots,
+            plan.references,
+            press_seed,
+            lambda: progress.advance(task),
+            torsion=twist,
+        )
     click.echo(f"{output}: {len(twin.bead_mm)} beads, {len(shots)} frames")
 
 

@@ -18,6 +18,7 @@ FILE = click.Path(path_type=Path, dir_okay=False, writable=True)
 PROBES = {probe.label: probe for probe in Probe}
 PROBE = click.Choice(list(PROBES))
 DEFAULT_MESH = (8, 6, 2)
+TWIST_MESH = (6, 4, 1)  # twists are differences, in which most of the mesh's error is left out
 MESH = click.option(
     "--mesh",
     type=(click.IntRange(2, 40), click.IntRange(1, 40), click.IntRange(1, 8)),
@@ -210,6 +211,50 @@ def library(mesh: tuple[int, int, int], probe_names: tuple[str, ...], out: Path 
                 rows += solve_angle(domes, float(theta_rad), probe, lambda: progress.advance(task))
     write_library(target, rows, domes, resolution)
     click.echo(f"{target}: {len(rows)} presses")
+
+
+@dome.command()
+@click.option(
+    "--mesh",
+    type=(click.IntRange(2, 40), click.IntRange(1, 40), click.IntRange(1, 8)),
+    default=TWIST_MESH,
+    show_default=True,
+    metavar="CAP SIDE WALL",
+    help="Number of elements along the cap (even), down the side and through the wall.",
+)
+@click.option("--out", type=FILE, help="File to write.  [default: the twist library in the package]")
+def twists(mesh: tuple[int, int, int], out: Path | None) -> None:
+    """Solve the library of twists of the probe about the contact normal.
+
+    This takes five minutes on one core.
+
+    \b
+    Example:
+      palpate-host simulate dome twists --out twists.npz
+    """
+    import numpy as np  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    from palpate_twin.dome import field_grid as grid  # noqa: PLC0415
+    from palpate_twin.dome.make_library import Domes  # noqa: PLC0415
+    from palpate_twin.dome.make_twists import AngleTwists, solve_twists, write_twists  # noqa: PLC0415
+    from palpate_twin.dome.twist_library import SHIPPED, TWISTED  # noqa: PLC0415
+
+    target = out or SHIPPED
+    if not os.access(target.parent, os.W_OK):
+        raise ConfigError(f"--out {target}: the folder {target.parent} does not exist or is not writable")
+    resolution = _resolution(mesh)
+    domes = Domes(30.0, 5.0, resolution, grid.BEAD_RADIUS_MM * grid.ring_directions())
+    probes = [Probe.PLATE, Probe.SPHERE5]
+    rows: list[AngleTwists] = []
+    with Progress() as progress:
+        task = progress.add_task("twists", total=len(probes) * len(grid.THETA_DEG) * len(TWISTED))
+        for probe in probes:
+            for theta_rad in np.radians(grid.THETA_DEG):
+                progress.update(task, description=f"{probe.label} {np.degrees(theta_rad):.0f} deg")
+                rows.append(solve_twists(domes, float(theta_rad), probe, lambda: progress.advance(task)))
+    write_twists(target, probes, rows, domes, resolution)
+    click.echo(f"{target}: {len(rows)} contact angles")
 
 
 @dome.command()

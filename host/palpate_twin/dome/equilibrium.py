@@ -24,7 +24,10 @@ LARGEST_UPDATE_MM = 1.0  # longer Newton steps are shortened because they would 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """State of the dome. displacement_mm: (n, 3) of the nodes; anchor_mm: (q, 3) anchors on the probe."""
+    """State of the dome.
+
+    displacement_mm: (n, 3) of the nodes; anchor_mm: (q, 3) anchors in the coordinates of the untwisted probe.
+    """
 
     displacement_mm: Array
     anchor_mm: Array
@@ -95,7 +98,7 @@ class ElasticDome:
                 return None
             force = at.external.reshape(-1, 3).sum(axis=0)
             if np.abs(at.residual).max() <= TOLERANCE * (1 + np.linalg.norm(force)):
-                reached = State(moved, at.contact.anchor_mm)
+                reached = State(moved, at.contact.anchor_mm @ pose.turn)
                 return Equilibrium(reached, at.contact, force, self._reaction(at), iteration)
             update, size = self._newton_step(moved, at), np.linalg.norm(at.residual)
             for shortening in range(SHORTENINGS):
@@ -110,7 +113,8 @@ class ElasticDome:
         """Return internal and contact forces at a displacement, with the anchors of the last state."""
         surface = self.surface
         points = surface.points_mm + (surface.to_points @ displacement.ravel()).reshape(-1, 3)
-        tractions = contact(pose.probe, pose.outward, points - pose.at_mm, state.anchor_mm, friction)
+        anchor_mm = state.anchor_mm @ pose.turn.T
+        tractions = contact(pose.probe, pose.outward, points - pose.at_mm, anchor_mm, friction)
         external = surface.to_points.T @ (surface.area_mm2[:, None] * tractions.traction).ravel()
         internal = self._solid.forces(displacement)
         return _Forces(tractions, external, internal, (internal - external)[self._free])

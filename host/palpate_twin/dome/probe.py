@@ -33,12 +33,22 @@ class ProbePose:
     """Pose of a probe in frame F.
 
     outward: (3,) the dome's outward normal at the point of first touch; at_mm: (3,) current position of the
-    probe's point that touched first.
+    probe's point that touched first; twist_rad: turn of the probe about the inward normal through that point.
     """
 
     probe: Probe
     outward: Array
     at_mm: Array
+    twist_rad: float = 0.0
+
+    @property
+    def turn(self) -> Array:
+        """Return the matrix (3, 3) that rotates the untwisted probe's coordinates into F."""
+        x, y, z = -self.outward
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return np.asarray(
+            np.eye(3) + np.sin(self.twist_rad) * cross + (1 - np.cos(self.twist_rad)) * cross @ cross
+        )
 
 
 def penetration(probe: Probe, from_touch_mm: Array, outward: Array) -> tuple[Array, Array, Array]:
