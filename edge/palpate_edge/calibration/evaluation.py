@@ -12,6 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibration_file import check_sensor
+from palpate_edge.calibration.quantity_figures import (
+    TorsionFigures,
+    force_covered_percent,
+    torsion_figures,
+)
 from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.contact import Contact
@@ -93,6 +98,8 @@ class Figures(msgspec.Struct, frozen=True):
     confusion: Confusion
     refused: dict[str, int]
     times: tuple[StageTime, ...]
+    torsion: TorsionFigures | None = None
+    force_covered_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +175,8 @@ def _figures(
         confusion=_confusion(valid, threshold_N),
         refused=dict(Counter(answer.contact.reason for answer in answers if not answer.contact.valid)),
         times=tuple(StageTime(stage, *watch.median_and_p99_ms(stage)) for stage in watch.stages),
+        torsion=torsion_figures([(answer.press, answer.contact) for answer in both]),
+        force_covered_percent=force_covered_percent([(answer.press, answer.contact) for answer in both]),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from palpate_edge.calibration.evaluation import Band, Confusion, Figures
+from palpate_edge.calibration.quantity_figures import quantity_lines
 
 
 def as_table(figures: Figures) -> str:
@@ -22,6 +23,7 @@ def as_table(figures: Figures) -> str:
         for row in rows
     ]
     tail = [
+        *quantity_lines(figures.torsion, figures.force_covered_percent),
         *_flag_lines(figures.confusion),
         f"refused: {sum(figures.refused.values())} of {figures.frames}"
         + "".join(f"; {count} x {reason}" for reason, count in figures.refused.items()),

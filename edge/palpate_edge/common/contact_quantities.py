@@ -31,10 +31,14 @@ class OptionalQuantities:
 
     radius95_mm: with 95 % probability the true contact is no farther from position_mm than this.
     torsion_Nmm: about the inward normal.
+    torsion95_Nmm: half width of the torsion's 95 % interval.
+    force95_N: with 95 % probability the true force is no farther from force_N than this.
     """
 
     radius95_mm: float | None = None
     torsion_Nmm: float | None = None
+    torsion95_Nmm: float | None = None
+    force95_N: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,6 +207,34 @@ QUANTITIES = (
         csv_digits=4,
         plot="torsion/{finger}",
         panel="Torsion on each tip, N mm",
+    ),
+    Quantity(
+        name="torsion error",
+        attribute="torsion95_Nmm",
+        column="torsion95_Nmm",
+        channel=9,
+        unit="N mm",
+        decimals=2,
+        tpdo=(5, 3),
+        usual_raw=(0, 300),
+        optional=True,
+        not_given=NOT_GIVEN,
+        csv_digits=4,
+        plot="torsion95/{finger}",
+    ),
+    Quantity(
+        name="force error",
+        attribute="force95_N",
+        column="force95_N",
+        channel=10,
+        unit="N",
+        decimals=3,
+        tpdo=(5, 4),
+        usual_raw=(0, 300),
+        optional=True,
+        not_given=NOT_GIVEN,
+        csv_digits=5,
+        plot="force95/{finger}",
     ),
 )
 """Rows in the order of their columns in CSV files, which is a contract: a new row goes last."""

@@ -19,7 +19,10 @@ FIRST_COLUMNS = (
     "frame", "contact", "x_mm", "y_mm", "z_mm", "fn_N", *FORCE, "quality", "ms", "reason"
 )  # fmt: skip
 POSE_COLUMNS = (*POSE_LABELS, *(f"{label}_95" for label in POSE_LABELS))
-COLUMNS = (*dict.fromkeys([*FIRST_COLUMNS, *(quantity.column for quantity, _ in MEASURED)]), *POSE_COLUMNS)
+LATER_COLUMNS = ("torsion95_Nmm", "force95_N")
+"""Columns of quantities that came after the pose labels."""
+_FIRST_MEASURED = (quantity.column for quantity, _ in MEASURED if quantity.column not in LATER_COLUMNS)
+COLUMNS = (*dict.fromkeys([*FIRST_COLUMNS, *_FIRST_MEASURED]), *POSE_COLUMNS, *LATER_COLUMNS)
 
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:

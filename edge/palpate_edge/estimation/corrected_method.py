@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.correction_model import CorrectionModel
@@ -25,10 +27,19 @@ class CorrectedMethod:
         (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
         radius_mm = self._dome_radius_mm
         position = radius_mm * x, radius_mm * y, radius_mm * z
+        located = LocatedContact(
+            position,
+            None,
+            None,
+            result.radius95_mm,
+            result.misfit,
+            torsion_Nmm=result.torsion_Nmm,
+            torsion95_Nmm=result.torsion95_Nmm,
+        )
         if not self._gives_force:
-            return LocatedContact(position, None, None, result.radius95_mm, result.misfit)
+            return located
         normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
-        return LocatedContact(position, normal_N, result.force_N, result.radius95_mm, result.misfit)
+        return replace(located, normal_force_N=normal_N, force_N=result.force_N, force95_N=result.force95_N)
 
 
 def load_model(calibration: Calibration) -> CorrectionModel:

@@ -2,7 +2,9 @@
 
 The network file is made by ``training/``; it is one graph: normalise, project, kernel expansion, denormalise.
 Inputs ``field`` (1, 2 g) mm and ``hidden`` (1, 1); outputs ``direction`` (1, 3) of the contact point and
-``force`` (1, 3) N, both in the canonical frame, ``radius95`` (1, 1) mm and ``misfit`` (1, 1).
+``force`` (1, 3) N, both in the canonical frame, ``radius95`` (1, 1) mm and ``misfit`` (1, 1). A model of
+presses with forces also has ``force95`` (1, 1) N, one of presses with torsions ``torsion`` and ``torsion95``
+(1, 1) N mm.
 """
 
 from __future__ import annotations
@@ -19,7 +21,11 @@ from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import CanonicalField
 
-OUTPUTS = ["direction", "force", "radius95", "misfit"]
+OUTPUTS = ("direction", "force", "radius95", "misfit")
+FORCE_OUTPUTS, TORSION_OUTPUTS = ("force95",), ("torsion", "torsion95")
+KNOWN_OUTPUTS = tuple(
+    OUTPUTS + force + torsion for force in ((), FORCE_OUTPUTS) for torsion in ((), TORSION_OUTPUTS)
+)
 NUMBERS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
@@ -28,12 +34,17 @@ SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 class Correction:
     """direction of the contact point, unit vector in F; force_N on the dome in F; radius95_mm:
     with 95 % probability the contact is no farther from the given point; misfit: squared
-    distance of the field to the one that a contact with this answer makes, both of size 1."""
+    distance of the field to the one that a contact with this answer makes, both of size 1;
+    force95_N: with 95 % probability the true force is no farther from force_N; torsion_Nmm: about the inward
+    normal, torsion95_Nmm: half width of its 95 % interval; None where the model does not give them."""
 
     direction: Vector3
     force_N: Vector3
     radius95_mm: float
     misfit: float
+    force95_N: float | None = None
+    torsion_Nmm: float | None = None
+    torsion95_Nmm: float | None = None
 
 
 class CorrectionModel:
@@ -67,7 +78,7 @@ class CorrectionModel:
                 f"the correction model was made for sensor {made_for}, the calibration is for "
                 f"{sensor_fingerprint}: run palpate-edge calibrate again"
             )
-        if [output.name for output in self._session.get_outputs()] != OUTPUTS:
+        if tuple(output.name for output in self._session.get_outputs()) not in KNOWN_OUTPUTS:
             raise CalibrationError(
                 "the correction model was made by another version: run palpate-edge calibrate again"
             )
@@ -101,4 +112,12 @@ class CorrectionModel:
             (cos * x_N - sin * y_N, sin * x_N + cos * y_N, z_N),
             float(arrays["radius95"][0, 0]),
             max(0.0, float(arrays["misfit"][0, 0])),
+            self._given("force95"),
+            self._given("torsion"),
+            self._given("torsion95"),
         )
+
+    def _given(self, output: str) -> float | None:
+        """Return an output (1, 1) that not every model has."""
+        values = self._arrays.get(output)
+        return None if values is None else float(values[0, 0])

@@ -20,8 +20,9 @@ class FrameRejectedError(Exception):
 class LocatedContact:
     """Position, force and uncertainty of a contact as a method estimates them.
 
-    position_mm: on the outer sphere in F; None when nothing touches. normal_force_N, force_N, radius95_mm:
-    None where the method gives none. misfit: see correction_model.Correction.
+    position_mm: on the outer sphere in F; None when nothing touches. normal_force_N, force_N, radius95_mm and
+    the last three: None where the method gives none. misfit and the last three: see
+    correction_model.Correction.
     """
 
     position_mm: Vector3 | None
@@ -29,6 +30,9 @@ class LocatedContact:
     force_N: Vector3 | None
     radius95_mm: float | None
     misfit: float = 0.0
+    force95_N: float | None = None
+    torsion_Nmm: float | None = None
+    torsion95_Nmm: float | None = None
 
 
 NO_CONTACT = LocatedContact(None, 0.0, (0.0, 0.0, 0.0), None)
@@ -67,6 +71,9 @@ class FrameRecord:
             beads_found=self.found_count,
             beads_expected=expected,
             radius95_mm=self.radius95_mm,
+            force95_N=self.located.force95_N,
+            torsion_Nmm=self.located.torsion_Nmm,
+            torsion95_Nmm=self.located.torsion95_Nmm,
         )
 
     def refused(self, reason: str, expected: int) -> Contact:

@@ -25,7 +25,9 @@ from palpate_edge.calibration.training.confidence_radius import (
 )
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
+from palpate_edge.calibration.training.interval import Interval, fit_interval
 from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.torsion import fit_torsion
 from palpate_edge.common.arrays import Array
 
 SIZE_WEIGHT = 0.3  # of the log size beside the shape
@@ -62,7 +64,8 @@ class Regression:
     centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
     N/mm, log radius; hidden_slope: log radius a blind spot. stiffness_scale: forces of this
     sensor over the dome model's; None without presses of known force, and then forces are the dome's.
-    answer_field: what field an answer would make.
+    answer_field: what field an answer would make. torsion_weights (c,): torsion over size, N; None without
+    presses of known torsion. force95, torsion95: 95 % half widths of force and torsion, None where unknown.
     """
 
     projection: Projection
@@ -73,6 +76,9 @@ class Regression:
     hidden_slope: float
     stiffness_scale: float | None
     answer_field: AnswerField
+    torsion_weights: Array | None = None
+    force95: Interval | None = None
+    torsion95: Interval | None = None
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
@@ -81,6 +87,13 @@ class Regression:
         direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
         return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
+
+    def torsions_Nmm(self, fields: Array) -> Array | None:
+        """Torsions (s,) about the inward normal; None where they were not learned."""
+        if self.torsion_weights is None:
+            return None
+        kernels = gaussian_kernel(self.projection.points(fields), self.centres, self.length)
+        return np.asarray(kernels @ self.torsion_weights * np.linalg.norm(fields, axis=1))
 
     def misfit(self, fields: Array) -> Array:
         """(s,): squared distance of each field's shape to that of a contact with the answer."""
@@ -126,15 +139,15 @@ def fit(
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     progress(1, len(SETTINGS) + 1)
-    own, radius = None, constant_radius(radius_mm)
+    own, radius, left_out = None, constant_radius(radius_mm), None
     if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
-        own, radius = _fit_own(projection, base, samples, radius_mm, progress)
+        own, radius, left_out = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
     strange = None
     if own is not None and samples is not None and dome is not None:
         strange = strangeness(dome.directions, samples.directions)
     joined = _joined(base, own, radius, strange)
-    return Regression(
+    regression = Regression(
         projection=projection,
         centres=joined.centres,
         length=joined.length,
@@ -144,6 +157,27 @@ def fit(
         stiffness_scale=scale,
         answer_field=answer_field,
     )
+    if samples is None or left_out is None:
+        return regression
+    if scale is not None:
+        size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
+        missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)
+        regression = replace(regression, force95=fit_interval(missed, samples))
+    return regression if samples.torsions_Nmm is None else _with_torsion(regression, samples)
+
+
+def _with_torsion(regression: Regression, samples: Samples) -> Regression:
+    """Return the regression with the torsion of the samples, which must be known."""
+    assert samples.torsions_Nmm is not None
+    centres, length = regression.centres, regression.length
+    points = regression.projection.points(samples.fields)
+    torsion = fit_torsion(
+        gaussian_kernel(points, centres, length), gaussian_kernel(centres, centres, length), samples
+    )
+    torsion95 = fit_interval(np.abs(torsion.left_out_Nmm - samples.torsions_Nmm), samples)
+    if torsion95 is None:
+        return regression
+    return replace(regression, torsion_weights=torsion.weights, torsion95=torsion95)
 
 
 def _project(samples: Samples | None, dome: DomeModel | None) -> Projection:
@@ -188,8 +222,8 @@ def _fit_own(
     samples: Samples,
     radius_mm: float,
     progress: Callable[[int, int], None],
-) -> tuple[_Expansion, ConfidenceRadius]:
-    """The sensor's own expansion, and how far left-out presses were missed.
+) -> tuple[_Expansion, ConfidenceRadius, Array]:
+    """The sensor's own expansion, how far left-out presses were missed, and their predicted targets (s, 6).
 
     The ridge is the noise of a firm press; that of a faint one is as many times as large as its error may be
     (motion.faintness), squared.
@@ -199,7 +233,7 @@ def _fit_own(
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
     noise = np.diag(samples.faintness**2)
-    best: tuple[float, _Expansion, Array] | None = None
+    best: tuple[float, _Expansion, Array, Array] | None = None
     for number, (length, ridge) in enumerate(SETTINGS, start=2):
         gram = gaussian_kernel(points, points, length) + ridge * noise
         inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
@@ -208,11 +242,12 @@ def _fit_own(
         error_mm, score = _score(held_out, samples, radius_mm)
         if best is None or score < best[0]:
             offset = target.mean(axis=0) if base is None else np.zeros(6)
-            best = score, _Expansion(points, length, weights, offset), error_mm
+            best = score, _Expansion(points, length, weights, offset), error_mm, held_out
         progress(number, len(SETTINGS) + 1)
     assert best is not None
-    _, own, error_mm = best
-    return own, fit_radius(gaussian_kernel(points, points, own.length), error_mm, samples, groups, radius_mm)
+    _, own, error_mm, held_out = best
+    gram = gaussian_kernel(points, points, own.length)
+    return own, fit_radius(gram, error_mm, samples, groups, radius_mm), held_out
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:

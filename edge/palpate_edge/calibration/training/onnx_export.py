@@ -19,11 +19,18 @@ from onnx import TensorProto, helper, numpy_helper
 
 from palpate_edge.calibration.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
 from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
+from palpate_edge.calibration.training.interval import Interval
 from palpate_edge.calibration.training.kernel_ridge import SIZE_WEIGHT, Regression
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.contact_validation import MAX_MISFIT
-from palpate_edge.estimation.correction_model import SENSOR_KEY, CorrectionModel
+from palpate_edge.estimation.correction_model import (
+    FORCE_OUTPUTS,
+    OUTPUTS,
+    SENSOR_KEY,
+    TORSION_OUTPUTS,
+    CorrectionModel,
+)
 from palpate_edge.estimation.displacement_field import CanonicalField
 
 LEVEL = 0.25  # after each point, to multiply what is the same for all points; of their own size
@@ -61,8 +68,11 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
     point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, LEVEL])
     answer_weights = np.column_stack([2 * answer_field.weights, np.zeros(len(answer_field.weights))])
     answer_offset = np.append(answer_field.offset + answer_field.weights.sum(axis=0), 1.0)  # for the mean
-    point_centres, weights = _centres(point_scale * regression.centres), 2 * regression.weights
-    level_parts = np.vstack([point_centres @ weights, -weights.sum(axis=0), np.zeros(7)])
+    fitted, offset, outputs = regression.weights, regression.offset, list(OUTPUTS)
+    if regression.torsion_weights is not None:
+        fitted, offset = np.column_stack([fitted, regression.torsion_weights]), np.append(offset, 0.0)
+    point_centres, weights = _centres(point_scale * regression.centres), 2 * fitted
+    level_parts = np.vstack([point_centres @ weights, -weights.sum(axis=0), np.zeros(len(offset))])
     level_parts[-1, 6] = regression.hidden_slope
     constants = {
         "one": np.array(1.0),
@@ -70,7 +80,7 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         "point_origin": point_origin[None],
         "point_centres": point_centres,
         "weights": weights,
-        "offset": (regression.offset + regression.weights.sum(axis=0))[None],
+        "offset": (offset + fitted.sum(axis=0))[None],
         "level_parts": level_parts,
         "answer_parts": _answer_parts(),
         "answer_origin": LEVEL * np.eye(8)[7:],
@@ -79,9 +89,20 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         "answer_offset": answer_offset[None],
         "shapes": np.vstack([projection.components.T, projection.mean]),
     }
-    initializers = [numpy_helper.from_array(v.astype(precision), k) for k, v in constants.items()]
-    initializers.append(numpy_helper.from_array(np.array([3, 3, 1]), "parts"))
     node = helper.make_node
+    raw_parts, further = ["direction_raw", "stiffness", "log_radius"], []
+    if regression.force95 is not None:
+        further += _interval("force95", regression.force95, constants)
+        outputs += FORCE_OUTPUTS
+    if regression.torsion_weights is not None and regression.torsion95 is not None:
+        raw_parts.append("lever")
+        further += [
+            node("Mul", ["lever", "size"], ["torsion"]),
+            *_interval("torsion95", regression.torsion95, constants),
+        ]
+        outputs += TORSION_OUTPUTS
+    initializers = [numpy_helper.from_array(v.astype(precision), k) for k, v in constants.items()]
+    initializers.append(numpy_helper.from_array(np.array([3, 3, 1, 1][: len(raw_parts)]), "parts"))
     nodes = [
         node("ReduceL2", ["field"], ["size"], axes=[1], keepdims=1),
         node("Div", ["field", "size"], ["shape_"]),
@@ -93,7 +114,7 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         node("Concat", ["point", "point_squared", "hidden"], ["parts_of_level"], axis=1),
         node("Gemm", ["parts_of_level", "level_parts", "offset"], ["level"]),
         node("Gemm", ["point_bend", "weights", "level"], ["raw"]),
-        node("Split", ["raw", "parts"], ["direction_raw", "stiffness", "log_radius"], axis=1),
+        node("Split", ["raw", "parts"], raw_parts, axis=1),
         node("LpNormalization", ["direction_raw"], ["direction"], axis=1, p=2),
         node("Mul", ["stiffness", "size"], ["force"]),
         node("Exp", ["log_radius"], ["radius95"]),
@@ -105,6 +126,7 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         node("Gemm", ["answer_kernel", "answer_weights", "answer_offset"], ["answered"]),
         node("Gemm", ["answered", "shapes", "shape_"], ["left"], alpha=-1.0),
         node("ReduceSumSquare", ["left"], ["misfit"], axes=[1], keepdims=1),
+        *further,
     ]
 
     def tensor(name: str, shape: list[int]) -> Any:
@@ -114,17 +136,24 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
         nodes,
         "palpate-correction",
         [tensor("field", [1, width]), tensor("hidden", [1, 1])],
-        [
-            tensor("direction", [1, 3]),
-            tensor("force", [1, 3]),
-            tensor("radius95", [1, 1]),
-            tensor("misfit", [1, 1]),
-        ],
+        [tensor(name, [1, 3 if name in {"direction", "force"} else 1]) for name in outputs],
         initializers,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
     helper.set_model_props(model, {SENSOR_KEY: sensor_fingerprint})
     return model
+
+
+def _interval(name: str, interval: Interval, constants: dict[str, Array]) -> list[Any]:
+    """Nodes for a 95 % half width (1, 1), an output of this name; their constants are added."""
+    constants[f"{name}_slopes"] = np.array([[interval.size_slope], [interval.hidden_slope]])
+    constants[f"{name}_level"] = np.array([[interval.level]])
+    node = helper.make_node
+    return [
+        node("Concat", ["log_size", "hidden"], [f"{name}_parts"], axis=1),
+        node("Gemm", [f"{name}_parts", f"{name}_slopes", f"{name}_level"], [f"{name}_log"]),
+        node("Exp", [f"{name}_log"], [name]),
+    ]
 
 
 def _answer_parts() -> Array:
@@ -168,8 +197,20 @@ def _error(data: bytes, regression: Regression, sensor_fingerprint: str, fields:
     ]
     off = np.abs([answer.direction for answer in got] - direction).max()
     force_off = np.abs([answer.force_N for answer in got] - force).max() / np.linalg.norm(force, axis=1).max()
+    torsion_off = _torsion_error([answer.torsion_Nmm for answer in got], regression.torsions_Nmm(fields))
     misfit = regression.misfit(fields)
     misfit_off = (np.abs([answer.misfit for answer in got] - misfit) / (MAX_MISFIT + misfit)).max()
-    if off <= MAX_DIRECTION_ERROR and force_off <= MAX_FORCE_ERROR and misfit_off <= MAX_MISFIT_ERROR:
+    small = force_off <= MAX_FORCE_ERROR and torsion_off <= MAX_FORCE_ERROR
+    if off <= MAX_DIRECTION_ERROR and small and misfit_off <= MAX_MISFIT_ERROR:
         return ""
-    return f"direction {off:.1e}, force {force_off:.1e} of the largest, misfit {misfit_off:.1e}"
+    return (
+        f"direction {off:.1e}, force {force_off:.1e} and torsion {torsion_off:.1e} of the largest, "
+        f"misfit {misfit_off:.1e}"
+    )
+
+
+def _torsion_error(got: list[float | None], expected: Array | None) -> float:
+    """Largest difference of the torsions over the largest of them; 0 where none are learned."""
+    if expected is None or not expected.any():
+        return 0.0
+    return float(np.abs(np.array(got, dtype=np.float64) - expected).max() / np.abs(expected).max())

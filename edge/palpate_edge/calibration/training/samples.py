@@ -25,19 +25,21 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 @dataclass(frozen=True, slots=True)
 class TrainingPress:
     """A press as tracked: its beads, where it touched (unit vector (3,) in F), its force (3,) N in F (None
-    where it was not measured) and its motion.faintness."""
+    where it was not measured), its motion.faintness, and its torsion about the inward normal (None where it
+    was not measured)."""
 
     beads: Beads
     direction: Array
     force_N: Array | None
     faintness: float = 1.0
+    torsion_Nmm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
     """s samples: fields (s, 2 g) mm, directions (s, 3), forces_N (s, 3) in the canonical frame, hidden (s,)
     blind spots, faintness (s,), press (s,) index of the press each comes from, plain (s,): neither turned nor
-    hidden. forces_N are 0 throughout where no force was measured."""
+    hidden. forces_N are 0 throughout where no force was measured, torsions_Nmm (s,) are None then."""
 
     fields: Array
     directions: Array
@@ -46,6 +48,7 @@ class Samples:
     faintness: Array
     press: NDArray[np.intp]
     plain: NDArray[np.bool_]
+    torsions_Nmm: Array | None = None
 
     @property
     def has_forces(self) -> bool:
@@ -66,6 +69,7 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
                 np.array(press.position_mm) / np.linalg.norm(press.position_mm),
                 None if press.force_N is None else np.array(press.force_N),
                 faintness(moved.size_px / moved.noise, measured.threshold_px),
+                press.torsion_Nmm,
             )
         )
     return presses
@@ -85,6 +89,7 @@ def make_samples(
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []
+    torsions: list[float] = []
     for index, press in enumerate(presses):
         for copy in range(copies):
             beads, turn = press.beads, 0.0
@@ -102,6 +107,7 @@ def make_samples(
                 faint.append(press.faintness)
                 owner.append(index)
                 plain.append(copy == 0 and not vary_all)
+                torsions.append(float(sign[1]) * (press.torsion_Nmm or 0.0))
     return Samples(
         np.array(fields),
         np.array(directions),
@@ -110,6 +116,7 @@ def make_samples(
         np.array(faint),
         np.array(owner, dtype=np.intp),
         np.array(plain, dtype=np.bool_),
+        None if any(press.torsion_Nmm is None for press in presses) else np.array(torsions),
     )
 
 
