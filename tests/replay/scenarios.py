@@ -123,7 +123,7 @@ def node_id_clash(records: Records) -> Records:
             LogRecord(stamp_us + 1, CanFrame(0x280 + FINGER_2, bytes.fromhex("0000 0000 0000 05ff"))),
             LogRecord(
                 stamp_us + 2,
-                CanFrame(0x300 + FINGER_2, number.to_bytes(2, "little") + bytes.fromhex("0080")),
+                CanFrame(0x300 + FINGER_2, number.to_bytes(2, "little") + bytes.fromhex("0080 0080 0080")),
             ),
             LogRecord(
                 stamp_us + 3,

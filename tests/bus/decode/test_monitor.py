@@ -99,10 +99,13 @@ def test_a_fingertips_values_have_names_and_units():
     ]
     not_given = said(0x290, struct.pack("<hhhBB", 100, -100, -0x8000, 5, 255).hex())
     assert not_given.readings[2].text == "-32768 (not given)"
-    tpdo_5 = said(0x310, struct.pack("<Hh", 42, 35).hex())
+    tpdo_5 = said(0x310, struct.pack("<Hhhh", 42, 35, 12, 34).hex())
     assert (tpdo_5.service, tpdo_5.node_id, tpdo_5.text) == (Service.TPDO, 0x10, "TPDO 5")
     assert [r.text for r in tpdo_5.readings] == ["42", "0.35 mm"]
-    assert said(0x310, struct.pack("<Hh", 42, -0x8000).hex()).readings[1].text == "-32768 (not given)"
+    assert (
+        said(0x310, struct.pack("<Hhhh", 42, -0x8000, -0x8000, -0x8000).hex()).readings[1].text
+        == "-32768 (not given)"
+    )
     tpdo_4 = said(0x490, struct.pack("<hHHB", 0x7FFF, 3, 0, 128).hex())
     assert tpdo_4.readings[0].text == "32767 (unknown)"
     assert said(0x490, struct.pack("<hHHB", 412, 3, 0, 128).hex()).readings[0].text == "41.2 degC"

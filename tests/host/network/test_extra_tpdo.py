@@ -32,7 +32,9 @@ def parts(sequence: int, exposed_us: int, mark: int, radius: int | None) -> list
         CanFrame(0x380 + NODE, struct.pack("<IHH", clock, sequence & 0xFFFF, 40_000)),
     ]
     if radius is not None:
-        frames.insert(2, CanFrame(0x300 + NODE, struct.pack("<Hh", sequence & 0xFFFF, radius)))
+        frames.insert(
+            2, CanFrame(0x300 + NODE, struct.pack("<Hhhh", sequence & 0xFFFF, radius, 25, NOT_GIVEN))
+        )
     return frames
 
 
@@ -56,6 +58,7 @@ def test_the_radius_comes_with_its_contact() -> None:
     contacts = feed(tip, stream(frame(0, 42), frame(1, 1234), frame(2, NOT_GIVEN)))
     assert [contact.radius95_mm for contact in contacts] == [0.42, 12.34, None]
     assert [contact.torsion_Nmm for contact in contacts] == [3.45] * 3
+    assert [(contact.torsion95_Nmm, contact.force95_N) for contact in contacts] == [(0.25, None)] * 3
     assert tip.counters.extra_tpdos == tip.counters.complete == 3
 
 
@@ -108,7 +111,7 @@ def test_two_tpdo_5_in_one_set_spoil_it() -> None:
     tip = Fingertip(NODE, "finger-1")
     spoiled = frame(1)
     stamp_us, part = spoiled[2]
-    spoiled.insert(3, (stamp_us + 1, CanFrame(part.can_id, struct.pack("<Hh", 9, 9))))
+    spoiled.insert(3, (stamp_us + 1, CanFrame(part.can_id, struct.pack("<Hhhh", 9, 9, 9, 9))))
     contacts = feed(tip, stream(frame(0), spoiled, frame(2)))
     assert [contact.sequence for contact in contacts] == [0, 2]
     assert tip.counters.out_of_order == 2  # the second TPDO 5, and then TPDO 3 without a set
@@ -132,14 +135,14 @@ def test_two_devices_that_mix_their_tpdo_5_are_found() -> None:
     with pytest.raises(BusError, match="two devices send as node 0x10"):
         for number in range(20):
             mixed = frame(number)
-            mixed[2] = (mixed[2][0], CanFrame(0x300 + NODE, struct.pack("<Hh", 500 + number, 7)))
+            mixed[2] = (mixed[2][0], CanFrame(0x300 + NODE, struct.pack("<Hhhh", 500 + number, 7, 7, 7)))
             feed(tip, mixed)
 
 
 def test_a_wrong_length_names_node_pdo_and_lengths() -> None:
     tip = Fingertip(NODE, "finger-1")
-    with pytest.raises(BusError, match=r"node 16 TPDO 5: 8 bytes, expected 4: .*EDS"):
-        tip.receive(START_US, CanFrame(0x300 + NODE, bytes(8)))
+    with pytest.raises(BusError, match=r"node 16 TPDO 5: 4 bytes, expected 8: .*EDS"):
+        tip.receive(START_US, CanFrame(0x300 + NODE, bytes(4)))
 
 
 FATES = st.lists(
