@@ -101,7 +101,7 @@ def test_a_fingertips_values_have_names_and_units():
     assert not_given.readings[2].text == "-32768 (not given)"
     tpdo_5 = said(0x310, struct.pack("<Hhhh", 42, 35, 12, 34).hex())
     assert (tpdo_5.service, tpdo_5.node_id, tpdo_5.text) == (Service.TPDO, 0x10, "TPDO 5")
-    assert [r.text for r in tpdo_5.readings] == ["42", "0.35 mm"]
+    assert [r.text for r in tpdo_5.readings] == ["42", "0.35 mm", "0.12 N mm", "0.034 N"]
     assert (
         said(0x310, struct.pack("<Hhhh", 42, -0x8000, -0x8000, -0x8000).hex()).readings[1].text
         == "-32768 (not given)"

@@ -44,7 +44,7 @@ def test_a_hand_counted_by_hand():
         "fingertip TPDO 2": (8, 3 * 30),
         "fingertip TPDO 3": (8, 3 * 30),
         "fingertip TPDO 4": (7, 3),
-        "fingertip TPDO 5": (4, 3 * 30),
+        "fingertip TPDO 5": (8, 3 * 30),
         "time stamp": (4, 20),
         "drive TPDO 1": (8, 9 * 100),
         "drive TPDO 2": (5, 9 * 10),

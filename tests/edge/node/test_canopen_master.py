@@ -187,7 +187,7 @@ def test_nmt_heartbeat_and_pdo(fingertip: FingertipNode, master: canopen.RemoteN
     assert [variable.raw for variable in first] == [300, -400, 1250, 1250]
     assert [variable.raw for variable in second] == [0, 0, -50, 5, 255]
     assert [variable.raw for variable in third] == [123_456, 77, 9_000]
-    assert [variable.raw for variable in fifth] == [77, 42]
+    assert [variable.raw for variable in fifth] == [77, 42, -0x8000, -0x8000]
 
 
 def test_remapping_a_pdo(fingertip: FingertipNode, master: canopen.RemoteNode) -> None:

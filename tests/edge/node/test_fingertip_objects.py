@@ -198,7 +198,7 @@ def test_a_contact_goes_out_in_order_of_identifiers_and_health_every_second(fing
     assert fingertip.process(1, ()).frames_out == (
         CanFrame(0x190, bytes.fromhex("00 00 84 03 b0 04 d0 07")),
         CanFrame(0x290, bytes.fromhex("f4 01 00 00 bb fe 05 80")),
-        CanFrame(0x310, bytes.fromhex("70 11 2a 00")),
+        CanFrame(0x310, bytes.fromhex("70 11 2a 00 00 80 00 80")),
         CanFrame(0x390, bytes.fromhex("05 00 00 00 70 11 02 01")),
     )
     after_a_second = fingertip.process(1_000_000, ()).frames_out
