@@ -15,13 +15,14 @@ from palpate_edge.diagnostics.contact_csv import write_contacts
 HEADER = (
     "frame,contact,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,quality,ms,reason,radius95_mm,torsion_Nmm,"
     "depth_mm,tilt_x_deg,tilt_y_deg,shear_x_mm,shear_y_mm,torsion_deg,"
-    "depth_mm_95,tilt_x_deg_95,tilt_y_deg_95,shear_x_mm_95,shear_y_mm_95,torsion_deg_95"
+    "depth_mm_95,tilt_x_deg_95,tilt_y_deg_95,shear_x_mm_95,shear_y_mm_95,torsion_deg_95,"
+    "torsion95_Nmm,force95_N"
 )
-NO_POSE = 12 * ","
+NO_POSE = 14 * ","
 TOUCH = Contact(
     3, 99, True, True, (1.5, -2.25, 29.9), 1.25, (0.1, 0.2, -1.2), 1.0, "", 85, 85, radius95_mm=0.4
 )
-TURNED = replace(TOUCH, torsion_Nmm=-3.25)
+TURNED = replace(TOUCH, torsion_Nmm=-3.25, torsion95_Nmm=0.5, force95_N=0.0625)
 POSED = replace(TOUCH, pose=(LabelEstimate("depth_mm", 1.25, 0.5), LabelEstimate("torsion_deg", -2.0, 3.0)))
 NOTHING = Contact(4, 99, True, False, None, 0.0, (0.0, 0.0, 0.0), 0.97, "", 83, 85)
 UNKNOWN = Contact(4, 99, True, True, (0.0, 0.0, 30.0), None, None, 1.0, "", 85, 85)
@@ -40,7 +41,7 @@ def test_the_file_is_this(tmp_path):
         f"{HEADER}\n"
         f"a.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400,{NO_POSE}\n"
         f"b.jpg,0,,,,0.00000,0.00000,0.00000,0.00000,0.970,1.000,,,{NO_POSE}\n"
-        f"turned.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400,-3.2500{NO_POSE}\n"
+        f"turned.jpg,1,1.5000,-2.2500,29.9000,1.25000,0.10000,0.20000,-1.20000,1.000,1.500,,0.400,-3.2500{NO_POSE[:-2]},0.5000,0.06250\n"
         f"c.jpg,1,0.0000,0.0000,30.0000,,,,,1.000,2.000,,,{NO_POSE}\n"
         f'd.jpg,0,,,,,,,,0.000,0.250,"only 3 of 85 beads found, of which 1 moved",,{NO_POSE}\n'
     )
@@ -79,4 +80,4 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path, monkeypatch, name):
 def test_a_pose_fills_the_columns_of_its_labels(tmp_path):
     write_contacts(tmp_path / "out.csv", [("a.jpg", POSED, 1.5)])
     line = (tmp_path / "out.csv").read_text().splitlines()[1]
-    assert line.endswith(",0.400,,1.2500,,,,,-2.0000,0.5000,,,,,3.0000")
+    assert line.endswith(",0.400,,1.2500,,,,,-2.0000,0.5000,,,,,3.0000,,")
