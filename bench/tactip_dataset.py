@@ -26,6 +26,8 @@ LABELS = {
     "shear_y_mm": "shear_y",
     "torsion_deg": "shear_Rz",
 }
+# Axes of the tables, measured on the train sets: direction of shear in the image, sign by the pins' turn.
+AXES = {"cr_tactip": (200, "object"), "franka_tactip_1": (311, "sensor")}
 REFERENCES = 5
 DIAMETER_PX = 14
 PINS = 331
@@ -64,7 +66,14 @@ def make_dataset(train: Path, val: Path, output: Path, presses: int | None = Non
     (output / "sensor.toml").write_text(
         f"[camera]\nwidth = {width}\nheight = {height}\n"
         f'[markers]\ndiameter_px = {DIAMETER_PX}\nlayout = "hexagonal"\ncount = {PINS}\n'
+        f"{_axes(train)}"
     )
+
+
+def _axes(train: Path) -> str:
+    """Return the section [labels] for a known set, nothing for another one."""
+    known = next((AXES[part] for part in train.resolve().parts if part in AXES), None)
+    return "" if known is None else f'[labels]\nx_axis_deg = {known[0]}\nmotion_of = "{known[1]}"\n'
 
 
 def _rows(folder: Path) -> list[dict[str, str]]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option(
     "--dome-model",
     type=INPUT,
-    help="Start from this dome model (of palpate-edge train) instead of the packaged one.",
+    help="Start from this dome model, or pose model, of palpate-edge train instead of the packaged one.",
 )
 @click.option(
     "--picture", type=OUTPUT, help="Also draw the distance of each bead from the fitted layout (.png)."
@@ -47,7 +47,7 @@ def calibrate(
     from palpate_edge.datasets.pose_dataset import is_pose_dataset  # noqa: PLC0415
 
     if is_pose_dataset(dataset):
-        _calibrate_pose(dataset, output, no_model or dome_model is not None or picture is not None)
+        _calibrate_pose(dataset, output, dome_model, no_model or picture is not None)
         return
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
@@ -99,18 +99,23 @@ def calibrate(
         click.echo("  no press of known force: no force is estimated")
 
 
-def _calibrate_pose(dataset: Path, output: Path, has_dome_option: bool) -> None:
+def _calibrate_pose(dataset: Path, output: Path, model: Path | None, has_dome_option: bool) -> None:
     from palpate_edge.calibration.pose.calibrate_pose import calibrate_pose  # noqa: PLC0415
     from palpate_edge.calibration.pose.pose_calibration_file import save_pose_calibration  # noqa: PLC0415
+    from palpate_edge.calibration.pose.pose_model import load_pose_model  # noqa: PLC0415
+    from palpate_edge.calibration.pose.transfer import calibrate_with_model  # noqa: PLC0415
     from palpate_edge.datasets.pose_dataset import read_pose_dataset  # noqa: PLC0415
 
     if has_dome_option:
         raise DatasetError(
-            f"{dataset} has pose labels: --no-model, --dome-model and --picture need a press dataset; leave "
-            "them out"
+            f"{dataset} has pose labels: --no-model and --picture need a press dataset; leave them out"
         )
     with progress_bar("calibrating") as progress:
-        calibration = calibrate_pose(read_pose_dataset(dataset), progress)
+        if model is None:
+            calibration = calibrate_pose(read_pose_dataset(dataset), progress)
+        else:
+            start = load_pose_model(model)
+            calibration = calibrate_with_model(read_pose_dataset(dataset), start, progress)
     save_pose_calibration(calibration, output)
     source, looks = calibration.source, calibration.appearance
     click.echo(

@@ -6,6 +6,7 @@ import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Image
@@ -107,6 +108,9 @@ def read_picture_sensor(path: Path) -> PictureSensor:
         ("markers.diameter_px", size, size is None or 3 <= size <= 200, "3 to 200, or left out"),
         ("markers.count", count, count is None or count in MARKER_COUNTS, "7 to 2000, or left out"),
     ]
+    if sensor.labels is not msgspec.UNSET:
+        turn = sensor.labels.x_axis_deg
+        checks.append(("labels.x_axis_deg", turn, -360 <= turn <= 360, "-360 to 360"))
     if markers.layout == "hexagonal":
         fitting = [number for number in hexagonal_counts(max(MARKER_COUNTS)) if number in MARKER_COUNTS]
         allowed = f"one of {', '.join(map(str, fitting[:12]))}, ... for a hexagonal layout"

@@ -27,11 +27,20 @@ class PictureMarkers(msgspec.Struct, frozen=True):
     layout: Literal["hexagonal", "any"] = "any"
 
 
+class LabelAxes(msgspec.Struct, frozen=True):
+    """Axes of a table's labels: direction of its x axis in the image, in degrees from the image's right
+    towards its bottom, and whose sideways motion and turn its shear and torsion are."""
+
+    x_axis_deg: float = 0.0
+    motion_of: Literal["object", "sensor"] = "object"
+
+
 class PictureSensor(msgspec.Struct, frozen=True):
     """The content of a pose dataset's ``sensor.toml``; other keys are ignored."""
 
     camera: PictureCamera
     markers: PictureMarkers = PictureMarkers()
+    labels: LabelAxes | msgspec.UnsetType = msgspec.UNSET
 
     @property
     def image_size_px(self) -> tuple[int, int]:

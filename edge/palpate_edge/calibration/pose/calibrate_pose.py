@@ -10,13 +10,12 @@ from palpate_edge.calibration.measurement import dropped_presses
 from palpate_edge.calibration.pose.label_regression import fit_labels
 from palpate_edge.calibration.pose.press_matching import FEWEST_PRESSES, match_presses
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
+from palpate_edge.calibration.pose.spots import press_spots
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.pose_dataset import PoseDataset
 from palpate_edge.estimation.calibration import CalibrationSource
 from palpate_edge.estimation.pose.kernel_expansion import packed
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
-from palpate_edge.estimation.pose.spot_detection import SpotDetector
-from palpate_edge.vision.appearance import plane
 
 
 def calibrate_pose(
@@ -33,13 +32,7 @@ def calibrate_pose(
             f"{FEWEST_PRESSES} are needed"
         )
     rest = find_rest_markers(dataset)
-    detector = SpotDetector(rest.diameter_px, rest.weakest_strength, len(rest.position_px))
-    grey = rest.appearance.channel == "grey"
-    spots = []
-    for number, press in enumerate(presses, start=1):
-        image = dataset.read(dataset.path(press), grey=grey)
-        spots.append(detector.find(plane(image, rest.appearance)))
-        progress(number, len(presses) + 1)
+    spots = press_spots(dataset, presses, rest, lambda done: progress(done, len(presses) + 1))
     matched = match_presses(rest.position_px, spots)
     good = matched.good
     points = matched.modes.coordinates(matched.displacement_px[good])

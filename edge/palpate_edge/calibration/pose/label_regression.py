@@ -39,10 +39,7 @@ def fit_labels(
 ) -> tuple[tuple[LabelGroup, ...], Expansion]:
     """Fit targets (s, k), one column for each of `labels`, at points (s, m) whose coordinates have this
     variance (m,); return the groups of labels and the expansion of the log half widths."""
-    kinds: dict[str, list[int]] = {}
-    for place, label in enumerate(labels):
-        kinds.setdefault(label.split("_")[0], []).append(place)
-    places = list(kinds.values())
+    places = kinds_of(labels)
     columns = [targets[:, some] for some in places]
     many = len(points) >= MANY_PRESSES
     fits, errors, judged = (_fit_many if many else _fit_in_parts)(points, variance, columns)
@@ -53,6 +50,14 @@ def fit_labels(
         LabelGroup(tuple(some), fitted.expansion) for some, fitted in zip(places, fits, strict=True)
     )
     return groups, _fit_half_widths(points, variance, error, judged)
+
+
+def kinds_of(labels: Sequence[str]) -> list[list[int]]:
+    """Return the places of the labels of each kind: both tilts, both shears, each other label."""
+    kinds: dict[str, list[int]] = {}
+    for place, label in enumerate(labels):
+        kinds.setdefault(label.split("_")[0], []).append(place)
+    return list(kinds.values())
 
 
 def _fit_many(points: Array, variance: Array, columns: list[Array]) -> tuple[list[Fit], list[Array], Indices]:

@@ -61,7 +61,7 @@ def match_presses(rest_px: Array, spots: list[Blobs]) -> MatchedPresses:
             for moved, some in zip(expected, spots, strict=True)
         ]
     displacement = np.array([(match.position_px - rest_px).ravel() for match in matches])
-    good = np.array([_is_clean(match, MIN_FOUND_TO_LEARN) for match in matches])
+    good = np.array([is_clean(match, MIN_FOUND_TO_LEARN) for match in matches])
     return MatchedPresses(displacement, good, modes, guide)
 
 
@@ -77,14 +77,15 @@ def _join(points: Array, rest_px: Array, pairing: Pairing, spots: list[Blobs]) -
         start_px = rest_px if parent[press] < 0 else matches[int(parent[press])].position_px
         matches[press] = match = pairing.match(start_px, spots[press])
         waiting[press] = False
-        if _is_clean(match):
+        if is_clean(match):
             squared = np.square(presses - presses[press]).sum(axis=1)
             closer = squared < nearest
             nearest[closer], parent[closer] = squared[closer], press
     return [matches[press] for press in range(len(presses))]
 
 
-def _is_clean(match: PairedMarkers, min_found: float = MIN_FOUND) -> bool:
+def is_clean(match: PairedMarkers, min_found: float = MIN_FOUND) -> bool:
+    """Return whether enough markers were found, all where their neighbours have them."""
     enough = match.found.mean() >= min_found
     return bool(enough and match.roughness <= MAX_ROUGHNESS and match.doubt <= MAX_DOUBT)
 
@@ -93,7 +94,7 @@ def _regress(
     points: Array, density_modes: PrincipalModes, rest_px: Array, matches: list[PairedMarkers]
 ) -> tuple[PrincipalModes, Guide, Array]:
     """Fit displacement to density; also return the displacement (s, 2 n) of each press by the others."""
-    clean = np.flatnonzero([_is_clean(match) for match in matches])
+    clean = np.flatnonzero([is_clean(match) for match in matches])
     if len(clean) < FEWEST_PRESSES:
         raise CalibrationError(
             f"the markers of {len(clean)} of {len(matches)} presses can be followed from the reference "

@@ -47,6 +47,11 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
     the way out."""
     try:
         with path.open("rb") as opened, NpzFile(opened, allow_pickle=False) as file:
+            if "kind" in file:
+                raise CalibrationError(
+                    f"{path} is a pose model, a press dataset needs a dome model: make one with "
+                    "palpate-edge train from press datasets"
+                )
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in NAMES}
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None

@@ -33,7 +33,8 @@ class Guide(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LabelGroup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Labels, by their places in the calibration's list, that one expansion gives."""
+    """Labels, by their places in the calibration's list, that one expansion gives; a label is the sum of its
+    groups."""
 
     labels: tuple[int, ...]
     expansion: Expansion

@@ -112,7 +112,7 @@ class PoseEstimator:
         point = self._displacement.coordinates(moved_px.ravel())
         values = np.zeros(len(self._calibration.labels))
         for labels, runner in self._groups:
-            values[list(labels)] = runner.at(point)
+            values[list(labels)] += runner.at(point)
         half_widths = self._half_widths.at(point).tolist()
         return tuple(
             LabelEstimate(label, value, math.exp(half_width))
