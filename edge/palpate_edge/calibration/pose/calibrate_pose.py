@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 
 from palpate_edge.calibration.measurement import dropped_presses
@@ -37,7 +38,7 @@ def calibrate_pose(
     good = matched.good
     points = matched.modes.coordinates(matched.displacement_px[good])
     targets = np.array([press.values for press in presses])[good]
-    groups, half_widths = fit_labels(points, matched.modes.variance, targets, dataset.labels)
+    fitted = fit_labels(points, matched.modes.variance, targets, dataset.labels)
     dropped = dropped_presses(
         "markers could not be followed",
         [press for press, kept in zip(presses, good.tolist(), strict=True) if not kept],
@@ -55,9 +56,10 @@ def calibrate_pose(
         displacement=matched.modes.as_modes(),
         guide=matched.guide,
         centres=packed(points),
-        groups=groups,
-        half_widths=half_widths,
+        groups=fitted.groups,
+        half_widths=fitted.half_widths,
         source=CalibrationSource(
             dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), dropped
         ),
+        local=fitted.local or msgspec.UNSET,
     )

@@ -13,6 +13,7 @@ from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, matern, packed
 
 MOST_FOR_SETTINGS = 400  # presses that settings are chosen by
+BLOCK = 256  # rows of a triangular matrix that are solved at once
 RIDGES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 
 
@@ -33,7 +34,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A fitted expansion, and its predictions (s, k) of each press from all others."""
+    """A fitted expansion, and its predictions (e, k) of presses from all others."""
 
     expansion: Expansion
     left_out: Array
@@ -83,12 +84,35 @@ def choose_settings(
     return [settings for _, settings in best]
 
 
-def fit(points: Array, metric: Array, targets: Array, ridge: float) -> Fit:
-    """Fit targets (s, k) at points (s, m), whose distances are taken after the product with metric (m, q)."""
+def fit(
+    points: Array, metric: Array, targets: Array, ridge: float, judged: Indices | slice = slice(None)
+) -> Fit:
+    """Fit targets (s, k) at points (s, m), whose distances are taken after the product with metric (m, q).
+
+    judged (e,): the presses to predict from all others.
+    """
     offset = targets.mean(axis=0)
-    gram = kernel(points @ metric)
-    gram[np.diag_indices_from(gram)] += ridge
-    inverse = np.linalg.inv(gram)
-    weights = inverse @ (targets - offset)
-    left_out = targets - weights / np.diag(inverse)[:, None]
+    weights, own = ridge_solution(kernel(points @ metric), targets - offset, ridge, judged)
+    left_out = targets[judged] - weights[judged] / own[:, None]
     return Fit(Expansion(packed(metric), packed(weights), packed(offset), "matern"), np.asarray(left_out))
+
+
+def ridge_solution(gram: Array, targets: Array, ridge: float, judged: Indices | slice) -> tuple[Array, Array]:
+    """Return the weights (s, k) = inverse of (gram + ridge) @ targets, and the inverse's diagonal (e,) at the
+    `judged` (e,) places. The gram matrix (s, s) is changed."""
+    gram[np.diag_indices_from(gram)] += ridge
+    lower: Array = np.asarray(np.linalg.cholesky(gram))
+    weights = solve_lower(lower, targets)
+    weights = solve_lower(lower.T[::-1, ::-1], weights[::-1])[::-1]
+    units = solve_lower(lower, np.eye(len(gram))[:, judged])
+    return weights, np.asarray(np.square(units).sum(axis=0))
+
+
+def solve_lower(lower: Array, right: Array) -> Array:
+    """Return x (s, k) with lower @ x = right, of a lower triangular matrix (s, s)."""
+    solution = np.empty_like(right)
+    for start in range(0, len(right), BLOCK):
+        rows = slice(start, start + BLOCK)
+        rest = right[rows] - lower[rows, :start] @ solution[:start]
+        solution[rows] = np.linalg.solve(lower[rows, rows], rest)
+    return solution

@@ -1,115 +1,160 @@
 """Regression of the pose labels on the markers' displacement, with a 95 % interval for each.
 
-Labels of one kind (both tilts, both shears) share a kernel and its metric. Errors are those of presses that
-neither the fit nor the metric has seen: left out one by one from the fit; and from the learning of the
-metric in parts, or, of many presses, for good. By these errors the round of the metric is chosen. The half
-width of an interval follows their size about a press: their logarithm is regressed on the same points, and
-raised until 95 % of the errors are within.
+Labels of one kind (both tilts, both shears) share a kernel and its metric. First results are those of a
+kernel regression; local regressions (local_regression.py) about them may be better. Errors are those of
+presses that neither fit nor metric has seen: left out one by one from the fit; and from the learning of the
+metric in parts, or, of many presses, for good. By these errors the metric's round and the regression are
+chosen. The half width of an interval follows their size about a press: their logarithm is regressed on the
+same points, and raised until 95 % of the errors are within.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import Fit, choose_settings, evenly, fit
+from palpate_edge.calibration.pose.kernel_regression import choose_settings, evenly, fit
+from palpate_edge.calibration.pose.label_candidates import Candidates, fit_candidates
 from palpate_edge.calibration.pose.metric_learning import (
     MOST_FOR_METRIC,
-    ROUNDS,
     LearnedMetric,
     learn_metrics,
 )
 from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
+from palpate_edge.estimation.pose.local_expansion import LocalExpansion
 from palpate_edge.estimation.pose.pose_calibration import LabelGroup
 
 COVERAGE = 0.95
 FLOOR = 0.1  # of the median error, added before the logarithm
-MANY_PRESSES = 1600  # so many that half of them can be kept from the learning of the metric
-FEW_PRESSES = 600
+MANY_PRESSES = 1200  # so many that half of them can be kept from the learning of the metric
+MOST_LOCAL = 3000  # presses of local regressions
+FEW_PRESSES = 300
 PARTS_OF_FEW, PARTS = 5, 2  # few presses lose much with each one that the metric has not seen
 MOST_FOR_ROUND, MOST_FOR_ERRORS = 1000, 1600  # presses that a round is chosen by, and intervals learned from
 SPREAD_POWERS, SPREAD_LENGTHS = (0.0, 0.5), (1.0, 2.0, 4.0)
 
 
-def fit_labels(
-    points: Array, variance: Array, targets: Array, labels: Sequence[str]
-) -> tuple[tuple[LabelGroup, ...], Expansion]:
+@dataclass(frozen=True, slots=True)
+class FittedLabels:
+    """groups and local: expansions of the labels; half_widths: expansion of the log half widths."""
+
+    groups: tuple[LabelGroup, ...]
+    local: tuple[LocalExpansion, ...]
+    half_widths: Expansion
+
+
+def fit_labels(points: Array, variance: Array, targets: Array, labels: Sequence[str]) -> FittedLabels:
     """Fit targets (s, k), one column for each of `labels`, at points (s, m) whose coordinates have this
-    variance (m,); return the groups of labels and the expansion of the log half widths."""
-    places = kinds_of(labels)
-    columns = [targets[:, some] for some in places]
-    many = len(points) >= MANY_PRESSES
-    fits, errors, judged = (_fit_many if many else _fit_in_parts)(points, variance, columns)
-    error = np.empty((len(judged), targets.shape[1]))
-    for some, error_of_group in zip(places, errors, strict=True):
-        error[:, some] = error_of_group
-    groups = tuple(
-        LabelGroup(tuple(some), fitted.expansion) for some, fitted in zip(places, fits, strict=True)
-    )
-    return groups, _fit_half_widths(points, variance, error, judged)
+    variance (m,)."""
+    kinds = _named_kinds(labels)
+    data = _Data(points, variance, targets, kinds)
+    if len(points) >= MANY_PRESSES:
+        candidates, errors, judged = _fit_many(data)
+    else:
+        candidates, errors, judged = _fit_in_parts(data)
+    error, groups, local = np.empty((len(judged), len(labels))), [], []
+    for group, places in enumerate(kinds.values()):
+        best = _least(errors[group])
+        error[:, places] = errors[group][best]
+        groups.append(LabelGroup(tuple(places), candidates.first[group].expansion))
+        local += candidates.expansions(group, best)
+    return FittedLabels(tuple(groups), tuple(local), _fit_half_widths(points, variance, error, judged))
 
 
 def kinds_of(labels: Sequence[str]) -> list[list[int]]:
     """Return the places of the labels of each kind: both tilts, both shears, each other label."""
+    return list(_named_kinds(labels).values())
+
+
+def _named_kinds(labels: Sequence[str]) -> dict[str, list[int]]:
     kinds: dict[str, list[int]] = {}
     for place, label in enumerate(labels):
         kinds.setdefault(label.split("_")[0], []).append(place)
-    return list(kinds.values())
+    return kinds
 
 
-def _fit_many(points: Array, variance: Array, columns: list[Array]) -> tuple[list[Fit], list[Array], Indices]:
-    """Return the fit of each group of targets, its errors, and the presses (e,) that these are of."""
-    seen = evenly(len(points), min(MOST_FOR_METRIC, len(points) // 2))
-    unseen = np.setdiff1d(np.arange(len(points)), seen)
+@dataclass(frozen=True, slots=True)
+class _Data:
+    """Points (s, m), the variance (m,) of their coordinates, targets (s, k), and the places of each kind of
+    target."""
+
+    points: Array
+    variance: Array
+    targets: Array
+    kinds: dict[str, list[int]]
+
+    def learn_metrics(self, seen: Indices) -> list[list[LearnedMetric]]:
+        """Learn the metrics of each kind, of every round, from the `seen` presses."""
+        groups = [self.targets[seen][:, places] for places in self.kinds.values()]
+        return learn_metrics(self.points[seen], self.variance, groups)
+
+    def fit_candidates(self, metrics: list[list[LearnedMetric]], rounds: list[int]) -> Candidates:
+        """Fit every candidate with the metrics of these rounds, one of each kind."""
+        centres = evenly(len(self.points), MOST_LOCAL)
+        return fit_candidates(self.points, self.targets, self.kinds, metrics, rounds, centres)
+
+    def round_errors(self, metrics: list[list[LearnedMetric]], some: Indices) -> list[list[Array]]:
+        """Return the errors (e, k) at `some` (e,) presses for each kind and each of its rounds, each press
+        left out in turn from a fit to them."""
+        errors = []
+        for places, learned in zip(self.kinds.values(), metrics, strict=True):
+            targets = self.targets[some][:, places]
+            fits = (fit(self.points[some], each.metric, targets, each.ridge) for each in learned)
+            errors.append([np.abs(targets - fitted.left_out) for fitted in fits])
+        return errors
+
+
+def _fit_many(data: _Data) -> tuple[Candidates, list[list[Array]], Indices]:
+    """Return the candidates, the errors (e, k) of each kind and candidate, and the presses (e,) these are of.
+
+    Half of the presses, or MOST_FOR_METRIC, are for the metric, and others judge.
+    """
+    count = len(data.points)
+    seen = evenly(count, min(MOST_FOR_METRIC, count // 2))
+    unseen = np.setdiff1d(evenly(count, MOST_LOCAL), seen)
+    metrics = data.learn_metrics(seen)
     judges = unseen[evenly(len(unseen), MOST_FOR_ROUND)]
-    fits = []
-    for targets, rounds in zip(
-        columns, learn_metrics(points[seen], variance, [some[seen] for some in columns]), strict=True
-    ):
-        score = [
-            _mean_error(_left_out_error(points[judges], targets[judges], learned), targets)
-            for learned in rounds
-        ]
-        best = rounds[int(np.argmin(score))]
-        fits.append(fit(points, best.metric, targets, best.ridge))
+    rounds = [_least(of_kind) for of_kind in data.round_errors(metrics, judges)]
+    candidates = data.fit_candidates(metrics, rounds)
     judged = unseen[evenly(len(unseen), MOST_FOR_ERRORS)]
-    errors = [
-        np.abs(targets - fitted.left_out)[judged] for targets, fitted in zip(columns, fits, strict=True)
-    ]
-    return fits, errors, judged
+    return candidates, candidates.errors(judged), judged
 
 
-def _fit_in_parts(
-    points: Array, variance: Array, columns: list[Array]
-) -> tuple[list[Fit], list[Array], Indices]:
-    """As `_fit_many`, with the errors of all presses."""
-    parts = PARTS_OF_FEW if len(points) <= FEW_PRESSES else PARTS
-    part = np.arange(len(points)) % parts
-    errors = [np.empty((ROUNDS, *targets.shape)) for targets in columns]
+def _fit_in_parts(data: _Data) -> tuple[Candidates, list[list[Array]], Indices]:
+    """As `_fit_many`, with all presses, each judged by metrics that were learned without its part."""
+    presses = np.arange(len(data.points))
+    parts = PARTS_OF_FEW if len(presses) <= FEW_PRESSES else PARTS
+    by_round: list[list[list[Array]]] = []
+    by_candidate: list[list[list[Array]]] = []
     for number in range(parts):
-        unseen = part == number
-        learned = learn_metrics(points[~unseen], variance, [targets[~unseen] for targets in columns])
-        for targets, rounds, error in zip(columns, learned, errors, strict=True):
-            for place, metric in enumerate(rounds):
-                error[place, unseen] = _left_out_error(points, targets, metric)[unseen]
-    fits, chosen = [], []
-    for targets, rounds, error in zip(columns, learn_metrics(points, variance, columns), errors, strict=True):
-        best = int(np.argmin([_mean_error(of_round, targets) for of_round in error]))
-        fits.append(fit(points, rounds[best].metric, targets, rounds[best].ridge))
-        chosen.append(error[best])
-    return fits, chosen, np.arange(len(points))
+        unseen = presses[presses % parts == number]
+        metrics = data.learn_metrics(presses[presses % parts != number])
+        errors = [[error[unseen] for error in of_kind] for of_kind in data.round_errors(metrics, presses)]
+        by_round.append(errors)
+        candidates = data.fit_candidates(metrics, [_least(of_kind) for of_kind in errors])
+        by_candidate.append(candidates.errors(unseen))
+    rounds = [_least(of_kind) for of_kind in _joined(by_round)]
+    order = np.concatenate([presses[presses % parts == number] for number in range(parts)])
+    final = data.fit_candidates(data.learn_metrics(presses), rounds)
+    return final, _joined(by_candidate), order
 
 
-def _left_out_error(points: Array, targets: Array, learned: LearnedMetric) -> Array:
-    return np.abs(targets - fit(points, learned.metric, targets, learned.ridge).left_out)
+def _joined(parts: list[list[list[Array]]]) -> list[list[Array]]:
+    """Return the errors of all parts, for each kind and each choice."""
+    return [
+        [np.concatenate(choice) for choice in zip(*of_kind, strict=True)]
+        for of_kind in zip(*parts, strict=True)
+    ]
 
 
-def _mean_error(error: Array, targets: Array) -> float:
-    """Return the mean of errors (s, k), each over its target's deviation."""
-    return float((error / np.maximum(targets.std(axis=0), 1e-12)).mean())
+def _least(errors: list[Array]) -> int:
+    """Return which of some errors (e, k) are least in the mean."""
+    size = np.maximum(np.mean(errors, axis=(0, 1)), 1e-12)
+    return int(np.argmin([(error / size).mean() for error in errors]))
 
 
 def _fit_half_widths(points: Array, variance: Array, error: Array, judged: Indices) -> Expansion:

@@ -10,6 +10,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.calibration import CalibrationSource
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, PackedArray
+from palpate_edge.estimation.pose.local_expansion import LocalExpansion
 from palpate_edge.geometry.picture_sensor import PictureSensor
 from palpate_edge.vision.appearance import Appearance
 
@@ -47,7 +48,8 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     be a marker (blob_detection); contact_threshold_px: root mean square displacement above which something
     touches; displacement: modes of the markers' displacements (2 n,), centres: of the presses in them;
     groups: expansions of the labels; half_widths: expansion of the logarithm of the half width of each
-    label's 95 % interval; mean: of each label over the presses; checksum: over all other fields.
+    label's 95 % interval; mean: of each label over the presses; checksum: over all other fields; local:
+    better expansions of some labels, about the groups' results; those of one label are added.
     """
 
     sensor: PictureSensor
@@ -67,6 +69,7 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""
+    local: tuple[LocalExpansion, ...] | msgspec.UnsetType = msgspec.UNSET
 
     def digest(self) -> str:
         """Return the SHA-256, hex, over all fields but the checksum."""

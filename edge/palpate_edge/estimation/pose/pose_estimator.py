@@ -17,6 +17,7 @@ from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.plausibility import check_doubt, check_found, check_smooth
 from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner
+from palpate_edge.estimation.pose.local_expansion import LocalExpansionRunner
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
 from palpate_edge.estimation.pose.pose_calibration import Guide, Modes, PoseCalibration
@@ -71,13 +72,14 @@ class PoseEstimator:
         self._groups = [
             (group.labels, ExpansionRunner(group.expansion, centres)) for group in calibration.groups
         ]
+        self._local = [LocalExpansionRunner(expansion, centres) for expansion in (calibration.local or ())]
         self._half_widths = ExpansionRunner(calibration.half_widths, centres)
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of a frame; a rejected frame gives `valid` False and the reason."""
         expected = len(self._rest_px)
         try:
-            match = self._match(frame.image)
+            match = self.markers(frame.image)
         except FrameRejectedError as rejection:
             return refused_contact(frame.sequence, frame.exposed_at_us, str(rejection), 0, expected)
         found = int(match.found.sum())
@@ -103,7 +105,8 @@ class PoseEstimator:
             pose=self._labels(moved_px),
         )
 
-    def _match(self, image: Image) -> PairedMarkers:
+    def markers(self, image: Image) -> PairedMarkers:
+        """Return the markers of an image. Raises FrameRejectedError for an image of another size or none."""
         self._image_check.check_image(image)
         spots = self._detector.find(plane(image, self._calibration.appearance))
         return self._pairing.match(self._rest_px + self._expected.of(spots.position_px), spots)
@@ -113,6 +116,11 @@ class PoseEstimator:
         values = np.zeros(len(self._calibration.labels))
         for labels, runner in self._groups:
             values[list(labels)] += runner.at(point)
+        first = values.copy()
+        for local in self._local:
+            values[local.labels] = 0.0
+        for local in self._local:
+            values[local.labels] += local.at(point, first)
         half_widths = self._half_widths.at(point).tolist()
         return tuple(
             LabelEstimate(label, value, math.exp(half_width))
