@@ -25,15 +25,15 @@ from palpate_edge.common.arrays import Array, Floats, Image, Indices
 from palpate_edge.vision.shading import NEIGHBOUR
 
 BINNING = 2  # colour is coded at half resolution in JPEG and in most video formats
-COLOURS = np.array([[1, 0, -1], [-0.6, 1.2, -0.6]], np.float32) / math.sqrt(
-    2
-)  # of B, G, R; white light has none
+# Of B, G, R; white light has none.
+COLOURS = np.array([[1, 0, -1], [-0.6, 1.2, -0.6]], np.float32) / np.float32(math.sqrt(2))
 CHANNELS = len(COLOURS)
 GRID_STEP = 0.15  # between samples, in bead diameters
 REACH, MIN_REACH = 1.1, 0.7  # radius of the samples, in bead diameters; smaller where another bead is near
 KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
 PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
 PLANE = 3  # columns of the design before the profile: constant, x and y
+COLUMNS = PLANE + PROFILES
 NOISE = np.eye(CHANNELS, dtype=np.float32)  # grey levels^2, least covariance: rounding and compression
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
@@ -67,18 +67,18 @@ class SymmetricFit:
         design = np.column_stack([np.ones_like(radius), grid, profile])
         outward = grid / np.maximum(radius, 1e-6)[:, None]
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
-        reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
-        inside = radius <= reach[:, None] + 1e-9
         self._grid = grid.T.astype(np.float32)
-        self._inside = inside[..., None].astype(np.float32)
+        reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
+        inside, kind = np.unique(radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True)
+        self._inside, self._kind = inside.astype(np.float32), kind.ravel()
         rows, normal, gram = zip(
             *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
         )
-        self._rows = np.array(rows, np.float32)
-        self._normal = np.array(normal, np.float32)
-        self._motion_gram = np.array(gram, np.float32)
-        self._freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1).astype(np.float32)
-        self._all = np.arange(len(diameter_px))
+        self._rows = [np.ascontiguousarray(kind.T, np.float32) for kind in rows]
+        freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1).astype(np.float32)
+        self._normal = np.array(normal, np.float32)[self._kind]
+        self._motion_gram = np.array(gram, np.float32)[self._kind]
+        self._freedom = freedom[self._kind, None, None]
 
     def load(self, image: Image) -> None:
         """Take the image (height, width, 3) that is measured until the next one is loaded."""
@@ -103,30 +103,45 @@ class SymmetricFit:
     def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array]:
         """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
         diameters."""
-        some = slice(None) if len(beads) == len(self._all) else beads  # a slice copies nothing
         diameter = self._diameter[beads].astype(np.float32)[:, None]
         column, row = (
             along * diameter + middle.astype(np.float32)[:, None]
             for along, middle in zip(self._grid, centre.T, strict=True)
         )
         bgr = cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        pixels: Floats = (bgr.reshape(-1, 3) @ COLOURS.T).reshape(*bgr.shape[:2], CHANNELS)
-        pixels *= self._inside[some]
-        both = self._rows[some] @ pixels
-        columns = PLANE + PROFILES
-        fitted, left = both[:, :columns], both[:, columns:].reshape(-1, 2, PROFILES, CHANNELS)
-        squares = pixels.transpose(0, 2, 1) @ pixels
-        squares -= fitted.transpose(0, 2, 1) @ (self._normal[some] @ fitted)
-        covariance = squares / self._freedom[beads, None, None] + NOISE
-        profile = fitted[:, PLANE:]
-        weighted = profile @ np.linalg.inv(covariance)
-        force = (left * weighted[:, None]).sum(axis=(2, 3))
-        contrast = (weighted @ profile.transpose(0, 2, 1)).reshape(len(beads), 1, -1)
-        xx, xy, _, yy = (contrast @ self._motion_gram[some])[:, 0].T.astype(np.float64)
+        channels = (bgr.reshape(-1, 3) @ COLOURS.T).reshape(*bgr.shape[:2], CHANNELS)
+        pixels = np.ascontiguousarray(channels.transpose(0, 2, 1), np.float32)
+        both = np.empty((len(beads), CHANNELS, COLUMNS + 2 * PROFILES), np.float32)
+        covariance = np.empty((len(beads), CHANNELS, CHANNELS), np.float32)
+        kind = self._kind[beads]
+        for number, (rows, inside) in enumerate(zip(self._rows, self._inside, strict=True)):
+            alike = np.flatnonzero(kind == number)
+            theirs = pixels if len(alike) == len(beads) else pixels[alike]
+            both[alike] = (theirs.reshape(-1, len(inside)) @ rows).reshape(-1, *both.shape[1:])
+            covariance[alike] = (theirs * inside) @ theirs.transpose(0, 2, 1)
+        fitted, left = both[..., :COLUMNS], both[..., COLUMNS:].reshape(-1, CHANNELS, 2, PROFILES)
+        covariance -= (fitted @ self._normal[beads]) @ fitted.transpose(0, 2, 1)
+        covariance /= self._freedom[beads]
+        covariance += NOISE
+        profile = fitted[..., PLANE:]
+        weighted = _inverse(covariance) @ profile
+        force = (left * weighted[:, :, None]).sum(axis=(1, 3))
+        contrast = (weighted.transpose(0, 2, 1) @ profile).reshape(len(beads), 1, -1)
+        xx, xy, _, yy = (contrast @ self._motion_gram[beads])[:, 0].T.astype(np.float64)
         determinant = np.maximum(xx * yy - xy * xy, 1e-12)
         step = np.stack([yy * force[:, 0] - xy * force[:, 1], xx * force[:, 1] - xy * force[:, 0]], axis=1)
         step = np.clip(step / determinant[:, None], -MAX_STEP, MAX_STEP)
         return step, np.sqrt((xx + yy) / determinant)
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Return the inverses of symmetric matrices (m, 2, 2), faster than by NumPy's general ones."""
+    xx, xy, yy = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
+    inverse = np.empty_like(matrices)
+    inverse[:, 0, 0], inverse[:, 1, 1] = yy, xx
+    inverse[:, 0, 1] = inverse[:, 1, 0] = -xy
+    inverse /= (xx * yy - xy * xy)[:, None, None]
+    return inverse
 
 
 def radial_splines(radius: Array) -> tuple[Array, Array]:

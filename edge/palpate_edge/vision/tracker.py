@@ -11,7 +11,7 @@ A bead that stays hidden causes no search: only the loss of further beads does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,10 +83,12 @@ class Tracker:
             beads = self._in_whole_image(dark)
             self._accepted_lost = len(beads.lost)
         else:
-            beads = Beads.from_positions(*labelling, noise=self._windows.noise(labelling[1]))
+            beads = Beads.from_positions(*labelling)
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
         if fit is not None:
             beads = self._by_symmetry(fit, beads)
+        else:
+            beads = replace(beads, noise=self._windows.noise(beads.found))
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
@@ -163,9 +165,7 @@ class Tracker:
         if len(beads):
             position_px[beads], found[beads] = self._windows.find_matched(expected_px[beads], beads)
         position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
-        return Beads.from_positions(
-            position_px, found, searched=True, doubt=match.doubt, noise=self._windows.noise(found)
-        )
+        return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)
 
     def _retry(self, position_px: Array, found: Mask, missing: Indices) -> None:
         """Search the missing beads where their neighbours predict them; changes both arrays."""

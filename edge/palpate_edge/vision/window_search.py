@@ -44,7 +44,7 @@ class WindowSearch:
         unevenness = np.inf if reference.unevenness is None else reference.unevenness
         self._max_unevenness = np.full(spacing_px.shape, unevenness + MAX_ADDED_UNEVENNESS, np.float32)
         self._noise_unevenness = 0.0
-        self._max_glare = MAX_GLARE
+        self._max_glare, self._windows_of_blob = MAX_GLARE, MAX_WINDOWS
         self._contrast_share = np.ones_like(self._contrast)
         self._excess = np.zeros_like(self._contrast)
         self._same_squared = (SAME_WINDOW * reference.diameter_px) ** 2
@@ -54,8 +54,10 @@ class WindowSearch:
         self._refiner.load(dark)
 
     def allow_glare(self, *, allowed: bool) -> None:
-        """Accept beads in strong glare, since their places are measured again by their symmetry."""
+        """Accept beads in strong glare, and one window at a blob, since places are measured again by their
+        symmetry."""
         self._max_glare = MAX_FITTED_GLARE if allowed else MAX_GLARE
+        self._windows_of_blob = 1 if allowed else MAX_WINDOWS
 
     def find_beads(self, expected_px: Array, max_faint: int) -> tuple[Array, Mask] | None:
         """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads.
@@ -99,13 +101,13 @@ class WindowSearch:
         if not far.any():
             return
         beads, expected_px = beads[far], expected_px[far]
-        refined, _ = self._measure(expected_px, beads)
+        refined, _ = self._measure(expected_px, beads, MAX_WINDOWS)
         last.position_px[beads], last.area[beads] = refined.position_px, refined.area
         last.converged[beads] = refined.converged
 
     def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured."""
-        refined, step_squared = self._measure(blob_px, beads)
+        refined, step_squared = self._measure(blob_px, beads, self._windows_of_blob)
         self._excess[beads] = self._excess_of(refined.unevenness, beads)
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
@@ -126,9 +128,9 @@ class WindowSearch:
         noise = np.where(glare, np.maximum(noise, by_glare), noise)
         return np.where(inexact, np.minimum(noise, MAX_NOISE), 1.0).astype(np.float32)
 
-    def _measure(self, start_px: Array, beads: Indices) -> tuple[Refined, Array]:
+    def _measure(self, start_px: Array, beads: Indices, max_windows: int) -> tuple[Refined, Array]:
         """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
-        refined = self._refiner.centroids(start_px, beads, MAX_WINDOWS)
+        refined = self._refiner.centroids(start_px, beads, max_windows)
         self._contrast_share[beads] = refined.contrast / self._contrast[beads]
         self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
         step = refined.position_px - start_px
