@@ -30,23 +30,36 @@ if TYPE_CHECKING:
 @click.option(
     "--picture", type=OUTPUT, help="Also draw the distance of each bead from the fitted layout (.png)."
 )
+@click.option(
+    "--labels",
+    type=click.Choice(["contact", "pose"]),
+    help="Labels to learn from a DATASET that has contact places and poses. [default: contact]",
+)
 def calibrate(
-    dataset: Path, output: Path, no_model: bool, dome_model: Path | None, picture: Path | None
+    dataset: Path,
+    output: Path,
+    no_model: bool,
+    dome_model: Path | None,
+    picture: Path | None,
+    labels: str | None,
 ) -> None:
     """Make a calibration from a press DATASET.
 
     Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
     and the correction model are fitted to the train split of the presses; without presses the correction
     model is the dome model, and no force is estimated. A DATASET whose truth.csv has pose labels in place of
-    contact places needs no drawing of the sensor (docs/own-sensor.md).
+    contact places needs no drawing of the sensor (docs/own-sensor.md). Where it has both, --labels chooses;
+    a calibration gives contacts or poses.
 
     \b
     Example:
       palpate-edge calibrate demo/recording/press -o finger-1.cal
     """
-    from palpate_edge.datasets.pose_dataset import is_pose_dataset  # noqa: PLC0415
+    from palpate_edge.datasets.pose_dataset import has_both_labels, is_pose_dataset  # noqa: PLC0415
 
-    if is_pose_dataset(dataset):
+    if labels == "contact" and is_pose_dataset(dataset):
+        raise DatasetError(f"{dataset / 'truth.csv'} has no contact places: leave out --labels contact")
+    if labels == "pose" or is_pose_dataset(dataset):
         _calibrate_pose(dataset, output, dome_model, no_model or picture is not None)
         return
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
@@ -97,6 +110,8 @@ def calibrate(
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
     if not calibration.paper.stiffness_N_px:
         click.echo("  no press of known force: no force is estimated")
+    if has_both_labels(dataset):
+        click.echo("  the pose labels of truth.csv are not in it: learn them with --labels pose")
 
 
 def _calibrate_pose(dataset: Path, output: Path, model: Path | None, has_dome_option: bool) -> None:

@@ -66,12 +66,23 @@ class PoseDataset:
 
 def is_pose_dataset(folder: Path) -> bool:
     """Return whether a folder's truth.csv has pose labels and no contact places, so that it needs no dome."""
+    header = _header(folder)
+    return "x_mm" not in header and any(label in header for label in POSE_LABELS)
+
+
+def has_both_labels(folder: Path) -> bool:
+    """Return whether a folder's truth.csv has pose labels and contact places."""
+    header = _header(folder)
+    return "x_mm" in header and any(label in header for label in POSE_LABELS)
+
+
+def _header(folder: Path) -> list[str]:
+    """Return the columns of a folder's truth.csv, none when it cannot be read."""
     try:
         with (folder / "truth.csv").open(newline="", encoding="utf-8") as file:
-            header = next(csv.reader(file), [])
+            return next(csv.reader(file), [])
     except (OSError, UnicodeDecodeError, csv.Error):
-        return False
-    return "x_mm" not in header and any(label in header for label in POSE_LABELS)
+        return []
 
 
 def read_pose_dataset(folder: Path) -> PoseDataset:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palpate_edge.common.contact import Vector3
+from palpate_edge.common.contact import POSE_LABELS, Vector3
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.type_text import value_text
 from palpate_edge.datasets.images import list_images
@@ -87,14 +87,15 @@ def read_truth(path: Path) -> tuple[Press, ...]:
     """Read all rows of a truth.csv. Raises DatasetError with the line and the column.
 
     Forces are unknown where no contact has any: its four columns are blank, or 0 in every row. The same holds
-    for the torsion, whose column is optional.
+    for the torsion, whose column is optional. Columns of pose labels (docs/own-sensor.md) are left out.
     """
     rows = read_rows(path, "docs/press-dataset.md")
-    if not rows or rows[0] not in (COLUMNS, [*COLUMNS, TORSION]):
+    columns = rows[0] if rows else []
+    if [column for column in columns if column not in POSE_LABELS] not in (COLUMNS, [*COLUMNS, TORSION]):
         raise DatasetError(
-            f"{path}: the first line must be {','.join(COLUMNS)}, or that and {TORSION} as the last column"
+            f"{path}: the first line must be {','.join(COLUMNS)}, or that and {TORSION} as the last column; "
+            f"only {', '.join(POSE_LABELS)} may stand beside them"
         )
-    columns = rows[0]
     presses = {
         number: _press(path, number, row, columns) for number, row in enumerate(rows[1:], start=2) if row
     }

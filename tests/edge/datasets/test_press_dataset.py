@@ -52,6 +52,17 @@ def test_the_torsion_is_an_optional_last_column(tmp_path):
     assert "line 2 has 12 fields, not 13" in refusal(read_truth, truth(tmp_path, GOOD, header=header))
 
 
+def test_pose_labels_may_stand_beside_the_columns(tmp_path):
+    header = HEADER.replace("x_mm", "depth_mm,x_mm") + ",torsion_Nmm,tilt_x_deg"
+    row = GOOD.replace("0.5,1.5", "0.5,0.75,1.5")
+    (press,) = read_truth(truth(tmp_path, f"{row},-4.5,3", header=header))
+    assert press == Press(
+        "a.jpg", "train", 0.5, (1.5, -2.0, 29.9), 1.25, (0.1, 0.2, -1.2), "plate", 3, torsion_Nmm=-4.5
+    )
+    said = refusal(read_truth, truth(tmp_path, header=f"{HEADER},depth"))
+    assert "only depth_mm, tilt_x_deg" in said
+
+
 @pytest.mark.parametrize("force", [",,,", "0,0,0,0", "0.0,0,-0.0,0e3"])
 def test_a_contact_without_newtons_has_an_unknown_force(tmp_path, force):
     contact, free = f"a.jpg,train,0,1,2,29,{force},plate,0", f"b.jpg,train,0,,,,{force},none,0"

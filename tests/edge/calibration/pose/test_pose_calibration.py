@@ -143,3 +143,17 @@ def test_options_of_a_dome_are_refused(pad_dataset, tmp_path, option):
     run = CliRunner().invoke(cli, ["calibrate", str(pad_dataset), "-o", str(tmp_path / "c.cal"), *option])
     assert run.exit_code != 0
     assert not Path(tmp_path / "c.cal").exists()
+
+
+def test_pose_labels_beside_contact_places_are_learned_when_asked_for(pad_dataset, tmp_path):
+    folder = shutil.copytree(pad_dataset, tmp_path / "both")
+    head, *rows = (folder / "truth.csv").read_text().splitlines()
+    press = "t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost"
+    both = [f"{row},0,,,,0,0,0,0,none,0" for row in rows]
+    (folder / "truth.csv").write_text("\n".join([f"{head},{press}", *both]))
+    out = tmp_path / "pose.cal"
+    run = CliRunner().invoke(cli, ["calibrate", str(folder), "-o", str(out), "--labels", "pose"])
+    assert run.exit_code == 0, run.output
+    assert load_pose_calibration(out).labels == POSE_LABELS
+    run = CliRunner().invoke(cli, ["calibrate", str(pad_dataset), "-o", str(out), "--labels", "contact"])
+    assert "has no contact places" in str(run.exception)
