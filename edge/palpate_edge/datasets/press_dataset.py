@@ -94,7 +94,7 @@ def read_truth(path: Path) -> tuple[Press, ...]:
     if [column for column in columns if column not in POSE_LABELS] not in (COLUMNS, [*COLUMNS, TORSION]):
         raise DatasetError(
             f"{path}: the first line must be {','.join(COLUMNS)}, or that and {TORSION} as the last column; "
-            f"only {', '.join(POSE_LABELS)} may stand beside them"
+            f"further columns may be {', '.join(POSE_LABELS)}"
         )
     presses = {
         number: _press(path, number, row, columns) for number, row in enumerate(rows[1:], start=2) if row
