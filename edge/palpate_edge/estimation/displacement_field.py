@@ -31,6 +31,7 @@ CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.
 KERNEL_LENGTH = 0.45  # on the unit sphere: about two bead spacings of the paper's layout
 BEAD_NOISE = 1e-3  # variance of a bead's place, relative to the field's
 NOISE_WEIGHT = 16.0  # of the noise's variance: a contact's field is smoother than the kernel's samples
+LOST_NOISE = 1e9  # variance of a bead that was not found: its place counts for nothing
 LEAST_SIGNAL = 0.1  # of a frame's mean square displacement; the rest is noise at most
 PIXEL_STEP = 0.5  # of the finite differences
 PER_COSINE = 6.0 / KERNEL_LENGTH**2  # 3 chord^2 / length^2, with chord^2 = 2 - 2 cos
@@ -140,12 +141,10 @@ class DisplacementReader:
             return np.asarray(
                 self._modes @ ((self._modes.T @ displacement_mm) / (self._variances + noise)[:, None])
             )
-        found = np.flatnonzero(beads.found)
-        each = np.full(len(found), noise) if beads.noise is None else noise * beads.noise[found] ** 2.0
-        covariance = self._covariance[np.ix_(found, found)] + np.diag(each)
-        weights = np.zeros_like(displacement_mm)
-        weights[found] = np.linalg.solve(covariance, displacement_mm[found])
-        return weights
+        each = noise if beads.noise is None else noise * beads.noise.astype(np.float64) ** 2
+        covariance = self._covariance.copy()
+        covariance.ravel()[:: len(covariance) + 1] += np.where(beads.found, each, LOST_NOISE)
+        return np.asarray(np.linalg.solve(covariance, displacement_mm * beads.found[:, None]))
 
     def _relative_noise(self, displacement_mm: Array, weight: Array) -> float:
         """Return the variance of an exact bead's place over that of the displacement (n, 3) of all beads.
