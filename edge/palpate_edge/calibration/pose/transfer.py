@@ -85,6 +85,9 @@ def calibrate_with_model(
         "markers could not be followed",
         [press for press, kept in zip(presses, good.tolist(), strict=True) if not kept],
     )
+    if not len(points):
+        unused = [press for press, kept in zip(presses, good.tolist(), strict=True) if kept]
+        dropped += dropped_presses(f"fewer than {FEWEST_OWN} own presses are not learned from", unused)
     progress(len(presses) + 1, len(presses) + 1)
     count = len(base.points) + len(points)
     return PoseCalibration(
@@ -105,9 +108,7 @@ def calibrate_with_model(
             packed(np.zeros((count, len(dataset.labels)))),
             packed(np.log(half_width)),
         ),
-        source=CalibrationSource(
-            dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), dropped
-        ),
+        source=CalibrationSource(dataset.folder.resolve().name, len(dataset.reference), len(points), dropped),
     )
 
 

@@ -16,6 +16,7 @@ from palpate_edge.calibration.pose.pose_model import PoseModel, load_pose_model,
 from palpate_edge.calibration.pose.rest_registration import register_rest
 from palpate_edge.calibration.pose.transfer import calibrate_with_model
 from palpate_edge.calibration.pose.untouched_rest import untouched_offset
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.cli.main import cli
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import POSE_LABELS
@@ -64,7 +65,7 @@ def errors(model_file: Path, folder: Path, tmp_path: Path) -> list[float]:
 
 @pytest.mark.long
 def test_declared_axes_without_presses_and_measured_ones_with_presses(model_file, tmp_path):
-    bare = OTHER.write(tmp_path / "bare", 0, 12, markers=AXES)
+    bare = OTHER.write(tmp_path / "bare", 4, 12, markers=AXES)  # too few presses to learn from
     assert max(errors(model_file, bare, tmp_path)) < 0.4
     assert max(errors(model_file, OTHER.write(tmp_path / "few", 20, 12), tmp_path)) < 0.4
 
@@ -103,6 +104,16 @@ def test_a_model_file_is_what_was_saved(tmp_path):
     assert back.axes == model.axes
     np.testing.assert_array_equal(back.rest_px, model.rest_px)
     np.testing.assert_allclose(back.displacement_px, model.displacement_px, rtol=1e-3)
+    with pytest.raises(CalibrationError, match="is a pose model, a press dataset needs a dome model"):
+        load_dome_model(tmp_path / "m.npz")
+    whole = (tmp_path / "m.npz").read_bytes()
+    for bad in (b"", b"PK", whole[:-30], whole[:200], whole.replace(b"targets", b"torgets")):
+        (tmp_path / "bad.npz").write_bytes(bad)
+        with pytest.raises(CalibrationError, match=r"bad\.npz"):
+            load_pose_model(tmp_path / "bad.npz")
+    save_pose_model(replace(model, displacement_px=model.displacement_px[:, :12]), tmp_path / "m.npz")
+    with pytest.raises(CalibrationError, match="do not belong together"):
+        load_pose_model(tmp_path / "m.npz")
 
 
 def test_axes_declared_and_measured_are_the_same_change():
