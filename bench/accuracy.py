@@ -14,6 +14,7 @@ import cv2
 from bench import accuracy_beads as beads
 from bench import accuracy_detection as detection
 from bench import accuracy_hard as hard
+from bench import accuracy_poses as poses
 from bench import accuracy_presses as presses
 from bench import accuracy_regions as regions
 from bench import accuracy_sequences as sequences
@@ -35,7 +36,14 @@ FINGERS = ("finger-1", "finger-2", "finger-3")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), default=Path("docs/accuracy.md"), show_default=True
 )
-def main(data: Path, output: Path) -> None:
+@click.option(
+    "--tactip",
+    type=click.Path(path_type=Path),
+    default=poses.DEFAULT_CLONE,
+    show_default=True,
+    help="clone of tactile_data_shear; skipped where it is not",
+)
+def main(data: Path, output: Path, tactip: Path) -> None:
     """Measure position, force and contact errors on the press sample and sequences in DATA.
 
     Writes the report OUTPUT and its picture next to it.
@@ -52,6 +60,7 @@ def main(data: Path, output: Path) -> None:
     sections, points = measure(sample, moving, picture.name, report_progress)
     report_progress("hard light")
     sections.append(hard.section(hard.measure(data)))
+    sections.append(poses.section(poses.measure(tactip, report_progress)))
     try:
         output.write_text(report(sections), encoding="utf-8")
         presses.draw(points, picture)

@@ -58,9 +58,11 @@ class ExpansionRunner:
 
     def __init__(self, expansion: Expansion, centres: Array | Floats) -> None:
         self._metric = expansion.metric.array()
-        self._weights = expansion.weights.array().astype(np.float64)
+        weights = expansion.weights.array()
+        used = weights.any(axis=1)  # the others are centres of other expansions
+        self._weights = weights[used].astype(np.float64)
         self._offset = expansion.offset.array()
-        self._centres = np.ascontiguousarray(centres @ self._metric, dtype=np.float32)
+        self._centres = np.ascontiguousarray(centres[used] @ self._metric, dtype=np.float32)
         self._half = 0.5 * np.square(self._centres).sum(axis=1)
         self._gaussian = expansion.kernel == "gaussian"
 

@@ -69,10 +69,15 @@ class PoseEstimator:
         self._expected = ExpectedDisplacement(calibration.guide, self._displacement, density)
         self._pairing = Pairing(self._rest_px)
         centres = calibration.centres.array()
+        local = calibration.local or ()
+        given = {label for expansion in local for label in expansion.given}
+        replaced = {label for expansion in local for label in expansion.labels} - given
         self._groups = [
-            (group.labels, ExpansionRunner(group.expansion, centres)) for group in calibration.groups
+            (group.labels, ExpansionRunner(group.expansion, centres))
+            for group in calibration.groups
+            if not replaced.issuperset(group.labels)
         ]
-        self._local = [LocalExpansionRunner(expansion, centres) for expansion in (calibration.local or ())]
+        self._local = [LocalExpansionRunner(expansion, centres) for expansion in local]
         self._half_widths = ExpansionRunner(calibration.half_widths, centres)
 
     def estimate(self, frame: Frame) -> Contact:
