@@ -119,11 +119,12 @@ def _measure_case(case: Case, train: Path, val: Path, work: Path) -> CaseFigures
 def _answered_torn(dataset: PoseDataset, calibration: PoseCalibration) -> int:
     """Return the number of test frames that are torn and answered."""
     estimator, rest_px = PoseEstimator(calibration), calibration.rest_px()
+    twin = PoseEstimator(calibration)  # the first one takes a frame that comes again for a frozen camera
     displacement, found, poses = [], [], []
     for number, press in enumerate(dataset.split("test")):
         image = dataset.read(dataset.path(press), grey=calibration.appearance.channel == "grey")
         if estimator.estimate(Frame(image, number, number, press.frame)).valid:
-            markers = estimator.markers(image)
+            markers = twin.markers(image)
             displacement.append(markers.position_px - rest_px)
             found.append(markers.found)
             poses.append(press.values)

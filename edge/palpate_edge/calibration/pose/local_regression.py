@@ -37,8 +37,8 @@ class LocalFit:
 
 @dataclass(frozen=True, slots=True)
 class LocalInputs:
-    """What local expansions are fitted to: points (c, p); first (c, l): labels of the presses by the first
-    regression, each without that press; centres (c,): places of the presses in the calibration."""
+    """Presses that local expansions are fitted to: points (c, p); first (c, l): their labels by the first
+    regression, each without that press; centres (c,): their places in the calibration."""
 
     points: Array
     first: Array
