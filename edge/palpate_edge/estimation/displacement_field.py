@@ -136,12 +136,12 @@ class DisplacementReader:
 
     def _kernel_weights(self, displacement_mm: Array, beads: Beads) -> Array:
         """Return the beads' weights (n, 3) in the Gaussian process of the displacement (n, 3)."""
-        noise = BEAD_NOISE + NOISE_WEIGHT * self._relative_noise(displacement_mm, beads.weight)
+        noise = NOISE_WEIGHT * self._relative_noise(displacement_mm, beads.weight)
         if beads.all_exact:
-            return np.asarray(
-                self._modes @ ((self._modes.T @ displacement_mm) / (self._variances + noise)[:, None])
-            )
-        each = noise if beads.noise is None else noise * beads.noise.astype(np.float64) ** 2
+            variances = self._variances + noise + BEAD_NOISE
+            return np.asarray(self._modes @ ((self._modes.T @ displacement_mm) / variances[:, None]))
+        inexact = 1.0 if beads.noise is None else beads.noise.astype(np.float64) ** 2
+        each = BEAD_NOISE + noise * inexact if self._noise_mm2 else BEAD_NOISE * inexact
         covariance = self._covariance.copy()
         covariance.ravel()[:: len(covariance) + 1] += np.where(beads.found, each, LOST_NOISE)
         return np.asarray(np.linalg.solve(covariance, displacement_mm * beads.found[:, None]))

@@ -46,7 +46,7 @@ class SkinMotion:
         self._spacing_px = neighbourhood.spacing_px
         averaging, neighbours = neighbourhood.weights(AVERAGING_LENGTH), neighbourhood.weights(1.0)
         np.fill_diagonal(neighbours, 0.0)
-        self._variance = float(((averaging**2).sum(axis=1) / averaging.sum(axis=1) ** 2).mean())
+        self._variance = (averaging**2).sum(axis=1) / averaging.sum(axis=1) ** 2
         self._sums = np.vstack([averaging, neighbours, averaging**2]).astype(np.float32)
         roughness = np.eye(len(self._spacing_px)) - row_normalised(neighbours)
         both = np.vstack([row_normalised(averaging), roughness / self._spacing_px[:, None]])
@@ -63,22 +63,25 @@ class SkinMotion:
         averaged = sums[:count][found]
         rough = displacement - mean_of(sums[count : 2 * count])
         rough *= (np.sqrt(weight) / self._spacing_px)[:, None]
-        noise = self._noise(sums[2 * count :, 2][found], averaged[:, 2])
-        return Motion(displacement, rms(mean_of(averaged)), rms(rough[found]), noise)
+        size_px, noise = self._size(averaged, sums[2 * count :, 2][found], self._variance[found])
+        return Motion(displacement, size_px, rms(rough[found]), noise)
 
-    def _noise(self, squared_sum: Floats, total: Floats) -> float:
-        """Return Motion.noise: the averages' variance over that with all beads exact.
+    @staticmethod
+    def _size(averaged: Floats, squared_sum: Floats, exact_variance: Array) -> tuple[float, float]:
+        """Return Motion.size_px and Motion.noise from the sums (m, 3) over each found bead's neighbours.
 
-        squared_sum (m,), total (m,): sums of a^2 w and of a w over the neighbours of each found bead.
-
-        A mean with weights a w, w = 1 / variance, has the variance sum(a^2 w) / sum(a w)^2. Its root would be
-        the noise if the beads' errors were independent; but neighbours are in the same light, and untouched
-        frames of a sensor in strong room light show that it grows as the variance itself.
+        squared_sum (m,): sums of a^2 w; averaged[:, 2]: sums of a w. A mean with weights a w, w = 1 /
+        variance, has the variance sum(a^2 w) / sum(a w)^2. Each mean counts by its exact_variance (m,), that
+        with all beads exact, over its variance.
         """
-        if not len(total):
-            return 1.0
-        variance = squared_sum / np.maximum(total, 1e-9) ** 2
-        return max(1.0, float(variance.mean()) / self._variance)
+        if not len(averaged):
+            return 0.0, 1.0
+        share = exact_variance * np.maximum(averaged[:, 2], 1e-9) ** 2 / np.maximum(squared_sum, 1e-12)
+        share = np.minimum(share, 1.0)
+        mean = mean_of(averaged)
+        total = float(share.sum())
+        size_px = math.sqrt(float(share @ np.vecdot(mean, mean)) / total)
+        return size_px, max(1.0, math.sqrt(len(share) / total))
 
 
 def faintness(motion_px: float, threshold_px: float) -> float:
