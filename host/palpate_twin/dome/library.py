@@ -56,7 +56,7 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SlideAndTwist:
     """Slide and twist of the probe after the press, both over the largest of the grid.
 
     size: of both together, 0 to 1; along (towards the base), across (along increasing azimuth), turn: their
@@ -156,7 +156,7 @@ class FieldLibrary:
         return np.asarray(plain @ forces + (mirrored @ forces) * MIRROR)
 
     def _row_weights(
-        self, theta_rad: float, depth_mm: float, motion: Motion, probe: Probe
+        self, theta_rad: float, depth_mm: float, motion: SlideAndTwist, probe: Probe
     ) -> tuple[NDArray[np.intp], Array, Array]:
         """Return indices of the rows to combine, their weights, and the weights of their mirror images."""
         share = self._depth_share(theta_rad, depth_mm, probe)
@@ -191,7 +191,7 @@ class FieldLibrary:
 
     def _motion(
         self, depth_mm: float, shear_mm: tuple[float, float], probe: Probe, twist_rad: float
-    ) -> Motion:
+    ) -> SlideAndTwist:
         """Return slide and twist as one motion. Raises ConfigError outside of the grid."""
         size_mm = float(np.hypot(*shear_mm))
         if size_mm > grid.SHEAR_SHARES[-1] * depth_mm * (1 + TOLERANCE):
@@ -203,9 +203,9 @@ class FieldLibrary:
         turn = self._twist_share(depth_mm, probe, twist_rad)
         whole = float(np.hypot(slide, turn))
         if whole == 0:
-            return Motion(0.0, 0.0, 0.0, 0.0)
+            return SlideAndTwist(0.0, 0.0, 0.0, 0.0)
         across = np.array(shear_mm) / size_mm * slide / whole if size_mm else np.zeros(2)
-        return Motion(min(whole, 1.0), float(across[0]), float(across[1]), turn / whole)
+        return SlideAndTwist(min(whole, 1.0), float(across[0]), float(across[1]), turn / whole)
 
     def _twist_share(self, depth_mm: float, probe: Probe, twist_rad: float) -> float:
         """Return the twist as a fraction of the largest one."""
@@ -216,7 +216,7 @@ class FieldLibrary:
         return self.twists.share(depth_mm, twist_rad, probe)
 
 
-def _add_slide(plain: Array, mirrored: Array, share: float, motion: Motion) -> None:
+def _add_slide(plain: Array, mirrored: Array, share: float, motion: SlideAndTwist) -> None:
     """Add the weights of the solved slides and subtract those of the presses they start from, in place."""
     along, across = motion.along, motion.across
     # f(+) and f(-) combined to odd * c + even * c^2, where c is the slide's component in this direction.

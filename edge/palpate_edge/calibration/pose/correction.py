@@ -19,7 +19,7 @@ COVERING = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
+class OwnCorrection:
     """metric (m, q) and weights (c, k) about own points, offset (k,); half_width (k,) of 95 % intervals."""
 
     metric: Array
@@ -34,7 +34,7 @@ class Correction:
         )
 
 
-def fit_correction(points: Array, metric: Array, left: Array) -> Correction:
+def fit_correction(points: Array, metric: Array, left: Array) -> OwnCorrection:
     """Fit what is left over (c, k) at own points (c, m), with the model's metric (m, q).
 
     Kernel length and ridge are those with the least mean absolute error on presses left out in turn.
@@ -46,7 +46,7 @@ def fit_correction(points: Array, metric: Array, left: Array) -> Correction:
         if score < least:
             best, least, scaled = fitted, score, metric / length
     assert best is not None
-    return Correction(
+    return OwnCorrection(
         scaled,
         best.expansion.weights.array().astype(np.float64),
         best.expansion.offset.array().astype(np.float64),

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.calibration.measurement import dropped_presses
-from palpate_edge.calibration.pose.correction import Correction, fit_correction
+from palpate_edge.calibration.pose.correction import OwnCorrection, fit_correction
 from palpate_edge.calibration.pose.kernel_regression import choose_settings, fit
 from palpate_edge.calibration.pose.label_axes import AxisChange, declared_change, measured_change
 from palpate_edge.calibration.pose.label_regression import kinds_of
@@ -151,7 +151,7 @@ def _good(matches: list[PairedMarkers]) -> Mask:
 
 def _adapt(
     base: Base, here: PressesHere, own: PressesHere, dataset: PoseDataset, axes: LabelAxes | None
-) -> tuple[AxisChange, list[Correction], Array]:
+) -> tuple[AxisChange, list[OwnCorrection], Array]:
     """Return the change to this table's axes, a correction for each kind, and the own points (c, m) about
     which these are; none of them with fewer than `FEWEST_OWN` presses."""
     change = declared_change(axes or LabelAxes(), dataset.sensor.labels or LabelAxes())
@@ -175,7 +175,7 @@ def _adapt(
 
 
 def _groups(
-    base: Base, targets: Array, corrections: list[Correction], own: int
+    base: Base, targets: Array, corrections: list[OwnCorrection], own: int
 ) -> tuple[tuple[LabelGroup, ...], Array]:
     """Return the groups of the model's regression and of the corrections, and the half widths (k,)."""
     groups, half_width = [], np.empty(targets.shape[1])
