@@ -14,6 +14,7 @@ from palpate_edge.datasets.images import read_sized_image
 from palpate_edge.datasets.pose_dataset import PosePress
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import DroppedPresses
+from palpate_edge.estimation.plausibility import MAX_DOUBT
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.points import repeated, spacing
 from palpate_edge.geometry.sensor import View
@@ -35,6 +36,7 @@ CLEAR = 0.8  # of a bead's median contrast over the reference frames
 OUTLYING = 2.0  # median distances of a bead from its place; farther places count less
 NAMED_FRAMES = 3  # of those dropped for one reason
 NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
+DOUBTFUL = "beads and blobs are left over side by side (the labels may be one row off)"
 NOT_MOVED = "the skin moves less than the contact threshold"
 
 
@@ -70,12 +72,16 @@ def measure(
     tracker, skin = Tracker(reference), SkinMotion(reference)
     pressed: list[tuple[Press, Beads]] = []
     torn: list[Press] = []
+    doubtful: list[Press] = []
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         image = _read(dataset, dataset.path(press))
         beads = tracker.follow(plane(image, registration.appearance), image)
+        # The estimator refuses such frames; here they would teach nonsense.
         if skin.measure(beads).roughness > MAX_ROUGHNESS:
-            torn.append(press)  # would teach nonsense; the estimator refuses such a frame
+            torn.append(press)
+        elif beads.doubt > MAX_DOUBT:
+            doubtful.append(press)
         elif press.position_mm is None:
             rest.append(beads)
         else:
@@ -98,7 +104,11 @@ def measure(
         force_that_moves(
             threshold_px, np.array([press.normal_force_N or 0.0 for press, _ in touches]), np.array(motion_px)
         ),
-        (*dropped_presses(NOT_ONE_SKIN, torn), *dropped_presses(NOT_MOVED, still)),
+        (
+            *dropped_presses(NOT_ONE_SKIN, torn),
+            *dropped_presses(DOUBTFUL, doubtful),
+            *dropped_presses(NOT_MOVED, still),
+        ),
         bead_noise_px(rest, reference.position_px),
     )
 

@@ -15,7 +15,7 @@ from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.calibration.evaluation import evaluate_dataset
 from palpate_edge.calibration.evaluation_report import as_table
-from palpate_edge.calibration.measurement import NOT_MOVED, NOT_ONE_SKIN
+from palpate_edge.calibration.measurement import DOUBTFUL, NOT_MOVED, NOT_ONE_SKIN
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.cli.main import cli
 from palpate_edge.common.errors import CalibrationError
@@ -232,11 +232,18 @@ def test_dropped_presses_are_counted_and_named_by_reason(drawn_dome, tmp_path):
     torn = ("001.png", "002.png", "004.png", "005.png")
     for name in torn:
         assert cv2.imwrite(str(folder / "frames" / name), drawn_dome.picture(scattered_mm, seed=7))
+    beside_mm = beads_mm.copy()
+    beside_mm[40:46] = (beads_mm[40:46] + beads_mm[41:47]) / 2  # six beads half way to their neighbours
+    assert cv2.imwrite(str(folder / "frames" / "010.png"), drawn_dome.picture(beside_mm, seed=8))
     calibration = calibrate_paper(folder)
     dropped = {group.reason: (group.count, group.frames) for group in calibration.source.dropped}
-    assert dropped == {NOT_ONE_SKIN: (4, torn[:3]), NOT_MOVED: (2, ("000.png", "008.png"))}
+    assert dropped == {
+        NOT_ONE_SKIN: (4, torn[:3]),
+        DOUBTFUL: (1, ("010.png",)),
+        NOT_MOVED: (2, ("000.png", "008.png")),
+    }
     touches = [press for press in read_dataset(folder).split("train") if press.position_mm]
-    assert calibration.source.presses == len(touches) - 6
+    assert calibration.source.presses == len(touches) - 7
     ran = CliRunner().invoke(cli, ["calibrate", str(folder), "-o", str(tmp_path / "d.cal"), "--no-model"])
     assert ran.exit_code == 0
     assert f"left out 4 train frames: {NOT_ONE_SKIN}: 001.png, 002.png, 004.png, ..." in ran.output

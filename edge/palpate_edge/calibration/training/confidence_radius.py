@@ -29,7 +29,7 @@ STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice a
 # median and deviation, and how many presses' worth the choice of settings by the same presses flatters.
 PRIOR_MEDIAN = 1 / 110  # of the dome's radius
 PRIOR_DEVIATION = 0.70  # of the logarithm
-FLATTERY_PRESSES = 3.0
+FLATTERY_PRESSES = 6.0
 PRIOR_LEVEL_PRESSES = 5.0  # how many presses the median weighs
 PRIOR_PRESSES = 10  # how many the deviation weighs
 

@@ -3,12 +3,13 @@
 The field is split into its shape (norm 1) and its size (logarithm of the norm): a press keeps nearly the
 same shape while it deepens, so shape determines the place, and force over size is nearly constant.
 
-Two kernel expansions are added: one fitted to the dome model (presses of other domes), one fitted to what the
-sensor's own presses leave of it. Either may be absent.
+Kernel expansions are added: one fitted to the dome model (presses of other domes), and one for the place and
+one for the force fitted to what the sensor's own presses leave of it. Either kind may be absent.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -26,42 +27,28 @@ from palpate_edge.calibration.training.confidence_radius import (
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.interval import Interval, fit_interval
+from palpate_edge.calibration.training.projection import Projection, fit_projection
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.calibration.training.torsion import fit_torsion
 from palpate_edge.common.arrays import Array
 
-SIZE_WEIGHT = 0.3  # of the log size beside the shape
-KEPT_VARIANCE = 0.998  # of the shapes by their principal components
-DOME_LENGTH, DOME_RIDGE = 2.2, 1e-4
-RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-# Length and ridge of the sensor's own part. The shortest with the least would follow each press's own noise.
-SETTINGS = (*((1.0, ridge) for ridge in RIDGES[1:]), *((length, r) for length in (1.5, 4.0) for r in RIDGES))
-FORCE_IN_MM = 0.2  # 1 % of the largest force weighs like 0.2 mm when settings are compared
+DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
+ALONE_LENGTH, ALONE_RIDGE = 2.7, 1e-4  # of the dome model without presses of the sensor
+# Length and ridge of the sensor's own parts.
+LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+SETTINGS = tuple(itertools.product(LENGTHS, RIDGES))
 MOST_CENTRES = 900
-COMMON_LENGTH = 2.2  # of the kernel about the centres that are kept
+COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
 OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
+CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
-
-
-@dataclass(frozen=True, slots=True)
-class Projection:
-    """mean (2 g,) and components (2 g, p) of shapes."""
-
-    mean: Array
-    components: Array
-
-    def points(self, fields: Array) -> Array:
-        """(s, 2 g) fields -> (s, p + 1) points of the kernels' space."""
-        size = np.linalg.norm(fields, axis=1, keepdims=True)
-        shape = (fields / size - self.mean) @ self.components
-        return np.concatenate([shape, SIZE_WEIGHT * np.log(size)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
     """A fitted model.
 
-    centres (c, p + 1), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
+    centres (c, q), their kernel's length, weights (c, 7) and offset (7,): direction, force over size in
     N/mm, log radius; hidden_slope: log radius a blind spot. stiffness_scale: forces of this
     sensor over the dome model's; None without presses of known force, and then forces are the dome's.
     answer_field: what field an answer would make. torsion_weights (c,): torsion over size, N; None without
@@ -128,8 +115,10 @@ def fit(
     radius_mm: of the dome, on which position errors are measured. Settings and uncertainty come from
     predictions of presses left out in turn.
     """
-    projection = _project(samples, dome)
-    base = _fit_dome(projection, dome) if dome is not None else None
+    taught = samples is not None and (dome is None or samples.press.max() + 1 >= FEWEST_PRESSES)
+    projection = _project(samples, dome, taught=taught)
+    settings = (DOME_LENGTH, DOME_RIDGE) if taught else (ALONE_LENGTH, ALONE_RIDGE)
+    base = _fit_dome(projection, dome, *settings) if dome is not None else None
     scale = None
     if samples is not None and not samples.has_forces:
         samples = _with_assumed_forces(samples, projection, base)
@@ -139,12 +128,13 @@ def fit(
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     progress(1, len(SETTINGS) + 1)
-    own, radius, left_out = None, constant_radius(radius_mm), None
-    if samples is not None and (base is None or samples.press.max() + 1 >= FEWEST_PRESSES):
+    own: list[_Expansion] = []
+    radius, left_out = constant_radius(radius_mm), None
+    if samples is not None and taught:
         own, radius, left_out = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
     strange = None
-    if own is not None and samples is not None and dome is not None:
+    if own and samples is not None and dome is not None:
         strange = strangeness(dome.directions, samples.directions)
     joined = _joined(base, own, radius, strange)
     regression = Regression(
@@ -180,22 +170,27 @@ def _with_torsion(regression: Regression, samples: Samples) -> Regression:
     return replace(regression, torsion_weights=torsion.weights, torsion95=torsion95)
 
 
-def _project(samples: Samples | None, dome: DomeModel | None) -> Projection:
-    """Principal components of all shapes."""
+def _project(samples: Samples | None, dome: DomeModel | None, *, taught: bool) -> Projection:
+    """Components of all shapes, and where the sensor's own presses teach too, the dome model's metric.
+
+    The dome model alone is better without it: parts that matter little in one kind of dome keep the answer
+    right in another. Presses that are left out in turn must not have taught it.
+    """
     fields = np.concatenate([part.fields for part in (samples, dome) if part is not None])
-    shapes = fields / np.linalg.norm(fields, axis=1, keepdims=True)
-    mean = shapes.mean(axis=0)
-    variance, vectors = np.linalg.eigh((shapes - mean).T @ (shapes - mean))
-    kept = int(np.searchsorted(np.cumsum(variance[::-1]) / variance.sum(), KEPT_VARIANCE)) + 1
-    return Projection(mean, vectors[:, ::-1][:, :kept])
+    if dome is None or not taught:
+        return fit_projection(fields, None, None)
+    targets = _targets(dome.fields, dome.directions, dome.forces)
+    off = targets - targets.mean(axis=0)
+    deviation = [np.sqrt((part**2).mean()) * np.ones(3) for part in (off[:, :3], off[:, 3:])]
+    return fit_projection(fields, dome.fields, off / np.concatenate(deviation))
 
 
-def _fit_dome(projection: Projection, dome: DomeModel) -> _Expansion:
+def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> _Expansion:
     points = projection.points(dome.fields)
     target = _targets(dome.fields, dome.directions, dome.forces)
     offset = np.asarray(target.mean(axis=0))
-    gram = gaussian_kernel(points, points, DOME_LENGTH) + DOME_RIDGE * np.eye(len(points))
-    return _Expansion(points, DOME_LENGTH, np.linalg.solve(gram, target - offset), offset)
+    gram = gaussian_kernel(points, points, length) + ridge * np.eye(len(points))
+    return _Expansion(points, length, np.linalg.solve(gram, target - offset), offset)
 
 
 def _with_assumed_forces(samples: Samples, projection: Projection, base: _Expansion | None) -> Samples:
@@ -222,32 +217,61 @@ def _fit_own(
     samples: Samples,
     radius_mm: float,
     progress: Callable[[int, int], None],
-) -> tuple[_Expansion, ConfidenceRadius, Array]:
-    """The sensor's own expansion, how far left-out presses were missed, and their predicted targets (s, 6).
+) -> tuple[list[_Expansion], ConfidenceRadius, Array]:
+    """The sensor's own expansions with the log radius, one a length; how far left-out presses were missed,
+    and their predicted targets (s, 6).
 
-    The ridge is the noise of a firm press; that of a faint one is as many times as large as its error may be
-    (motion.faintness), squared.
+    All settings take part, those the most that predict left-out presses best: the best one alone is a matter
+    of chance with few presses. The ridge is the noise of a firm press; that of a faint one is as many times
+    as large as its error may be (motion.faintness), squared.
     """
     points = projection.points(samples.fields)
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
     noise = np.diag(samples.faintness**2)
-    best: tuple[float, _Expansion, Array, Array] | None = None
+    fitted, held_out = [], []
     for number, (length, ridge) in enumerate(SETTINGS, start=2):
         gram = gaussian_kernel(points, points, length) + ridge * noise
         inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
         weights = inverse @ (target - known)
-        held_out = target - left_out_residuals(inverse, weights, groups)
-        error_mm, score = _score(held_out, samples, radius_mm)
-        if best is None or score < best[0]:
-            offset = target.mean(axis=0) if base is None else np.zeros(6)
-            best = score, _Expansion(points, length, weights, offset), error_mm, held_out
+        fitted.append(weights)
+        held_out.append(target - left_out_residuals(inverse, weights, groups))
         progress(number, len(SETTINGS) + 1)
-    assert best is not None
-    _, own, error_mm, held_out = best
-    gram = gaussian_kernel(points, points, own.length)
-    return own, fit_radius(gram, error_mm, samples, groups, radius_mm), held_out
+    shares = _shares(held_out, samples, radius_mm)
+    left_out = (shares * held_out).sum(axis=0)
+    error_mm = _position_error_mm(left_out, samples, radius_mm)
+    by_length = shares[:, 0, 0].reshape(len(LENGTHS), -1).sum(axis=1)
+    chosen = LENGTHS[int(by_length.argmax())]
+    gram = gaussian_kernel(points, points, chosen)
+    radius = fit_radius(gram, error_mm, samples, groups, radius_mm)
+    summed = (shares * fitted).reshape(len(LENGTHS), len(RIDGES), *target.shape).sum(axis=1)
+    offset = np.append(target.mean(axis=0) if base is None else np.zeros(6), 0.0)
+    own = [
+        _Expansion(
+            points,
+            length,
+            np.column_stack([weights, radius.weights * (length == chosen)]),
+            offset / len(LENGTHS),
+        )
+        for length, weights in zip(LENGTHS, summed, strict=True)
+    ]
+    return own, radius, left_out
+
+
+def _shares(held_out: list[Array], samples: Samples, radius_mm: float) -> Array:
+    """Return the share (settings, 1, 6) of each setting in each target, from its left-out predictions."""
+    scores = np.array(
+        [
+            (
+                _position_score(_position_error_mm(some, samples, radius_mm), samples),
+                _force_score(some, samples),
+            )
+            for some in held_out
+        ]
+    )
+    shares = (scores.min(axis=0) / np.maximum(scores, 1e-12)) ** CHOOSINESS
+    return np.repeat(shares / shares.sum(axis=0), 3, axis=1)[:, None]
 
 
 def _targets(fields: Array, directions: Array, forces: Array) -> Array:
@@ -255,43 +279,59 @@ def _targets(fields: Array, directions: Array, forces: Array) -> Array:
     return np.concatenate([directions, forces / np.linalg.norm(fields, axis=1, keepdims=True)], axis=1)
 
 
-def _score(prediction: Array, samples: Samples, radius_mm: float) -> tuple[Array, float]:
-    """Position errors (s,) in mm, and how bad position, in firm presses above all, and force are on the plain
-    samples."""
+def _position_error_mm(prediction: Array, samples: Samples, radius_mm: float) -> Array:
+    """Return the distances (s,) between predicted (s, 6) and true places."""
     direction = prediction[:, :3] / np.linalg.norm(prediction[:, :3], axis=1, keepdims=True)
-    error_mm = radius_mm * np.linalg.norm(direction - samples.directions, axis=1)
+    return np.asarray(radius_mm * np.linalg.norm(direction - samples.directions, axis=1))
+
+
+def _position_score(error_mm: Array, samples: Samples) -> float:
+    """Return the mean error of the plain samples, of firm ones above all."""
+    plain = samples.plain
+    return float(np.average(error_mm[plain], weights=1.0 / samples.faintness[plain]))
+
+
+def _force_score(prediction: Array, samples: Samples) -> float:
+    """Return the mean error of the plain samples' force, N: a few large ones of few presses decide less than
+    in the root mean square."""
     size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
-    force_error = np.linalg.norm(prediction[:, 3:6] * size - samples.forces_N, axis=1)[samples.plain]
-    largest = float(np.linalg.norm(samples.forces_N, axis=1).max())
-    relative = float(np.sqrt((force_error**2).mean())) / largest
-    position_mm = float(np.average(error_mm[samples.plain], weights=1.0 / samples.faintness[samples.plain]))
-    return error_mm, position_mm + FORCE_IN_MM * 100 * relative
+    error_N = np.linalg.norm(prediction[:, 3:6] * size - samples.forces_N, axis=1)
+    return float(error_N[samples.plain].mean())
 
 
 def _joined(
-    base: _Expansion | None, own: _Expansion | None, radius: ConfidenceRadius, strange: Array | None
+    base: _Expansion | None, own: list[_Expansion], radius: ConfidenceRadius, strange: Array | None
 ) -> _Expansion:
-    """The sum of both expansions, with the log radius beside it, as one of at most `MOST_CENTRES`.
+    """The sum of all expansions, with the log radius beside it, as one of at most `MOST_CENTRES`.
 
-    strange (d,): confidence_radius.strangeness at the dome model's centres, which come first.
+    own: of the same centres; strange (d,): confidence_radius.strangeness at the dome model's centres, which
+    come first.
     """
-    parts = []
-    for part in (base, own):
-        if part is not None:
-            log_radius = radius.weights if part is own else np.zeros(len(part.centres))
-            parts.append(replace(part, weights=np.column_stack([part.weights, log_radius])))
-    offset = np.append(sum(part.offset for part in parts), radius.level)
-    if len(parts) == 1 and len(parts[0].centres) <= MOST_CENTRES:
+    parts = list(own)
+    if base is not None:
+        no_radius = np.zeros(len(base.centres))
+        parts.insert(
+            0,
+            _Expansion(
+                base.centres,
+                base.length,
+                np.column_stack([base.weights, no_radius]),
+                np.append(base.offset, 0.0),
+            ),
+        )
+    offset = np.sum([part.offset for part in parts], axis=0) + radius.level * np.eye(7)[6]
+    if not own and len(parts[0].centres) <= MOST_CENTRES:
         return replace(parts[0], offset=offset)
-    centres = np.concatenate([part.centres for part in parts])
+    centres = np.concatenate([part.centres for part in parts[: 1 + (base is not None)]])
     values = np.sum(
         [gaussian_kernel(centres, part.centres, part.length) @ part.weights for part in parts], axis=0
     )
     if strange is not None:
         values[: len(strange), 6] += np.log(strange)
-    taught = 0 if own is None else len(own.centres)
+    taught = len(own[0].centres) if own else 0
     importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
+    common = COMMON_LENGTH if own else parts[0].length
     fewer, weights = compressed(
-        centres, values, lambda a, b: gaussian_kernel(a, b, COMMON_LENGTH), MOST_CENTRES, importance
+        centres, values, lambda a, b: gaussian_kernel(a, b, common), MOST_CENTRES, importance
     )
-    return _Expansion(fewer, COMMON_LENGTH, weights, offset)
+    return _Expansion(fewer, common, weights, offset)

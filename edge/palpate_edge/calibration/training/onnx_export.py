@@ -20,7 +20,7 @@ from onnx import TensorProto, helper, numpy_helper
 from palpate_edge.calibration.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
 from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
 from palpate_edge.calibration.training.interval import Interval
-from palpate_edge.calibration.training.kernel_ridge import SIZE_WEIGHT, Regression
+from palpate_edge.calibration.training.kernel_ridge import Regression
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.contact_validation import MAX_MISFIT
@@ -62,10 +62,12 @@ def _graph(regression: Regression, sensor_fingerprint: str, precision: type[np.f
     projection, answer_field = regression.projection, regression.answer_field
     point_scale = 1 / (2 * regression.length)
     width, kept = projection.components.shape
-    point_parts = np.zeros((width + 1, kept + 2))  # from shape and log size to the point, and the level
-    point_parts[:width, :kept] = point_scale * projection.components
-    point_parts[width, kept] = point_scale * SIZE_WEIGHT
-    point_origin = np.append(-point_scale * projection.mean @ projection.components, [0.0, LEVEL])
+    metric = point_scale * projection.metric
+    point_parts = np.vstack([projection.components @ metric[:kept], metric[kept:]])
+    # From shape and log size to the point, and the level.
+    point_parts = np.column_stack([point_parts, np.zeros(width + 1)])
+    origin = np.append(-projection.mean @ projection.components, -projection.log_size) @ metric
+    point_origin = np.append(origin, LEVEL)
     answer_weights = np.column_stack([2 * answer_field.weights, np.zeros(len(answer_field.weights))])
     answer_offset = np.append(answer_field.offset + answer_field.weights.sum(axis=0), 1.0)  # for the mean
     fitted, offset, outputs = regression.weights, regression.offset, list(OUTPUTS)

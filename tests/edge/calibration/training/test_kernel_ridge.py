@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
-from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES, SIZE_WEIGHT, fit
+from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES, fit
 
 RADIUS_MM = 30.0
 
@@ -58,7 +58,9 @@ def test_a_prediction_is_the_formula(problem):
     for row, (field, hidden) in enumerate(zip(seen.fields, seen.hidden, strict=True)):
         size = math.sqrt(sum(value**2 for value in field))
         shape = [value / size - mean for value, mean in zip(field, regression.projection.mean, strict=True)]
-        point = [*np.dot(shape, regression.projection.components), SIZE_WEIGHT * math.log(size)]
+        parts = [*np.dot(shape, regression.projection.components), math.log(size)]
+        parts[-1] -= regression.projection.log_size
+        point = np.dot(parts, regression.projection.metric)
         total = regression.offset.copy()
         for centre, weights in zip(regression.centres, regression.weights, strict=True):
             total += math.exp(-(math.dist(point, centre) ** 2) / (2 * regression.length**2)) * weights
