@@ -36,7 +36,7 @@ from palpate_edge.estimation.pose.pose_calibration import Guide, LabelGroup, Pos
 from palpate_edge.geometry.picture_sensor import LabelAxes
 from palpate_edge.vision.blob_detection import Blobs
 
-METRIC_ROUND = 1  # of metric_learning
+METRIC_ROUND = 0  # of metric_learning; later ones fit the model's own sensors only
 FEWEST_OWN = 5  # presses; fewer change nothing
 DENSITY_MODES, DISPLACEMENT_MODES = 60, 80
 GUIDE_LENGTHS = (1.0, 2.0, 4.0)
