@@ -87,8 +87,8 @@ class Tracker:
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
         if fit is not None:
             beads = self._by_symmetry(fit, beads)
-        else:
-            beads = replace(beads, noise=self._windows.noise(beads.found))
+        elif (noise := self._windows.noise(beads.found)) is not None:
+            beads = replace(beads, noise=noise)
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
@@ -126,10 +126,10 @@ class Tracker:
         labelling = self._windows.find_beads(self._last_px, max_faint)
         if labelling is None:
             return None
-        missing = np.flatnonzero(~labelling[1])
-        if len(missing) > self._accepted_lost + MAX_RETRIED_SHARE * count:
-            return None
-        if len(missing):
+        if not labelling[1].all():
+            missing = np.flatnonzero(~labelling[1])
+            if len(missing) > self._accepted_lost + MAX_RETRIED_SHARE * count:
+                return None
             self._retry(*labelling, missing)
         labelling = self._labels.drop_doubles(labelling, self._last_px)
         lost = count - np.count_nonzero(labelling[1])
