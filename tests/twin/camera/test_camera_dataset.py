@@ -56,6 +56,18 @@ def test_the_edge_reads_what_was_meant(dataset: Path) -> None:
         assert cv2.imread(str(found.path(press))).shape == (480, 640, 3)
 
 
+def test_a_twisting_probe_gives_a_torsion_that_its_friction_can_bear(dataset: Path, tmp_path: Path) -> None:
+    """Friction 0.6 at a lever of at most 6 mm beside the force, of both signs; without --twist no column."""
+    folder = tmp_path / "twisted"
+    _run("-o", str(folder), "--random-seed", "5", "--presses", "8", "--test-presses", "0", "--twist")
+    touched = [press for press in read_dataset(folder).presses if press.position_mm is not None]
+    levers_mm = [press.torsion_Nmm / press.normal_force_N for press in touched]  # type: ignore[operator]
+    assert len(levers_mm) == 8
+    assert min(levers_mm) < 0 < max(levers_mm)
+    assert max(map(abs, levers_mm)) < 0.6 * 6.0
+    assert all(press.torsion_Nmm is None for press in read_dataset(dataset).presses if press.position_mm)
+
+
 def test_the_edge_finds_the_camera_where_the_twin_has_it(dataset: Path) -> None:
     """Points of the dome's skin are projected with the found pose as with the true one.
 
