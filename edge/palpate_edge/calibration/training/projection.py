@@ -2,7 +2,7 @@
 
 A field is split into its shape (norm 1), as principal components, and the logarithm of its size. Not all of
 their combinations matter alike: how wide the contact is shows in small components and changes the force,
-while large ones may only tell how the press is sheared. A first regression on presses of known answer shows
+while large ones may only show how the press is sheared. A first regression on presses of known answer shows
 which matter: it changes most along them. The mean outer product of its gradients gives the metric
 (Radhakrishnan et al., Science 383, 1461, 2024: recursive feature machines).
 """
