@@ -87,6 +87,11 @@ def measure(
         else:
             pressed.append((press, beads))
         progress(len(dataset.reference) + number)
+    if reference.fit_sigma_px is not None:
+        typical = typical_noise([beads for _, beads in pressed])
+        reference = replace(reference, fit_sigma_px=reference.fit_sigma_px * typical)
+        rest = [with_less_noise(beads, typical) for beads in rest]
+        pressed = [(press, with_less_noise(beads, typical)) for press, beads in pressed]
     reference = replace(reference, position_px=rest_places(rest, reference.position_px))
     skin = SkinMotion(reference)
     rest_motion = [_motion_px(skin, beads) for beads in rest]
@@ -137,6 +142,25 @@ def rest_places(rest: Sequence[Beads], expected_px: Array) -> Array:
     total = np.maximum(weight.sum(axis=0), 1e-12)
     mean = (np.where(found[..., None], places - median, 0.0) * weight[..., None]).sum(axis=0) / total[:, None]
     return np.asarray(median + mean)
+
+
+def typical_noise(frames: Sequence[Beads]) -> float:
+    """Return the median of Beads.noise over all found beads of the frames, 1 without frames.
+
+    Reference frames may be better pictures than the sensor's others, for example not compressed.
+    """
+    each = [
+        np.ones(beads.found_count) if beads.noise is None else beads.noise[beads.found] for beads in frames
+    ]
+    return float(np.median(np.concatenate(each))) if each else 1.0
+
+
+def with_less_noise(beads: Beads, typical: float) -> Beads:
+    """Return the beads with their noise over the `typical` one."""
+    if beads.noise is None:
+        return beads
+    noise = np.maximum(1.0, beads.noise / typical).astype(np.float32)
+    return replace(beads, noise=noise if (noise > 1.0).any() else None)
 
 
 def bead_noise_px(rest: Sequence[Beads], place_px: Array) -> float:

@@ -11,6 +11,8 @@ from palpate_edge.calibration.measurement import (
     force_that_moves,
     rest_places,
     threshold_above,
+    typical_noise,
+    with_less_noise,
 )
 from palpate_edge.vision.beads import Beads
 
@@ -64,3 +66,14 @@ def test_places_at_rest_are_means_over_all_untouched_frames():
     assert error[30] < 0.12
     assert np.allclose(places[59], true_px[59] + 1.0)
     assert bead_noise_px(rest, places) == pytest.approx(0.1, rel=0.1)
+
+
+def test_noise_is_relative_to_the_typical_frame_and_not_to_better_reference_frames():
+    """Uncompressed reference frames make all others look three times as inexact."""
+    places, everywhere = np.zeros((40, 2)), np.ones(40, dtype=np.bool_)
+    noise = np.where(np.arange(40) < 10, 12.0, 3.0).astype(np.float32)
+    frames = [Beads.from_positions(places, everywhere, noise=noise)] * 5
+    assert typical_noise(frames) == pytest.approx(3.0)
+    assert with_less_noise(frames[0], 3.0).noise.tolist() == [4.0] * 10 + [1.0] * 30
+    assert with_less_noise(frames[0], 12.0).all_exact
+    assert typical_noise([]) == 1.0
