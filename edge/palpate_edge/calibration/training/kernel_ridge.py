@@ -33,7 +33,7 @@ from palpate_edge.calibration.training.torsion import fit_torsion
 from palpate_edge.common.arrays import Array
 
 DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
-ALONE_LENGTH, ALONE_RIDGE = 2.7, 1e-4  # of the dome model without presses of the sensor
+ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = tuple(itertools.product(LENGTHS, RIDGES))
