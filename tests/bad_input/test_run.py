@@ -30,6 +30,7 @@ def test_a_configuration_that_is_not_there(refused, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_a_configuration_that_everybody_may_write(refused, fingertip):
     path = fingertip()
     path.chmod(0o666)

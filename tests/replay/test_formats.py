@@ -180,6 +180,7 @@ def test_the_log_is_only_read(tmp_path):
     assert LOG.read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_speed_takes_its_time_and_changes_nothing(tmp_path):
     """0.8 s of log at twice its speed take 0.4 s or more; the answers are those of any speed."""
     assert run("-o", tmp_path / "max.log").exit_code == 0

@@ -197,6 +197,7 @@ def test_an_expedited_write_and_its_refusal():
     )
 
 
+@pytest.mark.long
 def test_transfers_of_a_foreign_master_and_slave_come_out_whole(foreign):
     """Segmented and block, both ways: canopen against durand; the truth is what each was given."""
     name, domain = b"a device name that takes segments", bytes(range(256)) * 3
@@ -230,6 +231,7 @@ FRAMES = st.builds(CanFrame, st.integers(0, 0x7FF), st.binary(max_size=8), st.bo
 SDO_FRAMES = st.builds(CanFrame, st.sampled_from([0x590, 0x610]), st.binary(min_size=8, max_size=8))
 
 
+@pytest.mark.long
 @given(st.lists(st.one_of(FRAMES, SDO_FRAMES), max_size=80))
 def test_no_frame_stops_it(frames):
     decoder = Decoder()

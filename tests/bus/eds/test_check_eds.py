@@ -227,6 +227,7 @@ LINES = st.one_of(
 )
 
 
+@pytest.mark.long
 @given(st.lists(LINES, max_size=60).map("\n".join))
 def test_no_text_stops_it(text):
     check_shape(text)

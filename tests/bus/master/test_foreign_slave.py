@@ -145,6 +145,7 @@ def test_its_restart_is_seen_and_it_is_started_again(rig):
     assert status.mode is Mode.MANIPULATE
 
 
+@pytest.mark.long
 def test_its_mapping_is_checked_by_sdo(foreign):
     """The mapping is that of the EDS; one changed object is named."""
     device = Device(NODE, "finger-1", FINGERTIP_EDS)

@@ -70,6 +70,7 @@ def with_places(dome, folder, change):
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -221,6 +221,7 @@ def mutated(document: dict[str, Any], data: st.DataObject) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("file", sorted(FILES))
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())

@@ -78,6 +78,7 @@ def moved_camera(drawn_dome, another_dome, amount):
     return moved.project(drawn_dome.beads_mm()) - drawn_dome.project(drawn_dome.beads_mm())
 
 
+@pytest.mark.long
 def test_a_camera_that_warms_up_is_followed(watched, drawn_dome, another_dome):
     whole = moved_camera(drawn_dome, another_dome, 1.0)
     size_px = np.sqrt((whole**2).sum(axis=1).mean())

@@ -39,6 +39,7 @@ def estimates(sample, calibration):
     ]
 
 
+@pytest.mark.long
 def test_the_sample_shows_85_beads_close_to_the_layout(calibration):
     assert len(calibration.beads) == 85
     assert not calibration.appearance.bright

@@ -93,6 +93,7 @@ def test_fastscan_with_ten_unconfigured_nodes() -> None:
         assert node.sdo[0x1018][4].raw == serial
 
 
+@pytest.mark.long
 def test_a_node_is_selected_by_its_identity_and_moved(
     canopen_master: Callable, boots_after: Callable
 ) -> None:

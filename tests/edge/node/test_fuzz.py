@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,6 +50,7 @@ sync = st.builds(CanFrame, st.just(0x80), st.binary(max_size=1))
 frames = nmt | sdo | segment | lss | rpdo | sync | anything
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(
     st.sampled_from(DICTIONARIES),

@@ -85,6 +85,7 @@ def board_pictures() -> list[np.ndarray]:
     return [board_seen(turn, place) for turn, place in poses]
 
 
+@pytest.mark.long
 def test_calibration_finds_the_camera_that_took_the_pictures(board_pictures: list[np.ndarray]) -> None:
     """Focal lengths within 0.3 %, the centre within 2 px, rays where the board was within 0.5 px."""
     calibrated = calibrate(board_pictures, BOARD)

@@ -152,6 +152,7 @@ FATES = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(FATES, st.booleans())
 def test_no_fault_of_the_bus_gives_a_contact_another_frames_radius(

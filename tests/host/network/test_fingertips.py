@@ -117,6 +117,7 @@ faults = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(faults, st.booleans())
 def test_no_fault_of_the_bus_mixes_two_frames(plan, delays):

@@ -43,6 +43,7 @@ def log(bench):
     return rig.log
 
 
+@pytest.mark.long
 def test_on_the_bus_each_stamp_is_that_of_the_sync_before_it(log):
     stamps = 0
     sync_us = None

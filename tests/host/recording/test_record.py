@@ -133,6 +133,7 @@ def test_the_folder_stays_within_its_bounds(tmp_path: Path, told: list[HostStatu
     assert kept == told[-len(kept) :]
 
 
+@pytest.mark.long
 def test_a_host_that_starts_again_is_heard_again(tmp_path: Path, told: list[HostStatus]) -> None:
     path = tmp_path / "host.sock"
     with StatusFollower(path) as follower:

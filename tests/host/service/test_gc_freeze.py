@@ -71,6 +71,7 @@ def test_what_was_there_is_passed_over_and_what_comes_is_collected():
     assert gc.get_freeze_count() == 0
 
 
+@pytest.mark.long
 def test_the_host_loops_so(bench, tmp_path):
     text = bench.TABLE_4.read_text()
     config = tmp_path / "hand.toml"

@@ -182,6 +182,7 @@ def test_gain_and_loss_of_contact_switch_cleanly(bench, table_4):
     assert blind and all(blind[0] == R for R in blind)
 
 
+@pytest.mark.long
 def test_contacts_that_jump_about_never_pass_the_limits(bench, table_4):
     """Recorded presses do not follow the hand: random places, coming and going. The limits hold."""
     config, hand = table_4

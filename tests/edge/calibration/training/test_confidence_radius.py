@@ -47,6 +47,7 @@ def covered(problem, regression, samples):
     return error_mm <= radius_mm, radius_mm, error_mm
 
 
+@pytest.mark.long
 def test_the_radius_covers_95_percent(problem):
     """800 presses to fit, 4000 others to count: the count itself is off by 0.35 % (one sigma)."""
     regression = fit(problem.samples(800, seed=1), None, RADIUS_MM)
@@ -68,6 +69,7 @@ def test_few_presses_do_not_promise_too_much(problem, presses):
     assert np.mean(shares) >= 0.90, np.mean(shares)
 
 
+@pytest.mark.long
 def test_the_radius_grows_with_hidden_beads(problem):
     """The noise of the problem grows three times from none hidden to a quarter; so does the radius."""
     regression = fit(problem.samples(800, seed=1, most_hidden=0.3), None, RADIUS_MM)
