@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import os
 import shutil
@@ -19,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.calibrate import calibrate
-from palpate_edge.calibration.calibration_file import save_calibration
+from palpate_edge.calibration.calibration_file import load_calibration, save_calibration
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.press_dataset import read_dataset
@@ -241,9 +242,22 @@ def drawn_calibration_file(drawn_calibration: Calibration, tmp_path_factory: pyt
 
 
 @pytest.fixture(scope="session")
-def sample_calibration(shared_data: Callable[[str], Path]) -> Calibration:
-    """The recorded press sample's, with all its presses and the dome model that is shipped."""
-    return calibrate(read_dataset(shared_data("press-sample")), dome=load_dome_model())
+def sample_calibration(
+    shared_data: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Calibration:
+    """The recorded press sample's, with all its presses and the dome model that is shipped.
+
+    One of pytest's workers calibrates for all of them.
+    """
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
+    folder = tmp_path_factory.getbasetemp().parent if run else tmp_path_factory.mktemp("sample")
+    path = folder / f"sample-{run}.cal"
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            dataset = read_dataset(shared_data("press-sample"))
+            save_calibration(calibrate(dataset, dome=load_dome_model()), path)
+    return load_calibration(path)
 
 
 @pytest.fixture(scope="session")

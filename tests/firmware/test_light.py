@@ -125,6 +125,7 @@ def shares_of_ten_seconds(light: LightController, controller: SimulatedControlle
     return shares
 
 
+@pytest.mark.slow
 def test_it_blinks_for_ten_seconds_and_is_lit_as_before(
     light: LightController, controller: SimulatedController
 ) -> None:

@@ -194,8 +194,10 @@ def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("rings", "pitch_deg", "diameter_mm", "presses"),
-    [(6, 11.0, 2.4, 24), (10, 7.2, 1.3, 8)],
-    ids=["127", "331"],
+    [
+        pytest.param(6, 11.0, 2.4, 24, id="127", marks=pytest.mark.slow),
+        pytest.param(10, 7.2, 1.3, 8, id="331"),
+    ],
 )
 def test_a_dome_of_pins_is_calibrated_and_estimated(
     another_dome, tmp_path, rings, pitch_deg, diameter_mm, presses

@@ -160,11 +160,12 @@ def test_the_closed_loop(real_time_demo, processes_of):
     check_with_tshark(folder.log, tmp_path)
 
 
-def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch, effort):
+@pytest.mark.slow
+def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     """The same demo on simulated time: a turn within its limit, and the same bytes each time it runs."""
     kept = ("bus.log", "commands.jsonl", "summary.json", "truth/motion.csv", "truth/finger-2.csv")
     runs = []
-    for _ in range(effort(1, 2)):
+    for _ in range(2):
         run = finished(command(tmp_path, "--lockstep", "--duration", "4.5"))
         assert (run.returncode, run.stderr) == (0, "")
         runs.append([(tmp_path / "run" / name).read_bytes() for name in kept])
