@@ -174,8 +174,8 @@ def test_the_command_prints_the_figures_and_writes_the_picture(video, tmp_path):
         # 7 rows of 10 dots are wholly in the picture, an eighth row is cut by its border
         pytest.param("gel-grid/mini_example.avi", 219, 70, 0.5, id="gel-grid"),
         # 24 of about 28 dots stand out of what lies behind the clear skin in the first frames; those at the
-        # picture's border are lost more often
-        pytest.param("fingervision/cam1_0002.m4v", 2932, 22, 1.5, id="fingervision", marks=pytest.mark.slow),
+        # picture's border are lost more often, and a lost one is searched for in its window alone
+        pytest.param("fingervision/cam1_0002.m4v", 2932, 22, 1.6, id="fingervision", marks=pytest.mark.slow),
     ],
 )
 def test_labels_hold_through_real_videos(shared_data, name, frames, markers, lost_a_frame):
