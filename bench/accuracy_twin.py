@@ -27,7 +27,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
-from palpate_twin.camera.layouts import NAMES
+from palpate_twin.camera.layouts import IN_TURN
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
@@ -87,7 +87,7 @@ def main(data: Path, output: Path, sensors: int) -> None:
     with tempfile.TemporaryDirectory() as work, ProcessPoolExecutor(PROCESSES) as pool:
         tasks = {pool.submit(_sample, data / "press-sample"): -1}
         # The hexagonal layouts have the most beads and come last.
-        for seed in sorted(range(sensors), key=lambda seed: (seed % len(NAMES), seed)):
+        for seed in sorted(range(sensors), key=lambda seed: (seed % len(IN_TURN), seed)):
             tasks[pool.submit(_sensor, seed, Path(work) / str(seed))] = seed
         lines: dict[int, Line] = {}
         for task in as_completed(tasks):
@@ -194,7 +194,7 @@ def _sensor(seed: int, folder: Path) -> Line:
     shots = single_presses(view, PLAN, seed)
     write_dataset(folder, view, shots, PLAN.references, seed)
     dataset = read_dataset(folder)
-    name = f"{seed}: {NAMES[seed % len(NAMES)]}"
+    name = f"{seed}: {IN_TURN[seed % len(IN_TURN)]}"
     try:
         found = _beads(view, shots, dataset, measure(dataset, ()))
         return Line(name, _appearance(twin), _figures(dataset), found)

@@ -7,17 +7,26 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.sensor import Ring
 
-# 85 beads each, as the press dataset's specification names them: (theta_deg, count) ring by ring.
+# (theta_deg, count) ring by ring; the first three as the press dataset's specification names them.
 RINGS: dict[str, tuple[tuple[float, int], ...]] = {
     "1+6+12+18+24+24": ((0, 1), (15, 6), (30, 12), (45, 18), (60, 24), (75, 24)),
     "1+6x14": ((0, 1), *((5.7 * ring, 6) for ring in range(1, 15))),
     "1+7x12": ((0, 1), *((11.4 * ring, 12) for ring in range(1, 8))),
+    "4+9+14+18+20": ((9, 4), (25, 9), (41, 14), (57, 18), (73, 20)),
+    "1+5+10+15+20+25": ((0, 1), (15, 5), (30, 10), (45, 15), (60, 20), (75, 25)),
+    "1+8x13": ((0, 1), *((9.8 * ring, 13) for ring in range(1, 9))),
 }
 # 1 + 3 s (s + 1) pins in s shells: (s, polar angle between shells in deg).
-HEXAGONAL = {"tactip-127": (6, 12.0), "tactip-331": (10, 7.3)}
-DIAMETER_MM = {"1+6x14": 2.0, "1+7x12": 2.0, "tactip-127": 2.4, "tactip-331": 1.6}  # dense layouts
+HEXAGONAL = {
+    "tactip-127": (6, 12.0),
+    "tactip-331": (10, 7.3),
+    "hexagonal-61": (4, 18.0),
+    "hexagonal-91": (5, 14.5),
+}
+DIAMETER_MM = {"1+6x14": 2.0, "1+7x12": 2.0, "1+8x13": 2.0, "tactip-127": 2.4, "tactip-331": 1.6}  # dense
 USUAL_DIAMETER_MM = 3.0
 NAMES = (*RINGS, *HEXAGONAL)
+IN_TURN = ("1+6+12+18+24+24", "1+6x14", "1+7x12", "tactip-127", "tactip-331")  # by a sensor's seed
 
 
 def rings(name: str, turn_deg: float) -> tuple[Ring, ...]:

@@ -20,6 +20,7 @@ STEP = 8
 LEAST_GAIN, MOST_GAIN = 0.4, 1.8
 BLOCKING_MM = 0.5  # indentation at which the touching object blocks half of the room light
 PATCH_RADIUS_PX = (60.0, 160.0)
+CHANGING_PATCHES = 2
 WRAP = 2  # columns of the polar grid repeated on either side
 
 
@@ -47,13 +48,25 @@ class LightField:
         leds = self._on_picture(np.sum(of_each, axis=0).astype(np.float32)[..., None]) * lens
         self._leds: Floats = leds / leds.max() * np.ones(3, dtype=np.float32)
         self._ambient: Floats = _ambient(x, y, look, rng) * lens
+        self._x, self._y, self._lens = x, y, lens
 
-    def untouched(self) -> Floats:
-        """Return the light without touch."""
-        return self._leds + self._ambient
+    def changing(self, strength: float, rng: np.random.Generator) -> Floats:
+        """Return room light through the skin that is another in every frame: patches at random places, up to
+        `strength` bright."""
+        light = np.zeros((*self._x.shape, 3))
+        for _ in range(CHANGING_PATCHES):
+            light += _patch(self._x, self._y, strength * float(rng.uniform(0, 1)), rng, tint=0.1)
+        return np.asarray(light.astype(np.float32) * self._lens)
 
-    def pressed(self, skin_mm: Array) -> Floats:
-        """Return the light under a press. skin_mm: displacement of the polar grid (:class:`Deformation`)."""
+    def untouched(self, changing: Floats | float = 0.0) -> Floats:
+        """Return the light without touch. changing: of this frame (:meth:`changing`)."""
+        return np.asarray(self._leds + self._ambient + changing)
+
+    def pressed(self, skin_mm: Array, changing: Floats | float = 0.0) -> Floats:
+        """Return the light under a press.
+
+        skin_mm: displacement of the polar grid (:class:`Deformation`); changing: of this frame.
+        """
         rest_mm = self._inner_mm * self._directions
         moved = rest_mm + skin_mm
         gain = _irradiance(moved, _normals(moved), self._lamp_mm) / self._lamp_at_rest
@@ -62,7 +75,7 @@ class LightField:
         shade = 1 / (1 + (inward_mm / BLOCKING_MM) ** 2)
         both = np.stack([np.clip(gain, LEAST_GAIN, MOST_GAIN), shade], axis=2).astype(np.float32)
         picture = self._on_picture(both)
-        return np.asarray(self._leds * picture[..., :1] + self._ambient * picture[..., 1:])
+        return np.asarray(self._leds * picture[..., :1] + (self._ambient + changing) * picture[..., 1:])
 
     def _on_picture(self, polar: Floats) -> Floats:
         """Map values (rings, azimuths, k) of the polar grid to the image (height/8, width/8, k)."""
@@ -129,9 +142,15 @@ def _ambient(x: Array, y: Array, look: Look, rng: np.random.Generator) -> Floats
     """Return the room light through the skin: a uniform part, and coloured patches of lamps and windows."""
     light = np.full((*x.shape, 3), 0.5 * look.ambient)
     for _ in range(look.ambient_patches):
-        middle = rng.uniform([150, 60], [490, 420])
-        radius = rng.uniform(*PATCH_RADIUS_PX)
-        colour = look.ambient * rng.uniform(0.5, 1.5, 3)
-        distance2 = (x - middle[0]) ** 2 + (y - middle[1]) ** 2
-        light += colour * np.exp(-distance2 / (2 * radius**2))[..., None]
+        light += _patch(x, y, look.ambient, rng, tint=0.5)
     return light.astype(np.float32)
+
+
+def _patch(x: Array, y: Array, strength: float, rng: np.random.Generator, tint: float) -> Array:
+    """Return a Gaussian patch of light (height/8, width/8, 3) at a random place; tint: relative deviation of
+    its colours from white."""
+    middle = rng.uniform([150, 60], [490, 420])
+    radius = rng.uniform(*PATCH_RADIUS_PX)
+    colour = strength * rng.uniform(1 - tint, 1 + tint, 3)
+    distance2 = (x - middle[0]) ** 2 + (y - middle[1]) ** 2
+    return np.asarray(colour * np.exp(-distance2 / (2 * radius**2))[..., None])

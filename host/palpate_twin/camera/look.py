@@ -27,10 +27,13 @@ class Look(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     camera. led_unevenness: largest relative loss of power of a LED. vignetting: exponent of the cosine of the
     angle from the optical axis. glints: 0 to 1, intensity of the LEDs' reflections on the skin. glare: 0 to
     1, intensity of a broad bright patch. ambient: room light through the skin relative to the LEDs.
-    ambient_patches: number of brighter patches of room light. text, text_contrast: print that shows through
-    the skin. dust: number of specks on the skin. flicker: relative standard deviation of a frame's
-    brightness. noise_grey: standard deviation of a pixel. jpeg_quality: of image files. seed: of all random
-    properties that are the same in every frame.
+    ambient_patches: number of brighter patches of room light. changing_light: largest strength, relative to
+    the LEDs, of patches of room light that are others in every frame. text, text_contrast: print that shows
+    through the skin. dust, dust_contrast: number of specks on the skin, and how dark the darkest may be.
+    veil: 0 to 1, share of haze in the image, which lowers all contrasts. exposure: of the camera; at 1
+    skin under full light has the colour skin_bgr, and values above 255 are clipped. flicker: relative
+    standard deviation of a frame's brightness. noise_grey: standard deviation of a pixel. jpeg_quality: of
+    image files. seed: of all random properties that are the same in every frame.
     """
 
     skin_bgr: Colour = (176.0, 176.0, 190.0)
@@ -48,9 +51,13 @@ class Look(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     glare: float = 0.0
     ambient: float = 0.05
     ambient_patches: int = 2
+    changing_light: float = 0.0
     text: str = ""
     text_contrast: float = 0.1
     dust: int = 3
+    dust_contrast: float = 0.25
+    veil: float = 0.0
+    exposure: float = 1.0
     flicker: float = 0.03
     noise_grey: float = 2.0
     jpeg_quality: int = 90

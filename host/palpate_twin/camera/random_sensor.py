@@ -22,12 +22,13 @@ WORDS = ("PALPATE", "Table 4", "12:34 kg", "FRAGILE", "M3 x 12")
 
 
 def random_sensor(seed: int, layout: str | None = None) -> TwinSensor:
-    """Return a random sensor. layout: one of :data:`layouts.NAMES`; None selects them in turn by `seed`.
+    """Return a random sensor.
 
+    layout: one of :data:`layouts.NAMES`; None selects from :data:`layouts.IN_TURN` by `seed`.
     The nominal sensor is random, as are tolerances and appearance (:func:`with_tolerances`).
     """
     rng = np.random.default_rng([seed, 0])
-    name = layout or layouts.NAMES[seed % len(layouts.NAMES)]
+    name = layout or layouts.IN_TURN[seed % len(layouts.IN_TURN)]
     size = 1.0 if rng.uniform() < 0.6 else float(rng.uniform(0.66, 1.2))
     radius_mm = round(USUAL_RADIUS_MM * size, 2)
     markers = Markers(

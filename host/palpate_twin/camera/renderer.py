@@ -16,7 +16,7 @@ from palpate_twin.camera.deformation import DeformableDome, Deformation, ProbePr
 from palpate_twin.camera.light import STEP, LightField
 from palpate_twin.camera.look import TwinSensor
 from palpate_twin.camera.noise import NoiseField
-from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture
+from palpate_twin.camera.still import dome_mask, overlay, part_with_dome, skin_picture, veil_picture
 from palpate_twin.dome.library import MAKE_TWISTS, FieldLibrary
 from palpate_twin.dome.uneven_wall import random_stiffness
 
@@ -48,6 +48,7 @@ class CameraView:
         self._opening = part.of(opening).copy()
         self._skin = part.of(skin_picture(twin.sensor, view, look)).copy()
         self._over = overlay(twin.sensor, view, look)
+        self._veil = part.of(veil_picture(twin.sensor, view, look)).copy() if look.veil else None
         self._noise = NoiseField(camera.height, camera.width, look.noise_grey, look.seed)
         self._bead_colour = _colour_table(look.bead_bgr)
         # Allocated once: new memory pages cost more than the computation.
@@ -98,8 +99,13 @@ class CameraView:
         exposure: float = 1.0,
     ) -> Image:
         """Return the image of a deformation; arguments as in :meth:`frame`."""
-        light = self._light.untouched() if deformation is None else self._light.pressed(deformation.skin_mm)
-        flicker = max(0.0, 1 + self.twin.look.flicker * float(rng.standard_normal()))
+        look = self.twin.look
+        changing = self._light.changing(look.changing_light, rng) if look.changing_light else 0.0
+        if deformation is None:
+            light = self._light.untouched(changing)
+        else:
+            light = self._light.pressed(deformation.skin_mm, changing)
+        flicker = max(0.0, 1 + look.flicker * float(rng.standard_normal()))
         coarse = cv2.convertScaleAbs(light, alpha=FULL_LIGHT * exposure * flicker)
         size = (self._part.width, self._part.height)
         cv2.resize(coarse, size, self._fine_light, interpolation=cv2.INTER_LINEAR)
@@ -113,7 +119,9 @@ class CameraView:
         cv2.cvtColor(bare, cv2.COLOR_GRAY2BGR, dome)
         cv2.multiply(self._skin, dome, dome, scale=1 / 255)
         cv2.add(dome, cv2.applyColorMap(covered, self._bead_colour, self._beads), dome)
-        cv2.multiply(dome, self._fine_light, dome, scale=1 / FULL_LIGHT)
+        if self._veil is not None:
+            cv2.addWeighted(dome, 1 - look.veil, self._veil, 1.0, 0.0, dome)
+        cv2.multiply(dome, self._fine_light, dome, scale=look.exposure / FULL_LIGHT)
         image = self._over.copy()
         inside = self._part.of(image)
         cv2.add(inside, dome, inside)

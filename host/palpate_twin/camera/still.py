@@ -16,6 +16,8 @@ from palpate_twin.camera.look import Look
 
 TEXT_BLUR_PX = 2.5  # blur by the silicone between print and camera
 MOTTLE_PX = 9.0
+VEIL_BGR = (165.0, 160.0, 155.0)  # of a white haze under full light
+VEIL_MOTTLE_PX, VEIL_MOTTLE = 60.0, 0.1
 MOTTLE = 0.02  # relative standard deviation of the skin's brightness
 GLINT_SIGMA_PX = 1.8
 OUTSIDE_MOTTLE_GREY = 2.0
@@ -62,9 +64,20 @@ def skin_picture(sensor: Sensor, view: View, look: Look) -> Image:
         relative = relative * (1 - look.text_contrast * _print(look.text, height, width, rng))
     for _ in range(look.dust):
         middle = rng.uniform([0.3 * width, 0.2 * height], [0.7 * width, 0.8 * height])
-        relative = relative * (1 - rng.uniform(0.05, 0.25) * _spot(middle, rng.uniform(1, 2), height, width))
+        relative = relative * (
+            1 - rng.uniform(0.2, 1.0) * look.dust_contrast * _spot(middle, rng.uniform(1, 2), height, width)
+        )
     bgr = relative[..., None] * np.asarray(look.skin_bgr) * dome_mask(sensor, view, look)[..., None]
     return np.asarray(np.clip(np.rint(bgr), 0, 255), dtype=np.uint8)
+
+
+def veil_picture(sensor: Sensor, view: View, look: Look) -> Image:
+    """Return the haze under full light (height, width, 3): uneven over the dome, black outside."""
+    rng = np.random.default_rng([look.seed, 8])
+    height, width = sensor.camera.height, sensor.camera.width
+    relative = 1 + _mottle(rng, height, width, VEIL_MOTTLE, VEIL_MOTTLE_PX)
+    bgr = relative[..., None] * np.asarray(VEIL_BGR) * dome_mask(sensor, view, look)[..., None]
+    return np.asarray(np.clip(np.rint(look.veil * bgr), 0, 255), dtype=np.uint8)
 
 
 def dome_mask(sensor: Sensor, view: View, look: Look) -> Array:
@@ -115,9 +128,11 @@ def _print(text: str, height: int, width: int, rng: np.random.Generator) -> Arra
     return cv2.GaussianBlur(turned, (0, 0), TEXT_BLUR_PX).astype(np.float64) / 255
 
 
-def _mottle(rng: np.random.Generator, height: int, width: int, deviation: float) -> Array:
+def _mottle(
+    rng: np.random.Generator, height: int, width: int, deviation: float, size_px: float = MOTTLE_PX
+) -> Array:
     """Return smooth noise (height, width) of the given standard deviation."""
-    noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), MOTTLE_PX)
+    noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), size_px)
     return np.asarray(noise * (deviation / noise.std()))
 
 

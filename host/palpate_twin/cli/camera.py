@@ -81,6 +81,15 @@ press_seed_option = click.option(
 @click.option(
     "--twist", is_flag=True, help="Twist the probe about the contact normal too; truth.csv has the torsion."
 )
+@click.option(
+    "--look",
+    "look_properties",
+    multiple=True,
+    metavar="NAME|KEY=VALUE",
+    help="Change the appearance: veil, overexposed or room-light, or a property of twin.json's look, for "
+    "example bead_bgr=red, bead_bgr=40,40,200, veil=0.5, exposure=1.8, flicker=0.1, changing_light=1, "
+    "jpeg_quality=60; may be repeated.",
+)
 def dataset(
     output: Path,
     sensor_path: Path | None,
@@ -94,6 +103,7 @@ def dataset(
     press_seed: int,
     wall_unevenness: float | None,
     twist: bool,
+    look_properties: tuple[str, ...],
 ) -> None:
     """Write a press dataset of a simulated sensor for `palpate-edge calibrate` and `evaluate`.
 
@@ -106,10 +116,12 @@ def dataset(
       palpate-host simulate dataset -o moving-7 --sensor dome-7 --seconds 8 --press-seed 1
       palpate-host simulate dataset -o mine --sensor sensor.toml --presses 500 --probe plate --probe sphere5
       palpate-host simulate dataset -o uneven-7 --random-seed 7 --wall-unevenness 0.1
+      palpate-host simulate dataset -o hard-7 --random-seed 7 --look veil --look bead_bgr=red --hide 12
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_twin.camera.choose_sensor import choose_sensor  # noqa: PLC0415
+    from palpate_twin.camera.hard_looks import with_properties  # noqa: PLC0415
     from palpate_twin.camera.renderer import CameraView  # noqa: PLC0415
     from palpate_twin.camera.write_dataset import (  # noqa: PLC0415
         Plan,
@@ -123,6 +135,7 @@ def dataset(
     twin = choose_sensor(sensor_path, random_seed, layout)
     if wall_unevenness is not None:
         twin = msgspec.structs.replace(twin, wall_unevenness=wall_unevenness)
+    twin = msgspec.structs.replace(twin, look=with_properties(twin.look, look_properties))
     view = CameraView(twin, load_library())
     plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide, twist=twist)
     if seconds is None:

@@ -19,7 +19,8 @@ from palpate_twin.camera.deformation import (
     skin_directions,
     turned_rings,
 )
-from palpate_twin.camera.layouts import NAMES
+from palpate_twin.camera.hard_looks import with_properties
+from palpate_twin.camera.layouts import IN_TURN
 from palpate_twin.camera.look import Look, TwinSensor
 from palpate_twin.camera.random_presses import CYCLE_S, moving_press, random_press
 from palpate_twin.camera.random_sensor import random_sensor
@@ -227,7 +228,54 @@ def test_each_look_shows_in_the_picture(library: FieldLibrary, change: dict[str,
     assert np.abs(plain.astype(int) - other).max() > 8
 
 
-@pytest.mark.parametrize("seed", range(len(NAMES)))
+def test_a_veil_lowers_contrast_and_exposure_clips(library: FieldLibrary) -> None:
+    """Grey of a bead and of the skin near it: 36 and 176 of :class:`Look`, in light of almost 1."""
+    bead, skin = (slice(238, 243), slice(318, 323)), (slice(238, 243), slice(345, 350))
+
+    def greys(**change: object) -> tuple[float, float]:
+        twin = _twin(msgspec.structs.replace(QUIET, **change))
+        image, _ = CameraView(twin, library).frame(None, _rng())
+        return float(image[bead].mean()), float(image[skin].mean())
+
+    dark, light = greys()
+    veiled_dark, veiled_light = greys(veil=0.6)
+    assert veiled_light - veiled_dark == pytest.approx(0.4 * (light - dark), rel=0.1)
+    assert veiled_dark > dark + 50
+    bright_dark, bright_light = greys(exposure=2.0)
+    assert bright_dark == pytest.approx(2 * dark, rel=0.05)
+    assert bright_light == 255
+
+
+def test_changing_light_is_another_in_every_frame(library: FieldLibrary) -> None:
+    view, rng = CameraView(_twin(msgspec.structs.replace(QUIET, changing_light=1.0)), library), _rng()
+    first, second = (view.frame(None, rng)[0].astype(int) for _ in range(2))
+    assert np.abs(first - second).max() > 20
+    constant = CameraView(_twin(), library)
+    assert np.array_equal(constant.frame(None, rng)[0], constant.frame(None, rng)[0])
+
+
+def test_properties_of_a_look_by_name() -> None:
+    look = with_properties(Look(), ["veil", "bead_bgr=red", "skin_bgr=1,2,3", "veil=0.25", "dust=7"])
+    assert (look.veil, look.jpeg_quality, look.dust) == (0.25, 60, 7)
+    assert look.bead_bgr[2] > 150 > look.bead_bgr[0]
+    assert look.skin_bgr == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fog", "no such look"),
+        ("fog=1", "no such look"),
+        ("veil=much", "Expected"),
+        ("bead_bgr=1,2", "length"),
+    ],
+)
+def test_an_unknown_property_of_a_look_is_named(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        with_properties(Look(), [text])
+
+
+@pytest.mark.parametrize("seed", range(len(IN_TURN)))
 def test_random_sensors_show_all_their_beads(library: FieldLibrary, seed: int) -> None:
     twin = random_sensor(seed)
     centre_px, _ = CameraView(twin, library).outlines(None)
