@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.struct_fault import struct_fault
 from palpate_twin.camera.look import Look
 
 COLOURS = {  # B, G, R
@@ -41,7 +42,7 @@ def with_properties(look: Look, properties: Sequence[str]) -> Look:
     properties: names of :data:`HARD_LOOKS`, or KEY=VALUE with a field of Look; colours are names of
     :data:`COLOURS` or three numbers. Raises ConfigError for an unknown name and an unusable value.
     """
-    fields = msgspec.structs.asdict(look)
+    fields = msgspec.json.decode(msgspec.json.encode(look))
     for text in properties:
         name, equals, value = text.partition("=")
         if not equals and name in HARD_LOOKS:
@@ -54,13 +55,23 @@ def with_properties(look: Look, properties: Sequence[str]) -> Look:
                 f"{', '.join(fields)}"
             )
     try:
-        return msgspec.convert(fields, Look, strict=False)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"--look: {error}") from None
+        return msgspec.convert(fields, Look)
+    except msgspec.ValidationError:
+        raise ConfigError(f"--look: {struct_fault(fields, Look)}") from None
 
 
 def _value(text: str) -> object:
-    """Return a colour's numbers, or the text itself, which is converted to the field's type."""
+    """Return a colour by its name, numbers by their text, or the text itself."""
     if text in COLOURS:
-        return COLOURS[text]
-    return text.split(",") if "," in text else text
+        return list(COLOURS[text])
+    numbers = [_number(part) for part in text.split(",")]
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _number(text: str) -> object:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
