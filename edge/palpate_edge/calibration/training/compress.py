@@ -37,15 +37,15 @@ def pivoted_cholesky(points: Array, kernel: Kernel, count: int) -> tuple[NDArray
     """Indices (m,) of the pivots and factor (n, m): factor @ factor.T is the kernel matrix (n, n) but for
     what m <= count points cannot explain. The kernel of a point with itself is 1."""
     left = np.ones(len(points))
-    factor = np.zeros((len(points), min(count, len(points))))
+    rows = np.zeros((min(count, len(points)), len(points)))  # of the factor's transpose: each in one piece
     pivots: list[int] = []
-    for number in range(factor.shape[1]):
+    for number in range(len(rows)):
         pivot = int(np.argmax(left))
         if left[pivot] < UNTOLD:
             break
         pivots.append(pivot)
         column = kernel(points, points[pivot : pivot + 1])[:, 0]
-        column -= factor[:, :number] @ factor[pivot, :number]
-        factor[:, number] = column / np.sqrt(left[pivot])
-        left = np.maximum(left - factor[:, number] ** 2, 0.0)
-    return np.array(pivots, dtype=np.intp), factor[:, : len(pivots)]
+        column -= rows[:number, pivot] @ rows[:number]
+        rows[number] = column / np.sqrt(left[pivot])
+        left = np.maximum(left - rows[number] ** 2, 0.0)
+    return np.array(pivots, dtype=np.intp), rows[: len(pivots)].T

@@ -16,6 +16,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.common.arrays import Array
 
@@ -68,9 +69,9 @@ def fit_radius(
     known = PRIOR_LEVEL_PRESSES * np.log(PRIOR_MEDIAN * radius_mm)
     level = (presses * level + known) / (presses + PRIOR_LEVEL_PRESSES)
     rest = log_error - level - slope * samples.hidden
-    inverse = np.linalg.inv(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
-    weights = inverse @ rest
-    above = left_out_residuals(inverse, weights[:, None], groups)[:, 0]
+    factor = inverse_factor(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
+    weights = factor.T @ (factor @ rest)
+    above = left_out_residuals(factor, weights[:, None], groups)[:, 0]
     return ConfidenceRadius(float(level) + _upper_limit(above[samples.plain], presses), weights, slope)
 
 
@@ -98,12 +99,14 @@ def _upper_limit(above: Array, presses: int) -> float:
     return limit + math.log1p(FLATTERY_PRESSES / presses)
 
 
-def left_out_residuals(inverse: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:
+def left_out_residuals(factor: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:
     """Target minus prediction for every sample, by a model that has seen nothing of its press.
 
-    For a group g of rows the residual is [(K + ridge)^-1]_gg^-1 weights_g: exact, without a second fit.
+    factor: inverse_factor of K + ridge. For a group g of rows the residual is
+    [(K + ridge)^-1]_gg^-1 weights_g: exact, without a second fit.
     """
     residual = np.empty_like(weights)
     for group in groups:
-        residual[group] = np.linalg.solve(inverse[np.ix_(group, group)], weights[group])
+        columns = factor[group.min() :, group]  # zero above
+        residual[group] = np.linalg.solve(columns.T @ columns, weights[group])
     return residual

@@ -9,7 +9,6 @@ one for the force fitted to what the sensor's own presses leave of it. Either ki
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -27,6 +26,7 @@ from palpate_edge.calibration.training.confidence_radius import (
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.interval import Interval, fit_interval
+from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.projection import Projection, fit_projection
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.calibration.training.torsion import fit_torsion
@@ -36,7 +36,7 @@ DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
 ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-SETTINGS = tuple(itertools.product(LENGTHS, RIDGES))
+SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
 MOST_CENTRES = 900
 COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
 OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
@@ -127,7 +127,7 @@ def fit(
     if base is not None and scale is not None:
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
-    progress(1, len(SETTINGS) + 1)
+    progress(1, 1 + SETTINGS)
     own: list[_Expansion] = []
     radius, left_out = constant_radius(radius_mm), None
     if samples is not None and taught:
@@ -231,13 +231,14 @@ def _fit_own(
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
     noise = np.diag(samples.faintness**2)
     fitted, held_out = [], []
-    for number, (length, ridge) in enumerate(SETTINGS, start=2):
-        gram = gaussian_kernel(points, points, length) + ridge * noise
-        inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-        weights = inverse @ (target - known)
-        fitted.append(weights)
-        held_out.append(target - left_out_residuals(inverse, weights, groups))
-        progress(number, len(SETTINGS) + 1)
+    for length in LENGTHS:
+        gram = gaussian_kernel(points, points, length)
+        for ridge in RIDGES:
+            factor = inverse_factor(gram + ridge * noise)
+            weights = factor.T @ (factor @ (target - known))
+            fitted.append(weights)
+            held_out.append(target - left_out_residuals(factor, weights, groups))
+            progress(1 + len(fitted), 1 + SETTINGS)
     shares = _shares(held_out, samples, radius_mm)
     left_out = (shares * held_out).sum(axis=0)
     error_mm = _position_error_mm(left_out, samples, radius_mm)

@@ -16,6 +16,7 @@ from palpate_edge.calibration.training.confidence_radius import (
     strangeness,
 )
 from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.estimation.skin_motion import faintness
 
@@ -31,9 +32,9 @@ def test_left_out_residuals_are_those_of_refits(seed, sizes):
     gram = np.exp(-0.5 * ((points[:, None] - points[None]) ** 2).sum(axis=2))
     ridge = rng.uniform(0.01, 1)
     owner = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
-    inverse = np.linalg.inv(gram + ridge * np.eye(count))
+    factor = inverse_factor(gram + ridge * np.eye(count))
     groups = [np.flatnonzero(owner == number) for number in range(len(sizes))]
-    found = left_out_residuals(inverse, inverse @ target, groups)
+    found = left_out_residuals(factor, factor.T @ factor @ target, groups)
     for number in range(len(sizes)):
         out, rest = owner == number, owner != number
         known = gram[np.ix_(rest, rest)] + ridge * np.eye(int(rest.sum()))
