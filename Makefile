@@ -24,6 +24,7 @@ help:  ## list the targets
 
 demo: $(VENV)/host.stamp  ## set up, then run the real processes with a simulated hand that turns an object for 20 s
 	$(BIN)/palpate-host demo
+	@echo 'palpate-edge and palpate-host are in $(BIN); to type them without the folder: export PATH="$(CURDIR)/$(BIN):$$PATH"'
 
 # $(call beside_lint,TARGETS): make the targets while the linters run; the linters' output is printed at the end.
 beside_lint = $(MAKE) --no-print-directory --output-sync=recurse lint & lint=$$!; \

@@ -9,15 +9,22 @@ from typing import NoReturn
 
 import click
 
-from palpate_edge.common.errors import DISK_ERRORS, PalpateError, reason_of
+from palpate_edge.common.errors import (
+    DISK_ERRORS,
+    MissingExtraError,
+    PalpateError,
+    missing_library,
+    reason_of,
+)
 from palpate_edge.common.logs import with_priority, write_tracebacks_with_priority
 
 
 def run_cli(command: click.Command) -> None:
     """Run a command line; PalpateError becomes ``error: ...`` and the class's exit status.
 
-    A full, read-only or failing disk, standard output included, becomes one line as well, with status 1. Any
-    other exception is a fault of the program: its traceback is written, in the journal as critical.
+    A missing library of an extra becomes one line with the command that installs it. A full, read-only or
+    failing disk, standard output included, becomes one line as well, with status 1. Any other exception is a
+    fault of the program: its traceback is written, in the journal as critical.
 
     Matrices are multiplied in one thread, here where numpy is not loaded yet, and in every process that the
     command starts: sums then do not depend on the number of cores, and these matrices are too small to gain.
@@ -29,6 +36,12 @@ def run_cli(command: click.Command) -> None:
         command.main(standalone_mode=True)
     except PalpateError as error:
         _exit_with(str(error), error.exit_status)
+    except ModuleNotFoundError as error:
+        library = missing_library(error)
+        if library is None:
+            raise
+        missing = MissingExtraError("this command", library)
+        _exit_with(str(missing), missing.exit_status)
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise

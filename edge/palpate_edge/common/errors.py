@@ -41,6 +41,38 @@ class ConfigError(PalpateError):
     exit_status = 2
 
 
+EXTRA_OF_LIBRARY = {
+    "foxglove": "record",
+    "matplotlib": "host",
+    "mujoco": "host",
+    "onnx": "train",
+    "onnxruntime": "onnx",
+    "pyarrow": "record",
+    "pymodbus": "host",
+    "rerun": "view",
+    "rich": "host",
+    "scipy": "twin",
+    "serial": "host",
+}
+"""Import name of a library that only an extra of palpate installs -> the smallest extra that installs it."""
+
+
+class MissingExtraError(ConfigError):
+    """A library of an extra of palpate is not installed."""
+
+    def __init__(self, what: str, library: str, extra: str = "") -> None:
+        """what: the command or part that needs the library; extra: to install, by default the library's."""
+        name = extra or EXTRA_OF_LIBRARY[library]
+        super().__init__(f"{what} needs {library}: pip install 'palpate[{name}]'")
+        self.library = library
+
+
+def missing_library(error: ImportError) -> str | None:
+    """Return the library of an extra whose absence caused `error`; None when the cause is another."""
+    library = (error.name or "").partition(".")[0]
+    return library if isinstance(error, ModuleNotFoundError) and library in EXTRA_OF_LIBRARY else None
+
+
 class DatasetError(PalpateError):
     """A press dataset, recording or single image cannot be used."""
 

@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any
 
-from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.errors import ConfigError, MissingExtraError, missing_library
 
 NONE_OWN: Mapping[str, str] = MappingProxyType({})
 
@@ -31,6 +31,8 @@ def load_part(group: str, name: str, choice: str, own: Mapping[str, str] = NONE_
         for entry_point in entry_points(group=group, name=name):
             return entry_point.load()
     except (ImportError, AttributeError) as exc:
+        if isinstance(exc, ImportError) and (library := missing_library(exc)):
+            raise MissingExtraError(choice, library) from exc
         raise ConfigError(
             f"{choice} cannot be imported ({exc}): repair or install the package that provides it"
         ) from exc

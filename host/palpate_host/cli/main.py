@@ -29,6 +29,11 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
     "drives": ("plugin:drives", "Simulate a CiA 402 drive for each joint of a hand."),
     "az": ("palpate_host.cli.az:az", "Serve Oriental Motor AZ drives on RS-485 as CiA 402 nodes."),
     "simulate": ("plugin:simulate", "Simulate domes, tactile cameras and datasets (the twin)."),
+    "docs": ("palpate_host.cli.documents:docs", "List the documentation pages, or print one."),
+    "example": (
+        "palpate_host.cli.documents:example",
+        "List the example configurations, print or write one.",
+    ),
     "bus": (
         "palpate_bus.cli.main:bus",
         "Run a local CAN hub; show nodes, logs and statistics.",
@@ -36,9 +41,14 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
 }
 
 
+EXTRAS = {"demo": "demo", "simulate": "twin", "record": "record", "export": "record", "view": "view"}
+"""Commands that need more than the extra `host`."""
+
+
 @click.command(
     cls=LazyGroup,
     table=COMMANDS,
+    extras=EXTRAS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="palpate-host")

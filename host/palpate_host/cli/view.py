@@ -80,7 +80,7 @@ def view(
         from palpate_host.view.hand_view import HandView  # noqa: PLC0415
         from palpate_host.view.sources import show_live, show_recording  # noqa: PLC0415
     except ModuleNotFoundError as exc:
-        raise ConfigError(f"view needs {exc.name}: pip install 'palpate[view,record]'") from exc
+        raise ConfigError(f"view needs {exc.name}: pip install 'palpate[view]'") from exc
     if source is not None and socket_path is not None:
         raise ConfigError("--socket is for a hand that runs, not for a recording: leave one out")
     if save_path is not None and url is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 
 from palpate_edge.common.atomic_write import disk_refusal_as, write_atomically
-from palpate_edge.common.errors import ConfigError
+from palpate_edge.common.errors import ConfigError, MissingExtraError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.mode import Mode
 from palpate_twin.demo import orchestrator
@@ -26,8 +27,8 @@ from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample
 from palpate_twin.demo.run_folder import RunFolder, locked_output, make_run_folder
 
 FORCE_SCALE_N = 5.0  # full scale of the force bars in the live view
-CHECKOUT = Path(__file__).resolve().parents[3]
 FOLDER = click.Path(path_type=Path, file_okay=False)
+NEEDED = ("onnx", "onnxruntime", "scipy")  # by its other processes, long after the start
 INTERRUPTED_EXIT_STATUS = 130  # the shell's status for SIGINT
 PLAIN_PERIOD_S = 1.0
 WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # removed so that the picture needs no network
@@ -51,9 +52,9 @@ WEB_FONT = re.compile(r"@font-face \{.*?\}", re.DOTALL)  # removed so that the p
 @click.option(
     "--output",
     type=FOLDER,
-    default=CHECKOUT / "demo",
-    show_default="demo",
-    help="Folder for run/ and report.html.",
+    default=Path("demo"),
+    show_default=True,
+    help="Folder for run/, sensors/ and report.html.",
 )
 @click.option("--no-view", is_flag=True, help="Print one line per second instead of the live view.")
 @click.option(
@@ -105,12 +106,15 @@ def demo(
       palpate-host demo --recording demo/recording
       palpate-host demo --report-only
     """
+    for library in NEEDED:
+        if find_spec(library) is None:
+            raise MissingExtraError("palpate-host demo", library, "demo")
     if lockstep and recording is not None:
         raise click.UsageError("--lockstep and --recording exclude each other: give one of them")
-    if report_only:
-        _report(RunFolder((output / "run").resolve()), output / "report.html")
-        return
     with locked_output(output), disk_refusal_as(output, ConfigError):
+        if report_only:
+            _report(RunFolder((output / "run").resolve()), output / "report.html")
+            return
         folder = make_run_folder(output / "run", recording, bitrate)
         try:
             _run(

@@ -63,10 +63,6 @@ def dome(context: click.Context) -> None:
       palpate-host simulate dome
       palpate-host simulate dome press --theta-deg 45 --depth-mm 2 --picture press.png
     """
-    try:
-        import scipy.sparse  # noqa: F401, PLC0415 (optional, and slow to import)
-    except ImportError:
-        raise ConfigError("finite elements need the extra twin: pip install 'palpate[twin]'") from None
     if context.invoked_subcommand is None:
         context.invoke(analysis)
 
