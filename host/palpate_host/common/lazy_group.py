@@ -74,6 +74,6 @@ def _not_installed(name: str, summary: str, error: MissingExtraError) -> click.C
         name.rpartition(" ")[2],
         callback=refuse,
         params=[click.Argument(["arguments"], nargs=-1)],
-        help=f"{summary}\n\nIts options are shown once it is installed: {error}.",
+        help=f"{summary}\n\n{error}; then this shows its options.",
         context_settings={"ignore_unknown_options": True},
     )
