@@ -18,7 +18,7 @@ from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_pap
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.beads import Reference
+from palpate_edge.vision.beads import COLOUR_FIT, Reference
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -49,7 +49,7 @@ def calibrate(
         model, stiffness_scale = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
-    ring_of, sigma_px = measured.registration.ring_of, measured.reference.fit_sigma_px
+    ring_of, reference = measured.registration.ring_of, measured.reference
     off_px = measured.view.project(measured.registration.layout_mm) - measured.reference.position_px
     return Calibration(
         sensor=dataset.sensor,
@@ -65,7 +65,8 @@ def calibrate(
         ),
         model=model,
         stiffness_scale=stiffness_scale,
-        fit_sigma_px=msgspec.UNSET if sigma_px is None else sigma_px,
+        fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
+        fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
         bead_noise_px=measured.bead_noise_px,
     )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate_edge.calibration.fit_choice import choose_fit
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_sized_image
@@ -20,10 +21,9 @@ from palpate_edge.geometry.points import repeated, spacing
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.appearance import plane, unlit_grey
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.registration import Registration, register
+from palpate_edge.vision.registration import Registration, register_best
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refined, Refiner
-from palpate_edge.vision.symmetric_fit import SymmetricFit
 from palpate_edge.vision.tracker import Tracker
 
 # Contact threshold over the motion that most frames without contact stay below, and over the largest: that is
@@ -35,6 +35,7 @@ LIGHT_SHARE = 1 / 3
 CLEAR = 0.8  # of a bead's median contrast over the reference frames
 OUTLYING = 2.0  # median distances of a bead from its place; farther places count less
 NAMED_FRAMES = 3  # of those dropped for one reason
+MIN_UNTOUCHED, MAX_JUDGED = 4, 16  # frames by which it is chosen how places are measured
 NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
 DOUBTFUL = "beads and blobs are left over side by side (the labels may be one row off)"
 NOT_MOVED = "the skin moves less than the contact threshold"
@@ -67,8 +68,12 @@ def measure(
 
     Raises CalibrationError where the reference frames do not show the layout, DatasetError for bad files.
     """
-    registration = register(_read(dataset, dataset.reference[0]), dataset.sensor)
-    reference, rest = _measure_reference(dataset, registration, progress)
+    images = []
+    for number, path in enumerate(dataset.reference, start=1):
+        images.append(_read(dataset, path))
+        progress(number)
+    registration = register_best(images, dataset.sensor)
+    reference, rest = _measure_reference(images, registration, *_judged(dataset, presses, images))
     tracker, skin = Tracker(reference), SkinMotion(reference)
     pressed: list[tuple[Press, Beads]] = []
     torn: list[Press] = []
@@ -97,7 +102,7 @@ def measure(
     rest_motion = [_motion_px(skin, beads) for beads in rest]
     touches, motion_px = pressed, [_motion_px(skin, beads) for _, beads in pressed]
     threshold_px = threshold_above(np.array(rest_motion))
-    still = [
+    faint = [
         press for (press, _), moved_px in zip(touches, motion_px, strict=True) if moved_px <= threshold_px
     ]
     return Measured(
@@ -112,7 +117,7 @@ def measure(
         (
             *dropped_presses(NOT_ONE_SKIN, torn),
             *dropped_presses(DOUBTFUL, doubtful),
-            *dropped_presses(NOT_MOVED, still),
+            *dropped_presses(NOT_MOVED, faint),
         ),
         bead_noise_px(rest, reference.position_px),
     )
@@ -205,17 +210,28 @@ def _read(dataset: PressDataset, path: Path) -> Image:
     return read_sized_image(path, dataset.sensor.image_size_px, error=CalibrationError)
 
 
+def _judged(
+    dataset: PressDataset, presses: Sequence[Press], references: list[Image]
+) -> tuple[list[Image], list[Image]]:
+    """Return the frames without contact, and others, by which it is chosen how places are measured."""
+    untouched = [press for press in presses if press.position_mm is None]
+    enough = len(untouched) >= MIN_UNTOUCHED
+    chosen = untouched if enough else presses
+    step = max(1, -(-len(chosen) // MAX_JUDGED))
+    images = [_read(dataset, dataset.path(press)) for press in chosen[::step]]
+    return (images, []) if enough else (references, images)
+
+
 def _measure_reference(
-    dataset: PressDataset, registration: Registration, progress: Callable[[int], None]
+    images: list[Image], registration: Registration, untouched: list[Image], others: list[Image]
 ) -> tuple[Reference, list[Beads]]:
-    """Median looks of each bead over the reference frames, and the beads of each frame."""
+    """Median looks of each bead over the reference frames, and the beads of each frame.
+
+    untouched, others: see fit_choice.choose_fit.
+    """
     spacing_px = spacing(registration.position_px)
     refiner = Refiner(registration.diameter_px, spacing_px)
-    images, planes = [], []
-    for number, path in enumerate(dataset.reference, start=1):
-        images.append(_read(dataset, path))
-        planes.append(plane(images[-1], registration.appearance))
-        progress(number)
+    planes = [plane(image, registration.appearance) for image in images]
     rough = [refiner.refine(dark, registration.position_px) for dark in planes]
     slopes = [
         skin_slope(dark, beads.position_px, registration.diameter_px, spacing_px)
@@ -225,9 +241,9 @@ def _measure_reference(
     shading = Shading(np.asarray(np.median(slopes, axis=0)), unlit_grey(registration.appearance))
     refiner = Refiner(registration.diameter_px, spacing_px, shading)
     frames = [refiner.refine(dark, registration.position_px) for dark in planes]
-    reference = _reference(registration, frames, shading)
-    if registration.appearance.channel != "grey":
-        reference = replace(reference, fit_sigma_px=_fit_sigma_px(reference, images))
+    reference = choose_fit(
+        _reference(registration, frames, shading), registration.appearance, images, untouched, others
+    )
     tracker = Tracker(reference)
     rest = []
     for image, dark in zip(images, planes, strict=True):
@@ -256,17 +272,6 @@ def _reference(registration: Registration, frames: list[Refined], shading: Shadi
     )
     shading = Shading(np.where(measured[:, None], shading.slope, 0.0), shading.unlit)
     return Reference(place, registration.diameter_px, contrast, area, shading, unevenness)
-
-
-def _fit_sigma_px(reference: Reference, images: list[Image]) -> float:
-    """Return the median over beads and frames of the symmetric fit's standard deviation, px."""
-    fit = SymmetricFit(reference.diameter_px, reference.neighbourhood.spacing_px)
-    every = np.arange(len(reference.diameter_px))
-    sigma_px = []
-    for image in images:
-        fit.load(image)
-        sigma_px.append(fit.measure(reference.position_px, every).sigma_px)
-    return float(np.median(sigma_px))
 
 
 def _median_place(frames: list[Refined], contrast: Array) -> Array:

@@ -11,7 +11,7 @@ from palpate_edge.common.arrays import Indices
 from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.vision.appearance import Appearance, unlit_grey
-from palpate_edge.vision.beads import Reference
+from palpate_edge.vision.beads import COLOUR_FIT, FitChannels, Reference
 from palpate_edge.vision.shading import Shading
 
 FORMAT = "palpate-calibration"
@@ -62,8 +62,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     known force; residual_px: root mean square distance of the beads from the fitted layout; model: the
     correction model's ONNX file, empty without one; stiffness_scale: the sensor's forces over the dome
     model's, None without presses of known force (then no force is estimated); fit_sigma_px: see
-    beads.Reference, unset for a grey camera; bead_noise_px: standard deviation of an exact bead's place along
-    an axis (both unset in older files); checksum: over all other fields.
+    beads.Reference, unset where places are centroids; bead_noise_px: standard deviation of an exact bead's
+    place along an axis; fit_channels: see beads.Reference, unset for colour (all three are unset in older
+    files); checksum: over all other fields.
     """
 
     sensor: Sensor
@@ -78,6 +79,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stiffness_scale: float | None = None
     contact_threshold_N: float | None = None
     fit_sigma_px: float | msgspec.UnsetType = msgspec.UNSET
+    fit_channels: FitChannels | msgspec.UnsetType = msgspec.UNSET
     bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
     format: str = FORMAT
     version: int = VERSION
@@ -99,6 +101,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ),
             unevenness=np.array([bead.unevenness for bead in self.beads]),
             fit_sigma_px=self.fit_sigma_px if isinstance(self.fit_sigma_px, float) else None,
+            fit_channels=self.fit_channels if isinstance(self.fit_channels, str) else COLOUR_FIT,
         )
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from palpate_edge.vision.neighbourhood import Neighbourhood
 from palpate_edge.vision.shading import Shading
 
 NO_BEADS: Indices = np.empty(0, np.intp)
+FitChannels = Literal["colour", "grey", "colour and grey"]
+COLOUR_FIT: FitChannels = "colour"
+GREY_FIT: FitChannels = "grey"
+BOTH_FIT: FitChannels = "colour and grey"
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,7 @@ class Reference:
 
     position_px (n, 2); diameter_px, contrast, area (n,); shading: of the skin about the beads; unevenness
     (n,): see subpixel.Refined. The last two are None where only one frame is known. fit_sigma_px: median
-    of symmetric_fit.Fitted.sigma_px; None where places are measured on one channel.
+    of symmetric_fit.Fitted.sigma_px; None where places are centroids; fit_channels: of the symmetric fit.
     """
 
     position_px: Array
@@ -30,6 +35,7 @@ class Reference:
     shading: Shading | None = None
     unevenness: Array | None = None
     fit_sigma_px: float | None = None
+    fit_channels: FitChannels = COLOUR_FIT
 
     @cached_property
     def neighbourhood(self) -> Neighbourhood:

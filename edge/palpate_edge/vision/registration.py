@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,39 @@ def register(image: Image, sensor: Sensor) -> Registration:
             "camera.position_mm and the light"
         )
     return best
+
+
+def register_best(images: Sequence[Image], sensor: Sensor) -> Registration:
+    """Register the untouched image that shows most beads, of `images` and their median; ties go to the first.
+
+    Light that changes hides beads in some images only. Where the median shows no more than the first image,
+    the others are left out. Raises CalibrationError, that of the first image, when none can be registered.
+    """
+    best, fault = None, None
+    for number, image in enumerate(_first_and_median(images)):
+        try:
+            tried = register(image, sensor)
+        except CalibrationError as error:
+            fault = fault or error
+            continue
+        if best is None or tried.seen.sum() > best.seen.sum():
+            best = tried
+        elif number == 1:
+            break
+        if sensor.markers.rings and best.seen.all():
+            break
+    if best is None:
+        assert fault is not None
+        raise fault
+    return best
+
+
+def _first_and_median(images: Sequence[Image]) -> Iterator[Image]:
+    """Yield the first image, the median of all, and the others."""
+    yield images[0]
+    if len(images) > 1:
+        yield np.asarray(np.median(images, axis=0), np.uint8)
+    yield from images[1:]
 
 
 def bead_diameters_px(sensor: Sensor, view: View, layout_mm: Array) -> Array:

@@ -5,9 +5,11 @@ colour channel about a bead is a plane (the light) plus a profile of the distanc
 of any shade). Both are fitted by least squares; what the fit leaves on the edges of the profile
 gives the step to the centre (Gauss and Newton, with plane and profile eliminated).
 
-Two channels are used, in which white light is 0: the brightness of a ball depends on where the light comes
-from, and moves the centre by a tenth of a pixel when the light changes. The channels are weighted by the
-inverse covariance of their residuals, so that the one counts that noise and saturation leave.
+For most coloured beads two channels are used, in which white light is 0: the brightness of a ball depends on
+where the light comes from, and moves the centre by a tenth of a pixel when the light changes. Dark beads, and
+colours that haze and compression leave little of, are better on grey (calibration/fit_choice.py). The
+channels are weighted by the inverse covariance of their residuals, so that the one counts that noise and
+saturation leave.
 
 The same weights give the standard deviation of the place. It is about half of the error found, since
 neighbouring pixels share their noise, but proportional to it from clear beads to beads in glare.
@@ -22,19 +24,28 @@ import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image, Indices
+from palpate_edge.vision.appearance import CHANNELS
+from palpate_edge.vision.beads import BOTH_FIT, COLOUR_FIT, GREY_FIT, FitChannels
 from palpate_edge.vision.shading import NEIGHBOUR
 
+COLOUR = 3  # dimensions of an image with channels
 BINNING = 2  # colour is coded at half resolution in JPEG and in most video formats
-# Of B, G, R; white light has none.
+FINE_BELOW_PX = 12.0  # diameter of beads that are not binned on grey
+# Weights of B, G, R; white light has none of the colours.
 COLOURS = np.array([[1, 0, -1], [-0.6, 1.2, -0.6]], np.float32) / np.float32(math.sqrt(2))
-CHANNELS = len(COLOURS)
+GREY = np.array([CHANNELS["grey"]], np.float32)
+FIT_CHANNELS: dict[FitChannels, Floats] = {  # the cheaper ones first
+    COLOUR_FIT: COLOURS,
+    GREY_FIT: GREY,
+    BOTH_FIT: np.concatenate([COLOURS, GREY]),
+}
 GRID_STEP = 0.15  # between samples, in bead diameters
 REACH, MIN_REACH = 1.1, 0.7  # radius of the samples, in bead diameters; smaller where another bead is near
 KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
 PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
 PLANE = 3  # columns of the design before the profile: constant, x and y
 COLUMNS = PLANE + PROFILES
-NOISE = np.eye(CHANNELS, dtype=np.float32)  # grey levels^2, least covariance: rounding and compression
+NOISE = 1.0  # grey levels^2, least variance of a channel: rounding and compression
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
 ROUNDS = 2
@@ -49,15 +60,20 @@ class Fitted:
 
 
 class SymmetricFit:
-    """Measures the centres of n beads in images with three channels (BGR).
+    """Measures the centres of n beads in images with three channels (BGR), or in grey ones.
 
     The samples lie on a grid in units of each bead's diameter, so that the matrices of the least squares are
     computed once.
     """
 
-    def __init__(self, diameter_px: Array, spacing_px: Array) -> None:
-        """diameter_px (n,); spacing_px (n,): to the nearest other bead, whose pixels are left out."""
-        self._diameter = np.asarray(diameter_px, np.float64) / BINNING
+    def __init__(self, diameter_px: Array, spacing_px: Array, channels: FitChannels = COLOUR_FIT) -> None:
+        """diameter_px (n,); spacing_px (n,): to the nearest other bead, whose pixels are left out; channels:
+        one of :data:`FIT_CHANNELS`."""
+        self._weights = FIT_CHANNELS[channels]
+        self._is_grey = channels == GREY_FIT
+        self._noise = NOISE * np.eye(len(self._weights), dtype=np.float32)
+        self._binning = 1 if self._is_grey and diameter_px.min() < FINE_BELOW_PX else BINNING
+        self._diameter = np.asarray(diameter_px, np.float64) / self._binning
         steps = int(REACH / GRID_STEP) * GRID_STEP
         axis = np.arange(-steps, steps + GRID_STEP / 2, GRID_STEP)
         grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -81,15 +97,21 @@ class SymmetricFit:
         self._freedom = freedom[self._kind, None, None]
 
     def load(self, image: Image) -> None:
-        """Take the image (height, width, 3) that is measured until the next one is loaded."""
-        size = image.shape[1] // BINNING, image.shape[0] // BINNING
-        whole = image[: size[1] * BINNING, : size[0] * BINNING]
-        self._image = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        """Take the image that is measured until the next one is loaded: (height, width, 3), and for grey also
+        (height, width)."""
+        binning = self._binning
+        if self._is_grey and image.ndim == COLOUR:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        size = image.shape[1] // binning, image.shape[0] // binning
+        whole = image[: size[1] * binning, : size[0] * binning]
+        if binning > 1:
+            whole = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
+        self._image = whole.astype(np.float32)
 
     def measure(self, start_px: Array, beads: Indices) -> Fitted:
         """Return the centres of `beads` (m,) near `start_px` (m, 2), at most `ROUNDS` steps away."""
-        half = 0.5 * (BINNING - 1)
-        centre, diameter = (start_px - half) / BINNING, self._diameter[beads]
+        half = 0.5 * (self._binning - 1)
+        centre, diameter = (start_px - half) / self._binning, self._diameter[beads]
         step, sigma = self._step(centre, beads)
         centre += step * diameter[:, None]
         for _ in range(ROUNDS - 1):
@@ -98,7 +120,7 @@ class SymmetricFit:
                 break
             step[far], sigma[far] = self._step(centre[far], beads[far])
             centre[far] += step[far] * diameter[far, None]
-        return Fitted(centre * BINNING + half, sigma * diameter * BINNING)
+        return Fitted(centre * self._binning + half, sigma * diameter * self._binning)
 
     def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array]:
         """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
@@ -108,21 +130,25 @@ class SymmetricFit:
             along * diameter + middle.astype(np.float32)[:, None]
             for along, middle in zip(self._grid, centre.T, strict=True)
         )
-        bgr = cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        channels = (bgr.reshape(-1, 3) @ COLOURS.T).reshape(*bgr.shape[:2], CHANNELS)
-        pixels = np.ascontiguousarray(channels.transpose(0, 2, 1), np.float32)
-        both = np.empty((len(beads), CHANNELS, COLUMNS + 2 * PROFILES), np.float32)
-        covariance = np.empty((len(beads), CHANNELS, CHANNELS), np.float32)
+        count = len(self._weights)
+        samples = cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if self._is_grey:
+            pixels: Floats = np.asarray(samples.reshape(len(beads), 1, -1), np.float32)
+        else:
+            channels = (samples.reshape(-1, 3) @ self._weights.T).reshape(*samples.shape[:2], count)
+            pixels = np.ascontiguousarray(channels.transpose(0, 2, 1), np.float32)
+        both = np.empty((len(beads), count, COLUMNS + 2 * PROFILES), np.float32)
+        covariance = np.empty((len(beads), count, count), np.float32)
         kind = self._kind[beads]
         for number, (rows, inside) in enumerate(zip(self._rows, self._inside, strict=True)):
             alike = np.flatnonzero(kind == number)
             theirs = pixels if len(alike) == len(beads) else pixels[alike]
             both[alike] = (theirs.reshape(-1, len(inside)) @ rows).reshape(-1, *both.shape[1:])
             covariance[alike] = (theirs * inside) @ theirs.transpose(0, 2, 1)
-        fitted, left = both[..., :COLUMNS], both[..., COLUMNS:].reshape(-1, CHANNELS, 2, PROFILES)
+        fitted, left = both[..., :COLUMNS], both[..., COLUMNS:].reshape(-1, count, 2, PROFILES)
         covariance -= (fitted @ self._normal[beads]) @ fitted.transpose(0, 2, 1)
         covariance /= self._freedom[beads]
-        covariance += NOISE
+        covariance += self._noise
         profile = fitted[..., PLANE:]
         weighted = _inverse(covariance) @ profile
         force = (left * weighted[:, :, None]).sum(axis=(1, 3))
@@ -135,7 +161,12 @@ class SymmetricFit:
 
 
 def _inverse(matrices: Floats) -> Floats:
-    """Return the inverses of symmetric matrices (m, 2, 2), faster than by NumPy's general ones."""
+    """Return the inverses of symmetric matrices (m, k, k); small ones faster than NumPy's general one."""
+    size = matrices.shape[1]
+    if size == 1:
+        return np.asarray(1.0 / matrices)
+    if size > 2:
+        return np.asarray(np.linalg.inv(matrices))
     xx, xy, yy = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
     inverse = np.empty_like(matrices)
     inverse[:, 0, 0], inverse[:, 1, 1] = yy, xx

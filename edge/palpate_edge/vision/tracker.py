@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
-from palpate_edge.vision.beads import Beads, Reference
+from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
-from palpate_edge.vision.symmetric_fit import SymmetricFit
+from palpate_edge.vision.symmetric_fit import COLOUR, SymmetricFit
 from palpate_edge.vision.window_search import MAX_NOISE, WindowSearch
 
 MAX_LOST_SHARE = 0.1  # of the beads, beyond those lost in the last search; with more the image is searched
@@ -31,7 +31,6 @@ MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
 MIN_STRENGTH = 0.7  # grey levels
 MAX_FIT_STEP = 0.25  # of a bead diameter, from the centroid to the centre of symmetry
-COLOUR = 3  # dimensions of an image with channels
 BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
 
 
@@ -55,9 +54,12 @@ class Tracker:
         self._correspondence = Correspondence(reference.neighbourhood)
         self._diameter_px = float(np.median(reference.diameter_px))
         self._min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * float(np.median(reference.contrast)))
-        self._fit, self._fit_sigma_px = None, 1.0
+        self._fit, self._fit_sigma_px, self._fits_grey = None, 1.0, False
         if reference.fit_sigma_px is not None:
-            self._fit = SymmetricFit(reference.diameter_px, self._neighbourhood.spacing_px)
+            self._fit = SymmetricFit(
+                reference.diameter_px, self._neighbourhood.spacing_px, reference.fit_channels
+            )
+            self._fits_grey = reference.fit_channels == GREY_FIT
             self._fit_sigma_px = reference.fit_sigma_px
         self._max_blobs = int(BLOBS_PER_BEAD * len(reference.position_px))
         self.counters = TrackingCounters()
@@ -71,9 +73,10 @@ class Tracker:
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
         """Return the beads of the next frame.
 
-        image: the frame in colour, (height, width, 3). Where given, places come from all of its channels.
+        image: the frame that the plane is of, (height, width, 3) or a grey one. Where given, places come from
+        the channels that the calibration chose for the symmetric fit.
         """
-        fit = self._fit if image is not None and image.ndim == COLOUR else None
+        fit = None if image is None or not (self._fits_grey or image.ndim == COLOUR) else self._fit
         if fit is not None and image is not None:
             fit.load(image)
         self._windows.load(dark)
