@@ -14,6 +14,7 @@ from palpate_bus.cli.check_eds import check_eds
 from palpate_bus.cli.faults import fault_rule_options
 from palpate_bus.cli.lss import lss
 from palpate_bus.cli.monitor import monitor
+from palpate_bus.cli.nmt import nmt
 from palpate_bus.cli.nodes import scan, sdo
 from palpate_bus.cli.stats_table import stats_table, status_line
 from palpate_bus.hub.connection import ask
@@ -60,6 +61,7 @@ def bus() -> None:
     Examples:
       palpate-host bus hub --log hand.log             run a bus on this machine
       palpate-host bus scan                           list the nodes
+      palpate-host bus nmt start 0x10                 start a node, so that it sends its contacts
       palpate-host bus monitor                        show all frames decoded
       palpate-host bus sdo read 0x10 1018:4           read one object
       palpate-host bus budget --fps 120               compute the bus load
@@ -210,7 +212,7 @@ def _inject(socket_path: Path, rule: FaultRule) -> None:
     ask(socket_path, Inject(rule))
 
 
-for _command in (budget, check_eds, lss, monitor, scan, sdo):
+for _command in (budget, check_eds, lss, monitor, nmt, scan, sdo):
     bus.add_command(_command)
 
 for _command in fault_rule_options(SOCKET, _inject):

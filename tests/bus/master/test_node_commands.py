@@ -111,6 +111,18 @@ def test_scan_shows_a_node_id_that_is_used_twice(hub, foreign_node):
     assert table[1].split() == ["0x22", "-", "-", "-", "-", "-", "-", "-", "2", "nodes", "have", "this", "id"]
 
 
+def test_nodes_are_started_stopped_and_reset(hub, fingertips):
+    assert run(hub, "nmt", "start", "0x10").output == "0x10: operational\n"
+    states = [node.slave.state for node in fingertips.nodes]
+    assert [state.name for state in states] == ["OPERATIONAL", "PRE_OPERATIONAL"]
+    assert run(hub, "nmt", "stop", "all").output == "0x10: stopped\n0x11: stopped\n"
+    assert run(hub, "nmt", "preop", "0x11").output == "0x11: pre-operational\n"
+    assert run(hub, "nmt", "reset", "0x10").exit_code == 0
+    assert fingertips.nodes[0].slave.state.name == "PRE_OPERATIONAL"
+    with pytest.raises(BusError, match="node 0x30 sent a heartbeat within 0.3 s: list the nodes"):
+        run(hub, "nmt", "start", "0x30", "--wait", "0.3")
+
+
 def test_scan_of_an_empty_bus_says_what_to_check(hub):
     assert run(hub, "scan", "--no-lss", "--listen", 0).output.startswith(
         "no node responds: check the bit rate"
