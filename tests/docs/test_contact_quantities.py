@@ -29,7 +29,12 @@ PRODUCERS = (
 )
 """Rooms that make the quantity, its label, or a drawing of its making; they do not carry it."""
 
-ALSO_NAMED = {"radius95_mm": {"edge/palpate_edge/cli/estimate.py"}}  # the help of `palpate-edge estimate`
+ALSO_NAMED = {
+    "radius95_mm": {
+        "edge/palpate_edge/cli/estimate.py",  # its help text
+        "host/palpate_twin/demo/fingertip_panels.py",  # draws a ring of this radius
+    }
+}
 
 
 def row_of(quantity: Quantity) -> tuple[str, ...]:

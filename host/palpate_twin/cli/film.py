@@ -6,9 +6,11 @@ from pathlib import Path
 
 import click
 
-from palpate_twin.cli.options import FILE, config_option
+from palpate_edge.common.errors import ConfigError
+from palpate_twin.cli.options import FILE, FOLDER, config_option
 
 STILLS, COLUMNS = 6, 3
+HEIGHT_PX, WIDTH_PX = 360, 480  # of the hand's part of the film
 
 
 @click.command()
@@ -40,8 +42,24 @@ STILLS, COLUMNS = 6, 3
     help="Longest film; of a longer motion, the beginning is shown. Each frame takes 0.5 MB of memory.",
 )
 @click.option("--plain", is_flag=True, help="Use the plain renderer, which needs no OpenGL.")
+@click.option(
+    "--run",
+    "run_path",
+    type=FOLDER,
+    help="Run folder of the demo: beside the hand, the film shows what a fingertip saw and published.",
+)
+@click.option(
+    "--finger", metavar="NAME", help="Fingertip of --run.  [default: the one whose contact moves most]"
+)
 def film(
-    config_path: Path, motion_path: Path, output: Path, rate: float, longest_s: float, plain: bool
+    config_path: Path,
+    motion_path: Path,
+    output: Path,
+    rate: float,
+    longest_s: float,
+    plain: bool,
+    run_path: Path | None,
+    finger: str | None,
 ) -> None:
     """Make a film of a simulated hand's motion at its original speed.
 
@@ -51,17 +69,20 @@ def film(
     Example:
       palpate-host demo --lockstep
       MUJOCO_GL=egl palpate-host simulate film --config demo/run/hand.toml \\
-        --motion demo/run/truth/motion.csv -o hand.webp
+        --motion demo/run/truth/motion.csv --run demo/run -o hand.webp
     """
     import numpy as np  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.common.rotation import to_rpy_deg  # noqa: PLC0415
     from palpate_host.config import hand_config  # noqa: PLC0415
+    from palpate_twin.demo.fingertip_film import busiest_finger, draw_sights  # noqa: PLC0415
+    from palpate_twin.demo.run_folder import RunFolder  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
     from palpate_twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
     from palpate_twin.hand.twin_model import twin_model  # noqa: PLC0415
 
-    twin = twin_model(hand_config.load(config_path), with_contacts=False)
+    hand = hand_config.load(config_path)
+    twin = twin_model(hand, with_contacts=False)
     motion = read_motion(motion_path)
     states = []
     cut = film_cut(motion, rate, longest_s)
@@ -71,8 +92,17 @@ def film(
         qpos[twin.q_address] = motion.q_rad[row]
         qpos[twin.object_q : twin.object_q + 7] = motion.pose[row]
         states.append(qpos)
-    pictures = draw_states(twin, states, (360, 480), plainly=plain)
-    write_film(output, pictures, round(1000 / rate))
+    pictures = draw_states(twin, states, (HEIGHT_PX, WIDTH_PX), plainly=plain)
+    scenes = pictures
+    if run_path is not None:
+        names = [each.name for each in hand.fingers]
+        if finger is not None and finger not in names:
+            raise ConfigError(f"--finger {finger}: the hand has {', '.join(names)}: give one of them")
+        folder = RunFolder(run_path.resolve())
+        chosen_finger = finger or busiest_finger(folder, names)
+        seen = draw_sights(folder, chosen_finger, motion.stamps_us[rows].tolist(), HEIGHT_PX)
+        scenes = [np.hstack([sight, scene]) for sight, scene in zip(seen, pictures, strict=True)]
+    write_film(output, scenes, round(1000 / rate))
     chosen = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
     turns = motion.rotations @ motion.rotations[0].T
     stills = []

@@ -64,7 +64,8 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     "--truth",
     type=FOLDER,
     required=True,
-    help="Folder for the truth: motion.csv of hand and object, FINGER.csv of each fingertip's contacts.",
+    help="Folder for the truth: motion.csv of hand and object, FINGER.csv of each fingertip's contacts, and "
+    "in FINGER/ each fifth of its pictures.",
 )
 @seed_option
 def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path, seed: int) -> None:
@@ -96,7 +97,7 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
         )
     make_folder(truth, ConfigError)
     files = [
-        CameraFiles(sensors / name / TWIN_FILE, ring, truth / f"{name}.csv")
+        CameraFiles(sensors / name / TWIN_FILE, ring, truth / f"{name}.csv", truth / name)
         for name, ring in zip(names, rings, strict=True)
     ]
     engine = make_engine(config, "mujoco", has_B=False)

@@ -20,6 +20,7 @@ import numpy as np
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.camera.frame_truth import FrameTruth, FrameTruthFile
+from palpate_twin.camera.kept_pictures import PictureKeeper
 from palpate_twin.camera.look import load_twin
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.closed_loop.tactile_rendering import DomeContact, press_for
@@ -32,11 +33,13 @@ ENDED = "the camera process has ended: its error message is above"
 
 @dataclass(frozen=True, slots=True)
 class CameraFiles:
-    """Files of one fingertip: its true sensor (twin.json), the frame ring and the truth to write."""
+    """Files of one fingertip: its true sensor (twin.json), the frame ring, the truth and the folder of
+    pictures to write."""
 
     sensor: Path
     ring: Path
     truth: Path
+    pictures: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,7 @@ def _serve(files: Sequence[CameraFiles], seed: int, pipe: Connection) -> None:
 
 
 class _Camera:
-    """One fingertip's renderer with its frame ring and truth file."""
+    """One fingertip's renderer with its frame ring, truth file and kept pictures."""
 
     def __init__(self, paths: CameraFiles, view: CameraView, stack: ExitStack) -> None:
         camera = view.twin.sensor.camera
@@ -138,6 +141,7 @@ class _Camera:
         self._radius_mm = view.twin.sensor.dome.outer_radius_mm
         self._ring = stack.enter_context(closing(RingWriter(paths.ring, form)))
         self._truth = stack.enter_context(FrameTruthFile(paths.truth))
+        self._pictures = PictureKeeper(paths.pictures)
 
     def render(self, exposure: Exposure, rng: np.random.Generator) -> None:
         """Write a frame into the ring and its true contact into the truth file."""
@@ -146,3 +150,4 @@ class _Camera:
         self._ring.write(image, exposure.sequence, exposure.exposed_at_us)
         point_mm = None if press is None else self._radius_mm * press.outward
         self._truth.write(FrameTruth(exposure.sequence, exposure.exposed_at_us, point_mm, force_N))
+        self._pictures.keep(exposure.sequence, image)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
@@ -101,14 +101,14 @@ class RenderedContactSource:
         sensors: Sequence[tuple[TwinSensor, Calibration]],
         library: FieldLibrary,
         seed: int,
-        on_frame: Callable[[int, FrameTruth], None] = lambda _finger, _truth: None,
+        on_frame: Callable[[int, FrameTruth, Image], None] = lambda _finger, _truth, _image: None,
     ) -> None:
         """Prepare renderer and estimator of each finger.
 
         sensors: each finger's true sensor and the calibration of its estimator. on_frame: called with the
-        finger and the true contact of each rendered frame.
+        finger, the true contact and the image of each rendered frame.
         """
-        self._on_picture = on_frame
+        self._on_frame = on_frame
         self._views = [CameraView(twin, library) for twin, _ in sensors]
         self._estimators = [Estimator(calibration) for _, calibration in sensors]
         self._rng = np.random.default_rng(seed)
@@ -120,7 +120,7 @@ class RenderedContactSource:
         image, force_N = view.frame(press, self._rng)
         radius_mm = view.twin.sensor.dome.outer_radius_mm
         point_mm = None if press is None else radius_mm * press.outward
-        self._on_picture(finger, FrameTruth(sequence, exposed_at_us, point_mm, force_N))
+        self._on_frame(finger, FrameTruth(sequence, exposed_at_us, point_mm, force_N), image)
         return self._estimators[finger].estimate(Frame(image, exposed_at_us, sequence, f"frame {sequence}"))
 
 

@@ -31,7 +31,8 @@ class Film:
 def film_arguments(folder: RunFolder) -> list[str]:
     """Return the arguments of palpate-host that draw the film."""
     paths = ["--config", str(folder.hand_toml), "--motion", str(folder.motion)]
-    return ["simulate", "film", *paths, "-o", str(folder.film)]
+    run = ["--run", str(folder.path)] if folder.has_pictures else []
+    return ["simulate", "film", *paths, *run, "-o", str(folder.film)]
 
 
 def film_command(folder: RunFolder) -> str:

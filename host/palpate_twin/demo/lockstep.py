@@ -12,12 +12,14 @@ from contextlib import ExitStack
 
 from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.arrays import Image
 from palpate_edge.common.signals import stop_event
 from palpate_host.common.command import Rotate
 from palpate_host.common.mode import STARTING
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host import load_hand
-from palpate_twin.camera.frame_truth import FrameTruthFile
+from palpate_twin.camera.frame_truth import FrameTruth, FrameTruthFile
+from palpate_twin.camera.kept_pictures import PictureKeeper
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.tactile_rendering import RenderedContactSource
@@ -63,9 +65,13 @@ def run(
         log = stack.enter_context(LogWriter(folder.log, LogHeader(log_header(config, ORIGIN))))
         motion = stack.enter_context(MotionFile(folder.motion, [joint.name for joint in config.joints]))
         truths = [stack.enter_context(FrameTruthFile(folder.truth / f"{name}.csv")) for name in names]
-        contact_source = RenderedContactSource(
-            sensors, library, seed, lambda finger, truth: truths[finger].write(truth)
-        )
+        pictures = [PictureKeeper(folder.pictures(name)) for name in names]
+
+        def keep_frame(finger: int, truth: FrameTruth, image: Image) -> None:
+            truths[finger].write(truth)
+            pictures[finger].keep(truth.sequence, image)
+
+        contact_source = RenderedContactSource(sensors, library, seed, keep_frame)
 
         def log_frame(stamp_us: int, frame: CanFrame) -> None:
             log.write(LogRecord(stamp_us, frame))

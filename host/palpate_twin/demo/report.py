@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
+import cv2
+
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.mode import Mode
@@ -14,21 +16,29 @@ from palpate_twin.demo import lockstep, plots
 from palpate_twin.demo.analysis import Analysis, Summary
 from palpate_twin.demo.distribution import Distribution
 from palpate_twin.demo.film import Film, film_command
+from palpate_twin.demo.fingertip_film import draw_fingertips
 from palpate_twin.demo.live_view import mode_name
 from palpate_twin.demo.orchestrator import commands
 from palpate_twin.demo.run_folder import RunFolder
+from palpate_twin.demo.verdict import verdict
 
 MOST_MODE_CHANGES = 40
 ABSENT = "-"
+SIGHT_HEIGHT_PX = 300
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; max-width: 1060px;
        margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.6em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #ccc; }
+div.scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 0.8em 0; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.2em 0.8em; text-align: right; border-bottom: 1px solid #e4e4e4; }
 th { font-weight: 600; } th:first-child, td:first-child, .text td, .text th { text-align: left; }
-img { width: 100%; } p.note { color: #555; } pre { background: #f5f5f5; padding: 0.8em; overflow-x: auto; }
+p.verdict { font-size: 1.25em; font-weight: 600; padding: 0.5em 0.8em; border-left: 6px solid #2a8a3e;
+            background: #f0f8f1; } p.verdict.bad { border-color: #b3261e; background: #fdf1f0; }
+@media (max-width: 640px) { body { margin: 0.5em auto; padding: 0 0.6em; } th, td { padding: 0.2em 0.5em; } }
+img { max-width: 100%; height: auto; } p.note { color: #555; }
+pre { background: #f5f5f5; padding: 0.8em; overflow-x: auto; }
 """
 
 
@@ -40,8 +50,9 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
     summary = analysis.summary
     parts = [
         "<h1>palpate demo</h1>",
-        _header_table(summary, analysis),
+        _verdict(summary),
         *_turn_parts(analysis, folder, film),
+        *_sight_parts(analysis, folder),
         "<h2>Contact and force</h2>",
         _finger_table(summary, analysis),
         *(
@@ -60,12 +71,40 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
         _traffic_table(summary),
         "<h2>How to reproduce this report</h2>",
         _commands(analysis, folder),
+        "<h2>About this run</h2>",
+        _header_table(summary, analysis),
     ]
     page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>palpate demo</title>'
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><title>palpate demo</title>'
         f"<style>{STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
     write_atomically(path, page.encode(), ConfigError)
+
+
+def _verdict(summary: Summary) -> str:
+    judged = verdict(summary)
+    grounds = "".join(f"<li>{escape(line)}</li>" for line in judged.grounds)
+    kind = "verdict" if judged.is_good else "verdict bad"
+    return f'<p class="{kind}">{escape(judged.headline)}</p>\n<ul>{grounds}</ul>\n'
+
+
+def _sight_parts(analysis: Analysis, folder: RunFolder) -> list[str]:
+    """Return what the fingertips saw at the end of the first turn, or in the middle of a run without turns;
+    nothing if no pictures were kept."""
+    if not folder.has_pictures:
+        return []
+    figures = analysis.summary.turn
+    time_s = figures.steps[0].end_s if figures and figures.steps else analysis.summary.duration_s / 2
+    names = [finger.name for finger in analysis.summary.fingers]
+    sheet = draw_fingertips(folder, names, analysis.begin_us + 1e6 * time_s, SIGHT_HEIGHT_PX)
+    note = (
+        f"The cameras' pictures {time_s:.1f} s after the start, and the contacts published for them. Green: "
+        "beads found, with arrows of their displacement; red crosses: beads lost. Red arrow: normal force; "
+        "red ring: 95 % radius of the position."
+    )
+    data = cv2.imencode(".png", sheet)[1].tobytes()
+    return ["<h2>What the fingertips see</h2>", _picture(data, "beads and contacts"), _note(note)]
 
 
 def _header_table(summary: Summary, analysis: Analysis) -> str:
@@ -129,7 +168,10 @@ def _film_parts(folder: RunFolder, film: Film) -> list[str]:
     return [
         _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
         _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six times"),
-        _note(f"True motion of hand and object: {film.description}."),
+        _note(
+            "Left: what the camera of one fingertip sees, and the contact that it publishes. Right: the true "
+            f"motion of hand and object. {film.description}."
+        ),
     ]
 
 
@@ -274,7 +316,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]], *, text: bool 
     lines = ["".join(f"<td>{escape(str(cell))}</td>" for cell in row) for row in rows]
     body = "".join(f"<tr>{line}</tr>\n" for line in ([titles] if titles else []) + lines)
     style = ' class="text"' if text else ""
-    return f"<table{style}>\n{body}</table>\n"
+    return f'<div class="scroll"><table{style}>\n{body}</table></div>\n'
 
 
 def _note(text: str) -> str:

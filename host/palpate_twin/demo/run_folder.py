@@ -85,6 +85,15 @@ class RunFolder:
     def motion(self) -> Path:
         return self.truth / "motion.csv"
 
+    def pictures(self, finger: str) -> Path:
+        """Return the folder with some of the pictures that a fingertip's camera took."""
+        return self.truth / finger
+
+    @property
+    def has_pictures(self) -> bool:
+        """True if pictures of fingertips were kept."""
+        return any(self.truth.glob("*/*.jpg"))
+
     @property
     def sensors(self) -> Path:
         """Folder with the simulated fingertip sensors, kept between runs."""

@@ -117,7 +117,7 @@ def check_that_a_film_may_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert again.exit_code == 0, again.output
     why = "the film was not drawn within 0.2 s; to draw it: palpate-host simulate film"
     assert f"no film: {why}" in again.output
-    check_report(tmp_path / "report.html", len(FINGERS) + 4, (f"No film: {why}", "error to target"))
+    check_report(tmp_path / "report.html", len(FINGERS) + 5, (f"No film: {why}", "error to target"))
 
 
 @pytest.mark.demo
@@ -150,12 +150,12 @@ def test_the_closed_loop(real_time_demo, processes_of):
 
     report = tmp_path / "report.html"
     texts = ("palpate-host simulate live", "palpate-host simulate film", "error to target")
-    check_report(report, len(FINGERS) + 6, texts)
+    check_report(report, len(FINGERS) + 7, texts)
     before = folder.summary.read_bytes()
     report.unlink()
     again = finished(command(tmp_path, "--report-only"))
     assert (again.returncode, again.stderr) == (0, "")
-    check_report(report, len(FINGERS) + 6, texts)
+    check_report(report, len(FINGERS) + 7, texts)
     assert folder.summary.read_bytes() == before
     check_with_tshark(folder.log, tmp_path)
 
@@ -182,7 +182,7 @@ def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     assert step["pace"] == 1
     assert all(finger["dropped"] == 0 for finger in summary["fingers"])
     texts = ("palpate-host demo --lockstep", "palpate-host simulate film", "error to target")
-    check_report(tmp_path / "report.html", len(FINGERS) + 6, texts)
+    check_report(tmp_path / "report.html", len(FINGERS) + 7, texts)
     check_with_tshark(tmp_path / "run" / "bus.log", tmp_path)
     check_that_a_film_may_fail(tmp_path, monkeypatch)
 

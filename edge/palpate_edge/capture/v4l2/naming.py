@@ -26,7 +26,7 @@ def find_camera(
         if not Path(path).exists():
             raise CameraLostError(f"no camera at {path}: plug it in{_offer(by_path)}")
         return Path(path)
-    nodes = [dev / node.name for node in sorted(sysfs.glob("video*")) if _is_image_node(node, usb_serial)]
+    nodes = [dev / node.name for node in _entries(sysfs, "video*") if _is_image_node(node, usb_serial)]
     if not nodes:
         raise CameraLostError(f"no camera has the serial number {usb_serial!r}: plug it in{_offer(by_path)}")
     if len(nodes) > 1:
@@ -60,10 +60,19 @@ def _text(file: Path) -> str | None:
 
 
 def _stable_name(node: Path, by_path: Path) -> str:
-    names = sorted(link for link in by_path.glob("*") if link.resolve() == node.resolve())
+    names = [link for link in _entries(by_path, "*") if link.resolve() == node.resolve()]
     return str(names[0] if names else node)
 
 
 def _offer(by_path: Path) -> str:
-    there = ", ".join(str(link) for link in sorted(by_path.glob("*-index0")))
+    there = ", ".join(str(link) for link in _entries(by_path, "*-index0"))
     return f"; present cameras: {there}" if there else ""
+
+
+def _entries(folder: Path, pattern: str) -> list[Path]:
+    """Return the sorted entries of a folder; none where it is missing, or removed meanwhile with the last
+    camera."""
+    try:
+        return sorted(folder.glob(pattern))
+    except FileNotFoundError:
+        return []

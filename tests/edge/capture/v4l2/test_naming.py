@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
@@ -88,3 +90,17 @@ def test_numbers_of_nodes_are_no_stable_names():
     assert not is_stable_name("/dev/video0")
     assert not is_stable_name("/dev/v4l/by-id/usb-Webcam_Vendor_01.00.00-video-index0")
     assert is_stable_name("/dev/v4l/by-path/platform-usb-1-1-video-index0")
+
+
+class Vanishing(type(Path())):
+    """A folder that is removed between a look at it and reading it, as udev does with the last camera."""
+
+    def glob(self, _pattern):
+        raise FileNotFoundError(2, "No such file or directory", str(self))
+
+
+def test_a_folder_that_vanishes_meanwhile_is_no_crash(tmp_path):
+    with pytest.raises(CameraLostError, match=r"plug it in$"):
+        find_camera(str(tmp_path / "none"), "", by_path=Vanishing(tmp_path))
+    with pytest.raises(CameraLostError, match="serial number '7'"):
+        find_camera("", "7", sysfs=Vanishing(tmp_path), by_path=tmp_path)
