@@ -74,14 +74,15 @@ class Camera:
 class Rig:
     """The daemon and what surrounds it."""
 
-    def __init__(self, folder: Path, dataset: Path, calibration: Path, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, dataset: Path, calibration: Path | None, stack: ExitStack) -> None:
+        """calibration: None for a fingertip that has none."""
         self.folder = folder
         self.config = folder / "finger.toml"
         self.config.write_text(
             f'name = "finger"\nhealth = "{folder / "finger.health"}"\n'
             f'[capture]\nsource = "shared_memory"\npath = "{folder / "ring"}"\n'
-            f'[estimator]\ncalibration = "{calibration}"\n'
-            f"[node]\nid = {NODE}\n"
+            + (f'[estimator]\ncalibration = "{calibration}"\n' if calibration else "")
+            + f"[node]\nid = {NODE}\n"
             f'[bus]\ninterface = "palpate"\nchannel = "{folder / "hub.sock"}"\n'
             f'[record]\nfolder = "{folder / "recordings"}"\n'
         )
@@ -175,3 +176,10 @@ class Rig:
 def rig(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path) -> Iterator[Rig]:
     with ExitStack() as stack:
         yield Rig(tmp_path, drawn_dataset, drawn_calibration_file, stack)
+
+
+@pytest.fixture
+def bare_rig(tmp_path: Path, drawn_dataset: Path) -> Iterator[Rig]:
+    """A rig whose fingertip has no calibration."""
+    with ExitStack() as stack:
+        yield Rig(tmp_path, drawn_dataset, None, stack)

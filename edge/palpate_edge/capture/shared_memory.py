@@ -27,11 +27,12 @@ class SharedMemorySource:
     def __init__(
         self,
         path: Path,
-        sensor: Sensor,
+        sensor: Sensor | None,
         at_monotonic_us: Callable[[int], int],
         now_us: Callable[[], int] = monotonic_us,
     ) -> None:
-        """Raises CameraLostError when there is no ring, CaptureError for another sensor or image size."""
+        """sensor: that the frames must be of; None for any. Raises CameraLostError when there is no ring,
+        CaptureError for another sensor or image size."""
         try:
             self._reader = RingReader(path)
         except FileNotFoundError:
@@ -39,7 +40,8 @@ class SharedMemorySource:
                 f"{path} is missing: start the program that writes it (palpate-host simulate camera)"
             ) from None
         try:
-            _check(self._reader.format, sensor, path)
+            if sensor is not None:
+                _check(self._reader.format, sensor, path)
         except CaptureError:
             self._reader.close()
             raise

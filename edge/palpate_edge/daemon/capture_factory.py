@@ -15,24 +15,28 @@ from palpate_edge.capture.v4l2.naming import find_camera, is_stable_name
 from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.daemon.capture_sources import find_opener
-from palpate_edge.daemon.config import CaptureConfig, FingertipConfig
-from palpate_edge.datasets.recording import RealTimeSource, open_recording
+from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.datasets.recording import DEFAULT_FPS, RealTimeSource, open_recording
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.geometry.sensor import Sensor
 
-SourceOpener = Callable[[FingertipConfig, Calibration, LocalClock, Callable[[str], None]], Source]
-"""Opens a source from configuration, calibration, the clock of exposure times, and a function that takes one
-line for each setting that differs from the request. Raises CaptureError, DatasetError or CalibrationError."""
+DEFAULT_SIZE_PX = (640, 480)
+
+SourceOpener = Callable[[FingertipConfig, Calibration | None, LocalClock, Callable[[str], None]], Source]
+"""Opens a source from configuration, calibration (None without one), the clock of exposure times, and a
+function that takes one line for each setting that differs from the request. Raises CaptureError, DatasetError
+or CalibrationError."""
 
 
 def open_source(
-    config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+    config: FingertipConfig, calibration: Calibration | None, clock: LocalClock, report: Callable[[str], None]
 ) -> Source:
     """Open the configured source (a `SourceOpener` for all kinds).
 
     Raises DatasetError, CaptureError, or CalibrationError for frames of another sensor.
     """
-    if config.estimator.sensor:
+    if config.estimator.sensor and calibration is not None:
         description = Path(config.estimator.sensor)
         check_sensor(calibration, Path(config.estimator.calibration), read_sensor(description), description)
     opener: SourceOpener = find_opener(config.capture.source)
@@ -40,42 +44,49 @@ def open_source(
 
 
 def open_camera(
-    config: FingertipConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+    config: FingertipConfig, calibration: Calibration | None, clock: LocalClock, report: Callable[[str], None]
 ) -> Source:
     """Open the V4L2 camera, and again after a loss."""
-    return ReopeningSource(camera_opener(config.capture, calibration, clock, report))
+    return ReopeningSource(camera_opener(config, calibration, clock, report))
 
 
 def open_ring(
-    config: FingertipConfig, calibration: Calibration, clock: LocalClock, _report: Callable[[str], None]
+    config: FingertipConfig,
+    calibration: Calibration | None,
+    clock: LocalClock,
+    _report: Callable[[str], None],
 ) -> Source:
     """Open the ring of frames in shared memory, and again after a loss."""
     path = Path(config.capture.path)
-    return ReopeningSource(
-        lambda: SharedMemorySource(path, calibration.sensor, clock.at_monotonic_us, clock.now_us)
-    )
+    sensor = described_sensor(config, calibration)
+    return ReopeningSource(lambda: SharedMemorySource(path, sensor, clock.at_monotonic_us, clock.now_us))
 
 
 def open_recorded(
-    config: FingertipConfig, calibration: Calibration, clock: LocalClock, _report: Callable[[str], None]
+    config: FingertipConfig,
+    calibration: Calibration | None,
+    clock: LocalClock,
+    _report: Callable[[str], None],
 ) -> Source:
     """Open a recording, played in real time."""
     path = Path(config.capture.path)
     recording = open_recording(path, grey=is_grey(calibration))
-    check_recording(calibration, Path(config.estimator.calibration), recording.sensor, path)
+    if calibration is not None:
+        check_recording(calibration, Path(config.estimator.calibration), recording.sensor, path)
     return RealTimeSource(recording, loop=config.capture.loop, clock_us=clock.now_us)
 
 
 def camera_opener(
-    capture: CaptureConfig, calibration: Calibration, clock: LocalClock, report: Callable[[str], None]
+    config: FingertipConfig, calibration: Calibration | None, clock: LocalClock, report: Callable[[str], None]
 ) -> Callable[[], V4l2Source]:
     """Return a function that finds and opens the camera; it reports each line only once."""
+    capture = config.capture
     camera = capture.camera
-    width, height = calibration.sensor.image_size_px
+    width, height, fps = requested_stream(config, calibration)
     settings = CameraSettings(
         width=width,
         height=height,
-        fps=camera.fps or calibration.sensor.camera.fps,
+        fps=fps,
         code=None if camera.format == "any" else PixelCode(camera.format),
         grey=is_grey(calibration),
         fixed=FixedExposure(camera.exposure_us, camera.gain, camera.white_balance_K),
@@ -95,6 +106,26 @@ def camera_opener(
     return lambda: V4l2Source(find_camera(capture.path, camera.usb_serial), settings, clock, report_once)
 
 
-def is_grey(calibration: Calibration) -> bool:
-    """Return whether brightness alone distinguishes the beads from the skin."""
-    return calibration.appearance.channel == "grey"
+def described_sensor(config: FingertipConfig, calibration: Calibration | None) -> Sensor | None:
+    """Return the calibration's sensor, else that of estimator.sensor, else None. Raises DatasetError."""
+    if calibration is not None:
+        return calibration.sensor
+    return read_sensor(Path(config.estimator.sensor)) if config.estimator.sensor else None
+
+
+def requested_stream(config: FingertipConfig, calibration: Calibration | None) -> tuple[int, int, float]:
+    """Return width, height and frame rate to request of the camera.
+
+    They are those of the sensor. Without one, capture.camera.width and height count, else `DEFAULT_SIZE_PX`.
+    capture.camera.fps takes precedence. Raises DatasetError.
+    """
+    camera, sensor = config.capture.camera, described_sensor(config, calibration)
+    if sensor is not None:
+        return *sensor.image_size_px, camera.fps or sensor.camera.fps
+    width, height = DEFAULT_SIZE_PX
+    return camera.width or width, camera.height or height, camera.fps or DEFAULT_FPS
+
+
+def is_grey(calibration: Calibration | None) -> bool:
+    """Return whether brightness alone distinguishes the beads from the skin; False without a calibration."""
+    return calibration is not None and calibration.appearance.channel == "grey"

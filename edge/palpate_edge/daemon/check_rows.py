@@ -15,12 +15,14 @@ from palpate_edge.daemon.health import (
     ClockHealth,
     HealthReport,
     LightHealth,
+    PictureHealth,
 )
 
 FEW_BEADS_SHARE = 0.9
 LEAST_RATE_SHARE = 0.95
 MOST_DROPPED_SHARE = 0.01
 CLOCK_LIMIT_US = 200
+DARK, MOST_SATURATED_SHARE = 40.0, 0.05
 
 
 class Verdict(Enum):
@@ -87,6 +89,23 @@ def judge_beads(beads: BeadHealth) -> CheckRow:
     if beads.found < FEW_BEADS_SHARE * beads.expected:
         return CheckRow("beads", value, limit, Verdict.WARN, "clean the dome; check exposure and LED")
     return CheckRow("beads", value, limit, Verdict.OK, "")
+
+
+def judge_picture(picture: PictureHealth) -> CheckRow:
+    """Judge the picture of a fingertip without calibration: its light, and whether it shows beads."""
+    value = (
+        f"{picture.blobs} blobs, brightness {picture.brightness:.0f}, "
+        f"{100 * picture.saturated_share:.1f} % saturated, sharpness {picture.sharpness:.3f}"
+    )
+    limit = f"brightness >= {DARK:.0f}, <= {100 * MOST_SATURATED_SHARE:.0f} % saturated, beads in sight"
+    way_out = ""
+    if picture.saturated_share > MOST_SATURATED_SHARE:
+        way_out = "too bright: shorten capture.camera.exposure_us, or lower the LED level"
+    elif picture.brightness < DARK:
+        way_out = "too dark: lengthen capture.camera.exposure_us, or raise the LED level"
+    elif not picture.blobs:
+        way_out = "no beads in sight: focus the lens, and see palpate-edge inspect FRAME -o beads.png"
+    return CheckRow("picture", value, limit, Verdict.WARN if way_out else Verdict.OK, way_out)
 
 
 def judge_bus(bus: BusHealth) -> CheckRow:

@@ -20,7 +20,8 @@ class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of a V4L2 camera. usb_serial: the camera's serial number, in place of capture.path.
 
     format: ``any`` takes the first that reaches fps. fps: 0 for the calibration's. exposure_us, gain,
-    white_balance_K: fixed at this value, or at the camera's present value when not given.
+    white_balance_K: fixed at this value, or at the camera's present value when not given. width, height: of
+    the images when there is neither a calibration nor estimator.sensor.
     """
 
     usb_serial: str = ""
@@ -29,6 +30,8 @@ class CameraConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     exposure_us: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] | None = None
     gain: int | None = None
     white_balance_K: Annotated[int, msgspec.Meta(ge=1000, le=20_000)] | None = None
+    width: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
+    height: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
 
 
 class CaptureConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -60,11 +63,16 @@ class RecordConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The estimator. calibration: file made by ``palpate-edge calibrate``; sensor: the sensor.toml that it
     must match, empty for no check; method: ``paper``, ``corrected``, or ``best`` (corrected when the
-    calibration has a model)."""
+    calibration has a model).
 
-    calibration: str
+    calibration_required: False: while the file does not exist, the daemon runs without a calibration, and no
+    contact is valid. An empty `calibration` means the same.
+    """
+
+    calibration: str = ""
     sensor: str = ""
     method: Literal["best", "paper", "corrected"] = "best"
+    calibration_required: bool = True
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -91,9 +99,9 @@ class FingertipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     capture: CaptureConfig
-    estimator: EstimatorConfig
     node: NodeConfig
     bus: BusConfig
+    estimator: EstimatorConfig = EstimatorConfig()
     record: RecordConfig = RecordConfig()
     illumination: IlluminationConfig = IlluminationConfig()
     health: str = ""
@@ -108,7 +116,7 @@ def read_config(path: Path) -> FingertipConfig:
     capture = msgspec.structs.replace(config.capture, path=capture_path)
     estimator = msgspec.structs.replace(
         config.estimator,
-        calibration=str(folder / config.estimator.calibration),
+        calibration=str(folder / config.estimator.calibration) if config.estimator.calibration else "",
         sensor=str(folder / config.estimator.sensor) if config.estimator.sensor else "",
     )
     parameters = str(folder / config.node.parameters) if config.node.parameters else ""

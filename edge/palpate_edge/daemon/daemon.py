@@ -17,7 +17,6 @@ from pathlib import Path
 
 import cv2
 
-from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, ReconnectingBus
 from palpate_edge.can_bus.simulated_clock import clock_of
@@ -27,15 +26,17 @@ from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
-from palpate_edge.daemon.capture_factory import open_source
+from palpate_edge.daemon.capture_factory import open_source, requested_stream
 from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.estimator_factory import configured_calibration, make_estimator
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.daemon.recording_control import RecordingControl
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Method
+from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightController
 from palpate_edge.node.events import (
@@ -89,18 +90,21 @@ class _Daemon:
         self, config: FingertipConfig, clock: LocalClock, notifier: Notifier, stack: ExitStack
     ) -> None:
         self._clock, self._notifier = clock, notifier
-        calibration = load_calibration(Path(config.estimator.calibration))
-        chosen = config.estimator.method
-        estimator = Estimator(calibration, None if chosen == "best" else Method(chosen))
+        calibration = configured_calibration(config)
+        estimator = make_estimator(config, calibration)
+        if calibration is None:
+            _fingertip_log.warning(NO_CALIBRATION)
         source = open_source(config, calibration, clock, _camera_log.warning)
         self._recording = stack.enter_context(closing(RecordingControl(config.record)))
         self._capture = stack.enter_context(closing(CaptureThread(source, estimator, self._recording.offer)))
         self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         self._node = FingertipNode(
             config.node.id,
-            METHOD_CODES[estimator.method],
-            calibration.checksum,
-            model_hash=hashlib.sha256(calibration.model).hexdigest() if calibration.model else "",
+            MethodCode.PAPER if estimator.method is None else METHOD_CODES[estimator.method],
+            "" if calibration is None else calibration.checksum,
+            model_hash=hashlib.sha256(calibration.model).hexdigest()
+            if calibration is not None and calibration.model
+            else "",
             serial_number=config.node.serial_number,
             kept=self._parameters.load() if self._parameters else NOTHING_STORED,
             has_led=config.illumination.i2c_bus is not None,
@@ -111,7 +115,10 @@ class _Daemon:
         accept_ids = self._node.slave.accept_ids
         self._bus = ReconnectingBus(lambda: open_bus(config.bus, config.name, accept_ids()))
         stack.callback(self._bus.close)
-        self._core = FingertipCore(self._node, config.name, 1000 * config.capture.timeout_ms, clock.now_us())
+        timeout_us, is_calibrated = 1000 * config.capture.timeout_ms, calibration is not None
+        self._core = FingertipCore(
+            self._node, config.name, timeout_us, clock.now_us(), is_calibrated=is_calibrated
+        )
         self._gate = WatchdogGate(notifier.watchdog_us)
         self._parts = FingertipParts(
             config=config,
@@ -120,7 +127,7 @@ class _Daemon:
             capture=self._capture,
             recording=self._recording,
             light=self._light,
-            wanted_fps=config.capture.camera.fps or calibration.sensor.camera.fps,
+            wanted_fps=requested_stream(config, calibration)[2],
         )
         self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
         self._camera_problem = ""

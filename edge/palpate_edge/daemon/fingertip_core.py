@@ -45,12 +45,17 @@ class CoreStep:
 
 class FingertipCore:
     """The core of one fingertip. All times are local microseconds (LocalClock); only `clock` handles bus
-    times."""
+    times. is_calibrated: False reports an emergency, and no overruns: the search for blobs takes longer than a
+    frame."""
 
-    def __init__(self, node: FingertipNode, name: str, timeout_us: int, now_us: int) -> None:
+    def __init__(
+        self, node: FingertipNode, name: str, timeout_us: int, now_us: int, *, is_calibrated: bool = True
+    ) -> None:
         self.clock = BusClock()
         self.monitor = FrameMonitor(timeout_us, now_us)
         self.emergencies = ActiveEmergencies(node.slave.emcy)
+        self.emergencies.set(Emergency.NO_CALIBRATION, not is_calibrated)
+        self._is_calibrated = is_calibrated
         self._node = node
         self._name = name
         self._frames_out: list[CanFrame] = []
@@ -91,7 +96,7 @@ class FingertipCore:
         self.emergencies.set(Emergency.CAMERA_LOST, False)
         self.emergencies.set(Emergency.CAMERA_STALLED, False)
         self.emergencies.set(Emergency.BEADS_LOST, self.monitor.beads_are_lost(now_us))
-        self.emergencies.set(Emergency.OVERRUN, self.monitor.overruns())
+        self.emergencies.set(Emergency.OVERRUN, self._is_calibrated and self.monitor.overruns())
         self._node.report_health(health)
 
     def report_health(self, health: Health) -> None:

@@ -106,10 +106,20 @@ class LightHealth(msgspec.Struct, frozen=True, kw_only=True):
     pec_errors: int = 0
 
 
+class PictureHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """Measures of a recent picture of a fingertip without calibration, as `PictureMeasure`."""
+
+    brightness: float
+    saturated_share: float
+    sharpness: float
+    blobs: int
+
+
 class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     """All parts of one fingertip. written_at: CLOCK_MONOTONIC, s. latencies: bins of 2040h. recording: folder
     of the present recording, or empty. light: None without an illumination controller. recording_left_out:
-    frames that were not recorded because the disk was too slow, since the start."""
+    frames that were not recorded because the disk was too slow, since the start. picture: None with a
+    calibration."""
 
     name: str
     pid: int
@@ -128,6 +138,7 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockHealth
     light: LightHealth | None = None
     recording_left_out: int = 0
+    picture: PictureHealth | None = None
 
 
 def health_path(name: str, configured: str) -> Path:

@@ -18,11 +18,13 @@ from palpate_edge.daemon.health import (
     ClockHealth,
     HealthReport,
     LightHealth,
+    PictureHealth,
 )
 from palpate_edge.daemon.recording_control import RecordingControl
 from palpate_edge.illumination.controller_thread import LightController, LightState
 from palpate_edge.illumination.registers import Fault
 from palpate_edge.node.fingertip_objects import Counter, Health
+from palpate_edge.vision.picture_measure import PictureMeasure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +91,7 @@ def health_report(
         node_id=config.node.id,
         nmt_state=core.state.name.lower().replace("_", "-"),
         frames=monitor.frames,
-        method=capture.estimator.method.value,
+        method="none" if capture.estimator.method is None else capture.estimator.method.value,
         calibration=config.estimator.calibration,
         emergencies=core.emergencies.names(),
         latencies=core.latencies(),
@@ -100,7 +102,7 @@ def health_report(
             wanted_fps=parts.wanted_fps if config.capture.source == "v4l2" else None,
             age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
             dropped=capture.source.dropped,
-            dropped_share=dropped_share,
+            dropped_share=0.0 if capture.estimator.method is None else dropped_share,
             damaged=capture.source.damaged,
         ),
         beads=BeadHealth(
@@ -130,6 +132,19 @@ def health_report(
         clock=clock_health(core.clock, now_us),
         light=None if parts.light is None else light_health(parts.light.latest),
         recording_left_out=parts.recording.frames_left_out,
+        picture=picture_health(capture.estimator.picture),
+    )
+
+
+def picture_health(measure: PictureMeasure | None) -> PictureHealth | None:
+    """Return the report of a picture's measures; None where they are not taken."""
+    if measure is None:
+        return None
+    return PictureHealth(
+        brightness=measure.brightness,
+        saturated_share=measure.saturated_share,
+        sharpness=measure.sharpness,
+        blobs=measure.blobs,
     )
 
 

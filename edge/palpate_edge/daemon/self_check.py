@@ -10,12 +10,11 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import IlluminationError, PalpateError
-from palpate_edge.daemon.capture_factory import open_source
+from palpate_edge.daemon.capture_factory import open_source, requested_stream
 from palpate_edge.daemon.check_rows import (
     CheckRow,
     Verdict,
@@ -25,22 +24,26 @@ from palpate_edge.daemon.check_rows import (
     judge_camera,
     judge_clock,
     judge_light,
+    judge_picture,
 )
 from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.estimator_factory import configured_calibration, make_estimator
 from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
     CameraHealth,
     HealthReport,
 )
-from palpate_edge.daemon.health_report import clock_health, light_health
+from palpate_edge.daemon.health_report import clock_health, light_health, picture_health
 from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Estimator, best_method
+from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightState
 
 TRY_S = 1.5
+NOT_TRIED = CheckRow("camera", "not tried", "", Verdict.WARN, "this needs the calibration, see below")
 SYNC_ID, TIME_STAMP_ID = 0x080, 0x1FF
 
 
@@ -48,11 +51,13 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[CheckRow
     """Check all parts. report: of the running daemon, None when none runs."""
     calibration, calibration_rows = _check_calibration(config)
     if report is None:
-        rows = [*_try_frames(config, calibration), *calibration_rows, *_try_bus(config)]
+        is_usable = all(row.verdict is not Verdict.FAIL for row in calibration_rows)
+        frames = _try_frames(config, calibration) if is_usable else [NOT_TRIED]
+        rows = [*frames, *calibration_rows, *_try_bus(config)]
     else:
         rows = [
             judge_camera(report.camera, config.capture.timeout_ms),
-            judge_beads(report.beads),
+            judge_beads(report.beads) if report.picture is None else judge_picture(report.picture),
             *calibration_rows,
             judge_bus(report.bus),
             judge_clock(report.clock),
@@ -77,7 +82,9 @@ def _check_light(config: FingertipConfig, report: HealthReport | None) -> CheckR
 def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, list[CheckRow]]:
     path = Path(config.estimator.calibration)
     try:
-        calibration = load_calibration(path)
+        calibration = configured_calibration(config)
+        if calibration is None:
+            return None, [CheckRow("calibration", "none", "", Verdict.WARN, NO_CALIBRATION)]
         method = Estimator(calibration).method.value
     except PalpateError as error:
         return None, [CheckRow("calibration", path.name, "intact, of this sensor", Verdict.FAIL, str(error))]
@@ -92,14 +99,12 @@ def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, lis
 
 def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> list[CheckRow]:
     """Read and estimate frames for a second and judge camera and beads."""
-    if calibration is None:
-        return [CheckRow("camera", "not tried", "", Verdict.WARN, "this needs a calibration, see below")]
     notes: list[str] = []
     try:
         clock = clock_of(config.bus)
         source = open_source(config, calibration, clock, notes.append)
         try:
-            estimator = Estimator(calibration)
+            estimator = make_estimator(config, calibration)
             begin_s = time.monotonic()
             contacts = []
             dropped_frames, dropped_share = DroppedFrames(), 0.0
@@ -111,19 +116,21 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
             source.close()
     except PalpateError as error:
         return [CheckRow("camera", "not usable", "", Verdict.FAIL, str(error))]
-    wanted = config.capture.camera.fps or calibration.sensor.camera.fps
+    wanted = requested_stream(config, calibration)[2]
     camera = CameraHealth(
         source=config.capture.path or config.capture.camera.usb_serial,
         fps=fps,
         wanted_fps=wanted if config.capture.source == "v4l2" else None,
         age_ms=0.0 if contacts else None,
         dropped=source.dropped,
-        dropped_share=dropped_share,
+        dropped_share=0.0 if calibration is None else dropped_share,  # the search for blobs drops frames
         damaged=source.damaged,
     )
     rows = [judge_camera(camera, config.capture.timeout_ms)]
     rows += [CheckRow("camera", "", "", Verdict.WARN, note) for note in notes]
-    if contacts:
+    if contacts and (picture := picture_health(estimator.picture)) is not None:
+        rows.append(judge_picture(picture))
+    elif contacts:
         last = contacts[-1]
         refused = sum(not contact.valid for contact in contacts)
         rows.append(

@@ -65,7 +65,10 @@ class Estimator:
     """Estimates contact and force of one sensor, by the paper's method or by the correction model.
 
     State from frame to frame: the beads' last places, the tare, the drift and the last second's contacts.
+    picture: None, since the health of a calibrated sensor is that of its beads.
     """
+
+    picture = None
 
     def __init__(self, calibration: Calibration, method: Method | None = None) -> None:
         """method: :func:`best_method` if not given.

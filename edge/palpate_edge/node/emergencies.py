@@ -20,6 +20,7 @@ class Emergency(IntEnum):
     OVERRUN = 0xFF04
     CLOCK_LOST = 0xFF05
     LIGHT_LOST = 0xFF06
+    NO_CALIBRATION = 0xFF07
 
 
 REGISTER = {

@@ -81,10 +81,8 @@ def nmt(action: str, node: int, wait_s: float, **bus: Any) -> None:
     if not wait_s:
         return
     if not states:
-        who = "no node" if node == ALL else f"node 0x{node:02X}"
-        raise BusError(
-            f"{who} sent a heartbeat within {wait_s:g} s: list the nodes with palpate-host bus scan"
-        )
+        who = "all nodes" if node == ALL else f"node 0x{node:02X}"
+        raise BusError(f"{who}: no heartbeat within {wait_s:g} s; list the nodes with palpate-host bus scan")
     others = [sender for sender, state in states.items() if state not in REACHED[command]]
     if others:
         names = ", ".join(f"0x{sender:02X}" for sender in others)

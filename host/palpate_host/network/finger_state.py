@@ -21,7 +21,8 @@ class FingerRecord:
         self.node_id = node_id
         self.tip = Fingertip(node_id, name)
         self.unpaired = 0
-        self._name = name
+        self.is_calibrated = True
+        self.name = name
         self._last: TipContact | None = None
         self._valid_at_us: int | None = None
         self._touched_at_us: int | None = None
@@ -44,7 +45,7 @@ class FingerRecord:
     def health(self, now_us: int, heartbeat_timed_out: bool) -> FingerHealth:
         """Return the finger's state for the supervisor."""
         return FingerHealth(
-            name=self._name,
+            name=self.name,
             frame_age_us=_age(now_us, self._valid_at_us),
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,
@@ -58,7 +59,7 @@ class FingerRecord:
         last, counters = self._last, self.tip.counters
         age_us = None if last is None else _age(now_us, last.exposed_at_us)
         return FingerStatus(
-            name=self._name,
+            name=self.name,
             **{field: getattr(last, field) if last and last.in_contact else None for field in ATTRIBUTES},
             valid=last is not None and last.valid,
             in_contact=last is not None and last.in_contact,

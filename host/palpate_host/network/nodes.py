@@ -12,6 +12,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
+from palpate_edge.node.emergencies import Emergency
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
 from palpate_host.common.tip_contact import TipContact
@@ -178,6 +179,18 @@ class Nodes:
         for finger in self.fingers:
             if finger.node_id == node_id:
                 finger.tip.forget()
+                finger.is_calibrated = True  # until an emergency says otherwise
+
+    def uncalibrated(self) -> list[str]:
+        """Return the fingers whose fingertip has no calibration: none of its contacts is ever valid."""
+        return [
+            f"a calibration of {finger.name} (palpate-edge calibrate)"
+            for finger in self.fingers
+            if not finger.is_calibrated
+        ]
+
+    def _finger_of(self, node_id: int) -> FingerRecord | None:
+        return next((finger for finger in self.fingers if finger.node_id == node_id), None)
 
     def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
         """Count an emergency; a drive's temperature is a fault in every mode, even if the drive goes on.
@@ -187,6 +200,8 @@ class Nodes:
         self.counters.emergencies += 1
         code = int.from_bytes(frame.data[:2], "little")
         name = self.network.name(node_id)
+        if code == Emergency.NO_CALIBRATION and (finger := self._finger_of(node_id)) is not None:
+            finger.is_calibrated = False
         self.last_emergency = f"{name}: EMCY {code:04X}h"
         if is_temperature(code) and self.drives.has(node_id):
             reason = f"{name}: temperature beyond its limit (EMCY {code:04X}h): let it cool, then recover"

@@ -23,6 +23,7 @@ from palpate_host.drives.registry import CIA402
 from palpate_host.service.hand_devices import devices_of_hand
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
+CALIBRATION = (0x2001, 0)
 DRIVE_PROFILE, FINGERTIP_PROFILE = 402, 404
 MODES, RATED_TORQUE, TORQUE_CAP = (0x6502, 0), (0x6076, 0), (0x6072, 0)
 FEED, ANGLE, WATCHDOG = (0x6092, 1), (0x6064, 0), (0x1400, 5)
@@ -75,6 +76,8 @@ def _fingertip(device: Device, who: str, read: Read) -> NodeReport:
     problems = list(_identity(device, FINGERTIP_PROFILE, read))
     if not problems:
         problems += differences(device, lambda key: read(device.node_id, device, key))
+        if not read(device.node_id, device, CALIBRATION):
+            problems.append("has no calibration, so none of its contacts is valid: palpate-edge calibrate")
     return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
 
 

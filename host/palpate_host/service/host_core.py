@@ -250,17 +250,19 @@ class HostCore:
     def _decide(self, tick_us: int, no_virtual_frame: str, qdot_rad_s: Array | None) -> Decision:
         last, nodes = self._decision, self._nodes
         orientation = self._control.orientation
+        is_blind = self._config.control.mode is ControlMode.BLIND
+        unchecked = [*nodes.network.not_operating(), *([] if is_blind else nodes.uncalibrated())]
         inputs = Inputs(
             now_us=tick_us,
             stop=self._stop_reason,
             fault=nodes.fault or nodes.fault_now(tick_us, last.mode, qdot_rad_s),
             missing=", ".join(nodes.network.missing()),
-            unchecked=", ".join(nodes.network.not_operating()),
+            unchecked=", ".join(unchecked),
             homing=nodes.drives.homing.waiting,
             drives_waiting=nodes.drives.waiting(),
             no_virtual_frame=no_virtual_frame,
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
-            blind_by_choice=self._config.control.mode is ControlMode.BLIND,
+            blind_by_choice=is_blind,
             goal=self._goal,
             fingers=[
                 finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))

@@ -188,10 +188,13 @@ def test_a_recording_is_what_the_camera_gave(rig, drawn_dataset):
     assert 20 < open_recording(folder).fps < 40
 
 
-def test_a_recording_needs_a_daemon(rig):
+def test_without_a_daemon_the_camera_is_recorded_directly(rig):
     rig.process.terminate()
     rig.process.wait(60)
-    done = rig.edge("record", "start")
+    done = rig.edge("record", "start", "--frames", "3", "-o", str(rig.folder / "frames"))
+    assert done.returncode == 0 and "no daemon runs" in done.stderr
+    assert len(list((rig.folder / "frames").glob("*.png"))) == 3
+    done = rig.edge("record", "stop")
     assert done.returncode == 5
     assert "no daemon of finger runs" in done.stderr
 

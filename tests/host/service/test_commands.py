@@ -191,6 +191,28 @@ def said_by(rig, node_id, code, register):
     rig.host_queue.append((rig.now_us + 1, CanFrame(0x080 + node_id, struct.pack("<HB5x", code, register))))
 
 
+def test_a_fingertip_without_calibration_keeps_the_host_in_check(bench, table_4):
+    """It says so itself after its boot-up, and again after each reset."""
+    config, hand = table_4
+    rig = bench.VirtualBench(msgspec.structs.replace(config, run=RunConfig(start=StartMode.COMMAND)), hand)
+
+    def with_emergency(stamp_us, frame):
+        yield stamp_us, frame
+        if frame.can_id == 0x711 and frame.data == b"\0":
+            yield stamp_us + 1, CanFrame(0x091, struct.pack("<HB5x", 0xFF07, 0x81))
+
+    rig.to_host = with_emergency
+    status = rig.run(1.0)
+    assert status.mode is Mode.CHECK
+    assert status.reason == "waiting for a calibration of finger-2 (palpate-edge calibrate)"
+    assert not powered(rig)
+    rig.to_host = lambda stamp_us, frame: [(stamp_us, frame)]
+    rig.core.command(Stop())
+    rig.run(1.0)
+    rig.core.command(Recover())
+    assert rig.run(1.0).mode is Mode.READY
+
+
 @pytest.mark.parametrize("code", [0x4000, 0x4210, 0x4310, 0x4FFF])
 def test_a_drive_beyond_its_temperature_is_a_fault_before_it_moves_too(waiting, code):
     said_by(waiting, 3, code, 0x09)

@@ -21,6 +21,8 @@ def nodes(bench, table_4):
         if (node_id, key) in changed:
             return changed[node_id, key]
         value = slaves[node_id].read(*key)
+        if isinstance(value, str):
+            return int.from_bytes(value.encode(), "little")
         return value if value >= 0 else value + (1 << 32)
 
     return config, read, changed
