@@ -45,8 +45,7 @@ class CoreStep:
 
 class FingertipCore:
     """The core of one fingertip. All times are local microseconds (LocalClock); only `clock` handles bus
-    times. is_calibrated: False reports an emergency, and no overruns: the search for blobs takes longer than a
-    frame."""
+    times. is_calibrated: False reports an emergency, and no overruns: the search for blobs drops frames."""
 
     def __init__(
         self, node: FingertipNode, name: str, timeout_us: int, now_us: int, *, is_calibrated: bool = True

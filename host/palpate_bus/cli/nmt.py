@@ -86,7 +86,9 @@ def nmt(action: str, node: int, wait_s: float, **bus: Any) -> None:
     others = [sender for sender, state in states.items() if state not in REACHED[command]]
     if others:
         names = ", ".join(f"0x{sender:02X}" for sender in others)
-        raise BusError(f"{names} did not obey {action}: another master may command it (palpate-host run)")
+        raise BusError(
+            f"{names}: state not reached after {action}: another master may command it (palpate-host run)"
+        )
 
 
 def _name(state: int) -> str:
