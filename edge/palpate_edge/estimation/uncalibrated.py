@@ -17,8 +17,10 @@ NO_CALIBRATION = "no calibration: no contact is valid; make one with palpate-edg
 
 
 class ContactEstimator(Protocol):
-    """The interface that the daemon needs of an estimator. method: None without a calibration; picture: measures of a
-    recent frame, None where they are not taken."""
+    """The interface that the daemon needs of an estimator.
+
+    method: None without a calibration; picture: measures of a recent frame, None where they are not taken.
+    """
 
     @property
     def method(self) -> Method | None: ...
