@@ -166,7 +166,9 @@ class Tracker:
         position_px, found = expected_px, np.zeros_like(matched)
         beads = np.flatnonzero(matched)
         if len(beads):
-            position_px[beads], found[beads] = self._windows.find_matched(expected_px[beads], beads)
+            position_px[beads], found[beads] = self._windows.find_matched(
+                expected_px[beads], beads, match.predicted_px[beads]
+            )
         position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
         return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)
 

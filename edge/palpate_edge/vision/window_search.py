@@ -22,6 +22,7 @@ SAME_WINDOW = 0.15  # of the bead's diameter: a window so near to another one sh
 MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.45
 # Of a bead whose blob was matched with it.
 MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
+MAX_FAINT_STEP = 0.2  # of a bead below MIN_CONTRAST_SHARE, from its prediction; a speck may be anywhere
 # Places of dim beads and of beads beside glare are less exact: on a sensor in strong room light the error is
 # 0.2 px over the contrast's share, 0.5 px with an unevenness at its limit and 1 px with 0.1 more.
 DIM = 0.7  # of the contrast; lighter beads are exact
@@ -89,6 +90,7 @@ class WindowSearch:
         found &= last.area[beads] < self._max_area[beads]
         step = last.position_px[beads] - expected_px
         found &= np.vecdot(step, step) < MAX_PREDICTED_STEP**2 * self._spacing_squared[beads]
+        found &= self._not_faint_and_off(last.position_px[beads], expected_px, beads)
         found &= self._excess[beads] < self._max_glare
         return last.position_px[beads], found
 
@@ -105,15 +107,27 @@ class WindowSearch:
         last.position_px[beads], last.area[beads] = refined.position_px, refined.area
         last.converged[beads] = refined.converged
 
-    def find_matched(self, blob_px: Array, beads: Indices) -> tuple[Array, Mask]:
-        """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured."""
+    def find_matched(self, blob_px: Array, beads: Indices, predicted_px: Array) -> tuple[Array, Mask]:
+        """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured.
+
+        predicted_px (m, 2): where their neighbours predict them.
+        """
         refined, step_squared = self._measure(blob_px, beads, self._windows_of_blob)
         self._excess[beads] = self._excess_of(refined.unevenness, beads)
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
         found &= step_squared < MAX_BLOB_STEP**2
+        found &= self._not_faint_and_off(refined.position_px, predicted_px, beads)
         found &= self._excess[beads] < self._max_glare
         return refined.position_px, found
+
+    def _not_faint_and_off(self, position_px: Array, predicted_px: Array, beads: Indices) -> Mask:
+        """Return which `beads` (m,) are not both faint and off their predicted places (m, 2)."""
+        faint = self._contrast_share[beads] < MIN_CONTRAST_SHARE
+        apart = position_px - predicted_px
+        return np.asarray(
+            ~faint | (np.vecdot(apart, apart) < MAX_FAINT_STEP**2 * self._spacing_squared[beads])
+        )
 
     def noise(self, found: Mask) -> Floats | None:
         """Return the standard deviation (n,) of each found bead's place over that in the reference frames;

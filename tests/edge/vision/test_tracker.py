@@ -89,6 +89,20 @@ def test_hidden_beads_are_lost_and_come_back(skin):
     assert tracker.counters.frames == 4
 
 
+def test_a_speck_near_a_hidden_bead_is_no_bead(skin):
+    """Dirt on the skin, a third as dark as a bead, may lie within reach of any hidden bead's place."""
+    reference, draw = skin
+    places, hidden = sheared(grid(), 0.7 * SPACING_PX), (16, 24)
+    picture = draw(places, hidden).astype(np.float32)
+    rows, columns = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    for bead in hidden:
+        x, y = places[bead] + [0.28 * SPACING_PX, 0.0]
+        picture -= 60 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 1.5**2))
+    beads = Tracker(reference).follow(np.clip(picture, 0, 255).astype(np.uint8))
+    assert beads.searched
+    assert set(np.flatnonzero(~beads.found)) == set(hidden)
+
+
 @pytest.mark.parametrize("hidden", [(24,), tuple(range(0, 49, 4)), tuple(range(14))])
 def test_beads_that_stay_hidden_cause_one_search_at_most(skin, hidden):
     """One bead, 27 % of all here and there, or the first two rows: the others are followed as ever."""
