@@ -17,6 +17,7 @@ from palpate_edge.cli.identify import identify
 from palpate_edge.cli.inspect_frame import inspect
 from palpate_edge.cli.record import record
 from palpate_edge.cli.run import run
+from palpate_edge.cli.setup import setup
 from palpate_edge.cli.train import train
 from palpate_edge.common.entry_point import run_cli
 
@@ -28,6 +29,7 @@ def cli() -> None:
 
     \b
     Examples:
+      palpate-edge setup
       palpate-edge calibrate demo/recording/press -o finger-1.cal
       palpate-edge estimate demo/recording/press --calibration finger-1.cal --csv contacts.csv
       palpate-edge run --config finger-1.toml
@@ -47,7 +49,7 @@ def _quieten_libraries() -> None:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
-for command in (calibrate, train, estimate, evaluate, run, inspect, follow, check, record, identify):
+for command in (setup, calibrate, train, estimate, evaluate, run, inspect, follow, check, record, identify):
     cli.add_command(command)
 
 

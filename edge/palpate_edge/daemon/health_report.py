@@ -84,6 +84,7 @@ def health_report(
     monitor = core.monitor
     contact = monitor.last_contact
     counters, estimator = bus.counters, capture.estimator.health
+    measure = capture.estimator.picture
     return HealthReport(
         name=config.name,
         pid=os.getpid(),
@@ -132,14 +133,12 @@ def health_report(
         clock=clock_health(core.clock, now_us),
         light=None if parts.light is None else light_health(parts.light.latest),
         recording_left_out=parts.recording.frames_left_out,
-        picture=picture_health(capture.estimator.picture),
+        picture=None if measure is None else picture_health(measure),
     )
 
 
-def picture_health(measure: PictureMeasure | None) -> PictureHealth | None:
-    """Return the report of a picture's measures; None where they are not taken."""
-    if measure is None:
-        return None
+def picture_health(measure: PictureMeasure) -> PictureHealth:
+    """Return the report of a picture's measures."""
     return PictureHealth(
         brightness=measure.brightness,
         saturated_share=measure.saturated_share,

@@ -13,6 +13,8 @@ from pathlib import Path
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.simulated_clock import clock_of
+from palpate_edge.capture.source import Source
+from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import IlluminationError, PalpateError
 from palpate_edge.daemon.capture_factory import open_source, requested_stream
 from palpate_edge.daemon.check_rows import (
@@ -38,7 +40,7 @@ from palpate_edge.daemon.health_report import clock_health, light_health, pictur
 from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.estimator import Estimator, best_method
-from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
+from palpate_edge.estimation.uncalibrated import NO_CALIBRATION, ContactEstimator
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightState
 
@@ -105,13 +107,13 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
         source = open_source(config, calibration, clock, notes.append)
         try:
             estimator = make_estimator(config, calibration)
+            contacts = _first_contact(source, estimator)
             begin_s = time.monotonic()
-            contacts = []
             dropped_frames, dropped_share = DroppedFrames(), 0.0
             while time.monotonic() < begin_s + TRY_S and (frame := source.read()) is not None:
                 contacts.append(estimator.estimate(frame))
                 dropped_share = dropped_frames.share(clock.now_us(), len(contacts), source.dropped)
-            fps = len(contacts) / (time.monotonic() - begin_s)
+            fps = max(0, len(contacts) - 1) / (time.monotonic() - begin_s)
         finally:
             source.close()
     except PalpateError as error:
@@ -128,8 +130,8 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
     )
     rows = [judge_camera(camera, config.capture.timeout_ms)]
     rows += [CheckRow("camera", "", "", Verdict.WARN, note) for note in notes]
-    if contacts and (picture := picture_health(estimator.picture)) is not None:
-        rows.append(judge_picture(picture))
+    if estimator.picture is not None:
+        rows.append(judge_picture(picture_health(estimator.picture)))
     elif contacts:
         last = contacts[-1]
         refused = sum(not contact.valid for contact in contacts)
@@ -141,6 +143,12 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
             )
         )
     return rows
+
+
+def _first_contact(source: Source, estimator: ContactEstimator) -> list[Contact]:
+    """Return the contact of the first frame, which takes longer than the following; empty without a frame."""
+    frame = source.read()
+    return [] if frame is None else [estimator.estimate(frame)]
 
 
 def _try_bus(config: FingertipConfig) -> list[CheckRow]:

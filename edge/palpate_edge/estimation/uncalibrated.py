@@ -12,7 +12,7 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.estimator import EstimatorHealth, Method
 from palpate_edge.vision.picture_measure import PictureMeasure, measure_picture
 
-MEASURE_EVERY_US = 1_000_000
+MEASURE_EVERY_US = 2_000_000
 NO_CALIBRATION = "no calibration: no contact is valid; make one with palpate-edge calibrate"
 
 
@@ -33,7 +33,7 @@ class ContactEstimator(Protocol):
 
 
 class UncalibratedEstimator:
-    """Measures a picture a second; every contact is refused with the reason `NO_CALIBRATION`.
+    """Measures a picture every two seconds; every contact is refused with the reason `NO_CALIBRATION`.
 
     picture: the last measures.
     """

@@ -14,6 +14,7 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.node.nmt import ERROR_CONTROL_ID, NMT_ID, NmtCommand, NmtState
 
 ALL = 0
+WAIT_NODE_S, WAIT_ALL_S = 10.0, 1.5
 COMMANDS = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -46,14 +47,13 @@ class NodeOrAll(NodeId):
     "--wait",
     "wait_s",
     type=click.FloatRange(0, 60),
-    default=1.5,
-    show_default=True,
-    help="Wait this long for the nodes' heartbeats, s; 0: only send.",
+    help="Wait this long for heartbeats, s; 0: only send [default: 10 for a node, 1.5 for all].",
 )
-def nmt(action: str, node: int, wait_s: float, **bus: Any) -> None:
+def nmt(action: str, node: int, wait_s: float | None, **bus: Any) -> None:
     """Start, stop or reset NODE, or all nodes, and print the states they report.
 
-    A fingertip sends its contacts only after a start. No drive is enabled by it. A running palpate-host run
+    A node that starts up meanwhile gets the command again. A fingertip sends its contacts only after a start.
+    No drive is enabled by it. A running palpate-host run
     starts its nodes itself; a stop of all nodes stops its hand.
 
     Exit status: 0 the nodes report the new state, 6 no heartbeat or another state.
@@ -65,15 +65,20 @@ def nmt(action: str, node: int, wait_s: float, **bus: Any) -> None:
       palpate-host bus nmt reset 0x10
     """
     command = COMMANDS[action]
+    if wait_s is None:
+        wait_s = WAIT_ALL_S if node == ALL else WAIT_NODE_S
+    frame_out = CanFrame(NMT_ID, bytes((command, node)))
     states: dict[int, int] = {}
     with open_bus(chosen_bus(**bus), "nmt") as port:
-        port.send([CanFrame(NMT_ID, bytes((command, node)))])
+        port.send([frame_out])
         end_s = time.monotonic() + wait_s
         while (left_s := end_s - time.monotonic()) > 0:
             for _, frame in port.receive(left_s):
                 sender = frame.can_id - ERROR_CONTROL_ID
                 if 1 <= sender <= 127 and len(frame.data) == 1 and node in (ALL, sender):
                     states[sender] = frame.data[0] & 0x7F
+                    if sender == node and states[sender] not in REACHED[command]:
+                        port.send([frame_out])
             if states.get(node) in REACHED[command]:
                 break
     for sender, state in sorted(states.items()):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+import palpate_edge
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.packaged import MODELS
@@ -19,7 +20,10 @@ EXAMPLES = {
     "hand-table3.toml": (MODELS / "table3.toml", "the hand of the paper's Table 3"),
     "experiment.toml": (MODELS / "experiment.toml", "the protocol of palpate-host experiment"),
     "finger.toml": (PACKAGE / "examples" / "finger.toml", "a fingertip with a V4L2 camera on SocketCAN"),
-    "sensor.toml": (PACKAGE / "examples" / "sensor.toml", "the geometry of a sensor with 85 beads"),
+    "sensor.toml": (
+        Path(palpate_edge.__file__).parent / "setup" / "sensor.toml",
+        "the geometry of a sensor with 85 beads",
+    ),
 }
 """Name -> the file, and its content in a few words."""
 
