@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from palpate_edge.calibration.measurement import dropped_presses
-from palpate_edge.calibration.pose.label_regression import fit_labels
 from palpate_edge.calibration.pose.press_matching import FEWEST_PRESSES, match_presses
+from palpate_edge.calibration.pose.regression.label_regression import fit_labels
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
 from palpate_edge.calibration.pose.spots import press_spots
 from palpate_edge.common.errors import CalibrationError
@@ -62,4 +62,5 @@ def calibrate_pose(
             dataset.folder.resolve().name, len(dataset.reference), int(good.sum()), dropped
         ),
         local=fitted.local or msgspec.UNSET,
+        networks=fitted.networks or msgspec.UNSET,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import fit
+from palpate_edge.calibration.pose.regression.kernel_regression import fit
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import choose_settings, evenly, fit
 from palpate_edge.calibration.pose.principal_modes import PrincipalModes, principal_modes
+from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, evenly, fit
 from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner, packed

@@ -16,13 +16,13 @@ import numpy as np
 
 from palpate_edge.calibration.measurement import dropped_presses
 from palpate_edge.calibration.pose.correction import OwnCorrection, fit_correction
-from palpate_edge.calibration.pose.kernel_regression import choose_settings, fit
 from palpate_edge.calibration.pose.label_axes import AxisChange, declared_change, measured_change
-from palpate_edge.calibration.pose.label_regression import kinds_of
-from palpate_edge.calibration.pose.metric_learning import LearnedMetric, learn_metrics
 from palpate_edge.calibration.pose.pose_model import PoseModel
 from palpate_edge.calibration.pose.press_matching import MIN_FOUND_TO_LEARN, is_clean
 from palpate_edge.calibration.pose.principal_modes import PrincipalModes, principal_modes
+from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, fit
+from palpate_edge.calibration.pose.regression.label_regression import kinds_of
+from palpate_edge.calibration.pose.regression.metric_learning import LearnedMetric, learn_metrics
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
 from palpate_edge.calibration.pose.spots import press_spots
 from palpate_edge.calibration.pose.transferred import PressesHere, presses_here

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import choose_settings, fit
 from palpate_edge.calibration.pose.pose_model import PoseModel
 from palpate_edge.calibration.pose.principal_modes import principal_modes
+from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, fit
 from palpate_edge.calibration.pose.rest_registration import register_rest
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError

@@ -11,6 +11,7 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.calibration import CalibrationSource
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, PackedArray
 from palpate_edge.estimation.pose.local_expansion import LocalExpansion
+from palpate_edge.estimation.pose.network import Networks
 from palpate_edge.geometry.picture_sensor import PictureSensor
 from palpate_edge.vision.appearance import Appearance
 
@@ -49,7 +50,8 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     touches; displacement: modes of the markers' displacements (2 n,), centres: of the presses in them;
     groups: expansions of the labels; half_widths: expansion of the logarithm of the half width of each
     label's 95 % interval; mean: of each label over the presses; checksum: over all other fields; local:
-    better expansions of some labels, about the groups' results; those of one label are added.
+    better expansions of some labels, about the groups' results; those of one label are added; networks:
+    corrections of some labels, by the groups' results and by the local expansions of these labels.
     """
 
     sensor: PictureSensor
@@ -70,6 +72,7 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: int = VERSION
     checksum: str = ""
     local: tuple[LocalExpansion, ...] | msgspec.UnsetType = msgspec.UNSET
+    networks: Networks | msgspec.UnsetType = msgspec.UNSET
 
     def digest(self) -> str:
         """Return the SHA-256, hex, over all fields but the checksum."""

@@ -6,8 +6,6 @@ No input or output, no clock, no state but the last image (a camera that is froz
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image
@@ -17,7 +15,7 @@ from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.plausibility import check_doubt, check_found, check_smooth
 from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner
-from palpate_edge.estimation.pose.local_expansion import LocalExpansionRunner
+from palpate_edge.estimation.pose.label_runner import LabelRunner
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
 from palpate_edge.estimation.pose.pose_calibration import Guide, Modes, PoseCalibration
@@ -68,17 +66,7 @@ class PoseEstimator:
         density = MarkerDensity(self._rest_px)
         self._expected = ExpectedDisplacement(calibration.guide, self._displacement, density)
         self._pairing = Pairing(self._rest_px)
-        centres = calibration.centres.array()
-        local = calibration.local or ()
-        given = {label for expansion in local for label in expansion.given}
-        replaced = {label for expansion in local for label in expansion.labels} - given
-        self._groups = [
-            (group.labels, ExpansionRunner(group.expansion, centres))
-            for group in calibration.groups
-            if not replaced.issuperset(group.labels)
-        ]
-        self._local = [LocalExpansionRunner(expansion, centres) for expansion in local]
-        self._half_widths = ExpansionRunner(calibration.half_widths, centres)
+        self._labels = LabelRunner(calibration)
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of a frame; a rejected frame gives `valid` False and the reason."""
@@ -107,7 +95,7 @@ class PoseEstimator:
             reason="",
             beads_found=found,
             beads_expected=expected,
-            pose=self._labels(moved_px),
+            pose=self._pose(moved_px),
         )
 
     def markers(self, image: Image) -> PairedMarkers:
@@ -116,20 +104,12 @@ class PoseEstimator:
         spots = self._detector.find(plane(image, self._calibration.appearance))
         return self._pairing.match(self._rest_px + self._expected.of(spots.position_px), spots)
 
-    def _labels(self, moved_px: Array) -> tuple[LabelEstimate, ...]:
+    def _pose(self, moved_px: Array) -> tuple[LabelEstimate, ...]:
         point = self._displacement.coordinates(moved_px.ravel())
-        values = np.zeros(len(self._calibration.labels))
-        for labels, runner in self._groups:
-            values[list(labels)] += runner.at(point)
-        first = values.copy()
-        for local in self._local:
-            values[local.labels] = 0.0
-        for local in self._local:
-            values[local.labels] += local.at(point, first)
-        half_widths = self._half_widths.at(point).tolist()
+        values, half_widths = self._labels.at(point), self._labels.half_widths_at(point)
         return tuple(
-            LabelEstimate(label, value, math.exp(half_width))
+            LabelEstimate(label, value, half_width)
             for label, value, half_width in zip(
-                self._calibration.labels, values.tolist(), half_widths, strict=True
+                self._calibration.labels, values.tolist(), half_widths.tolist(), strict=True
             )
         )

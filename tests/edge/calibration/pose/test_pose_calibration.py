@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -20,6 +21,8 @@ from palpate_edge.common.contact import POSE_LABELS
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.pose_dataset import read_pose_dataset
+from palpate_edge.estimation.pose.kernel_expansion import packed
+from palpate_edge.estimation.pose.network import NetworkLayer, Networks
 from palpate_edge.estimation.pose.pose_estimator import PoseEstimator
 
 pytestmark = pytest.mark.long
@@ -157,3 +160,19 @@ def test_pose_labels_beside_contact_places_are_learned_when_asked_for(pad_datase
     assert load_pose_calibration(out).labels == POSE_LABELS
     run = CliRunner().invoke(cli, ["calibrate", str(pad_dataset), "-o", str(out), "--labels", "contact"])
     assert "has no contact places" in str(run.exception)
+
+
+def test_networks_correct_the_labels_that_they_name_and_no_others(pad, pad_calibration):
+    """Networks of weight 0 and bias 2, with outputs of size 3, add 6 to torsion."""
+    local = [each for each in pad_calibration.local or () if set(each.labels) <= {5}]
+    inputs = len(POSE_LABELS) + sum(len(each.labels) for each in local)
+    layer = NetworkLayer(packed(np.zeros((1, inputs, 1))), packed(np.full((1, 1, 1), 2.0)))
+    ones = packed(np.ones(inputs))
+    networks = Networks((5,), ones, ones, (layer,), packed(np.array([3.0])))
+    frame = Frame(pad.picture(pad.rest_px(), seed=9), 0, 0, "rest")
+    plain, corrected = (
+        PoseEstimator(calibration).estimate(frame).pose
+        for calibration in (pad_calibration, msgspec.structs.replace(pad_calibration, networks=networks))
+    )
+    added = [after.value - before.value for before, after in zip(plain, corrected, strict=True)]
+    assert added == pytest.approx([0, 0, 0, 0, 0, 6], abs=1e-4)

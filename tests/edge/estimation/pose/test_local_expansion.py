@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.pose.local_regression import LocalInputs, fit_local
+from palpate_edge.calibration.pose.regression.local_regression import LocalInputs, fit_local
 from palpate_edge.estimation.pose.kernel_expansion import packed
 from palpate_edge.estimation.pose.local_expansion import LocalExpansion, LocalExpansionRunner
 

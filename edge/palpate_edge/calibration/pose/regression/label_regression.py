@@ -1,7 +1,8 @@
 """Regression of the pose labels on the markers' displacement, with a 95 % interval for each.
 
 Labels of one kind (both tilts, both shears) share a kernel and its metric. First results are those of a
-kernel regression; local regressions (local_regression.py) about them may be better. Errors are those of
+kernel regression; local regressions (local_regression.py) about them may be better, and networks
+(motion_networks.py) about both for shear and torsion. Errors are those of
 presses that neither fit nor metric has seen: left out one by one from the fit; and from the learning of the
 metric in parts, or, of many presses, for good. By these errors the metric's round and the regression are
 chosen. The half width of an interval follows their size about a press: their logarithm is regressed on the
@@ -16,16 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import choose_settings, evenly, fit
-from palpate_edge.calibration.pose.label_candidates import Candidates, fit_candidates
-from palpate_edge.calibration.pose.metric_learning import (
+from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, evenly, fit
+from palpate_edge.calibration.pose.regression.label_candidates import Candidates, fit_candidates
+from palpate_edge.calibration.pose.regression.metric_learning import (
     MOST_FOR_METRIC,
     LearnedMetric,
     learn_metrics,
 )
+from palpate_edge.calibration.pose.regression.motion_networks import MotionNetworks, fit_motion_networks
 from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
 from palpate_edge.estimation.pose.local_expansion import LocalExpansion
+from palpate_edge.estimation.pose.network import Networks
 from palpate_edge.estimation.pose.pose_calibration import LabelGroup
 
 COVERAGE = 0.95
@@ -40,10 +43,12 @@ SPREAD_POWERS, SPREAD_LENGTHS = (0.0, 0.5), (1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, slots=True)
 class FittedLabels:
-    """groups and local: expansions of the labels; half_widths: expansion of the log half widths."""
+    """groups and local: expansions of the labels; networks: corrections of their sum, None without any;
+    half_widths: expansion of the log half widths."""
 
     groups: tuple[LabelGroup, ...]
     local: tuple[LocalExpansion, ...]
+    networks: Networks | None
     half_widths: Expansion
 
 
@@ -52,17 +57,38 @@ def fit_labels(points: Array, variance: Array, targets: Array, labels: Sequence[
     variance (m,)."""
     kinds = _named_kinds(labels)
     data = _Data(points, variance, targets, kinds)
+    moving = None
     if len(points) >= MANY_PRESSES:
         candidates, errors, judged = _fit_many(data)
+        moving = _if_better(fit_motion_networks(candidates, kinds, judged), errors)
     else:
         candidates, errors, judged = _fit_in_parts(data)
     error, groups, local = np.empty((len(judged), len(labels))), [], []
     for group, places in enumerate(kinds.values()):
-        best = _least(errors[group])
-        error[:, places] = errors[group][best]
+        if moving and group in moving.errors:
+            best, error[:, places] = candidates.mean_of_local(group), moving.errors[group]
+        else:
+            best = _least(errors[group])
+            error[:, places] = errors[group][best]
         groups.append(LabelGroup(tuple(places), candidates.first[group].expansion))
         local += candidates.expansions(group, best)
-    return FittedLabels(tuple(groups), tuple(local), _fit_half_widths(points, variance, error, judged))
+    return FittedLabels(
+        groups=tuple(groups),
+        local=tuple(local),
+        networks=moving.networks if moving else None,
+        half_widths=_fit_half_widths(points, variance, error, judged),
+    )
+
+
+def _if_better(moving: MotionNetworks | None, errors: list[list[Array]]) -> MotionNetworks | None:
+    """Return networks whose errors are less, in the mean, than the least of each kind they correct."""
+    if moving is None:
+        return None
+    ratios = [
+        (error.mean(axis=0) / np.maximum(errors[kind][_least(errors[kind])].mean(axis=0), 1e-12)).mean()
+        for kind, error in moving.errors.items()
+    ]
+    return moving if np.mean(ratios) < 1 else None
 
 
 def kinds_of(labels: Sequence[str]) -> list[list[int]]:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import Fit, fit
-from palpate_edge.calibration.pose.local_regression import LocalFit, LocalInputs, fit_local
-from palpate_edge.calibration.pose.metric_learning import LearnedMetric
+from palpate_edge.calibration.pose.regression.kernel_regression import Fit, fit
+from palpate_edge.calibration.pose.regression.local_regression import LocalFit, LocalInputs, fit_local
+from palpate_edge.calibration.pose.regression.metric_learning import LearnedMetric
 from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.pose.local_expansion import LocalExpansion
 
@@ -37,6 +37,11 @@ class Candidates:
                 predicted.append(np.mean(predicted[1:], axis=0))
             errors.append([np.abs(targets - one)[at] for one in predicted])
         return errors
+
+    def mean_of_local(self, kind: int) -> int:
+        """Return the candidate that is the mean of all local regressions of a kind."""
+        count = len(self.local[kind])
+        return count + 1 if count > 1 else count
 
     def expansions(self, kind: int, candidate: int) -> list[LocalExpansion]:
         """Return the local expansions whose sum is this candidate, none of the first."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import (
+from palpate_edge.calibration.pose.regression.kernel_regression import (
     Settings,
     choose_settings,
     evenly,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.kernel_regression import (
+from palpate_edge.calibration.pose.regression.kernel_regression import (
     MOST_FOR_SETTINGS,
     evenly,
     ridge_solution,
