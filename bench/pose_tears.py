@@ -25,15 +25,15 @@ def torn_frames(rest_px: Array, displacement_px: Array, found: Mask, poses: Arra
     """
     pitch_px = float(np.median(spacing(rest_px)))
     first, second = np.nonzero(np.triu(distances(rest_px, rest_px) < NEIGHBOURS * pitch_px, k=1))
-    left_px = displacement_px - _predicted(displacement_px.reshape(len(poses), -1), poses).reshape(
-        displacement_px.shape
-    )
+    left_px = displacement_px - predicted_displacement(
+        displacement_px.reshape(len(poses), -1), poses
+    ).reshape(displacement_px.shape)
     jump = np.linalg.norm(left_px[:, first] - left_px[:, second], axis=2) > JUMP * pitch_px
     jumps = (jump & found[:, first] & found[:, second]).sum(axis=1)
     return np.asarray(jumps > MOST_JUMPS)
 
 
-def _predicted(displacement_px: Array, poses: Array) -> Array:
+def predicted_displacement(displacement_px: Array, poses: Array) -> Array:
     """Return the displacement (s, d) of each frame by the poses of the others."""
     point = (poses - poses.mean(axis=0)) / (LENGTH * poses.std(axis=0))
     gram = np.exp(-0.5 * distances(point, point) ** 2) + RIDGE * np.eye(len(point))

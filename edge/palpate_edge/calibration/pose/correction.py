@@ -1,4 +1,9 @@
-"""Correction of a pose model's regression on a new sensor, learned from few presses of its own."""
+"""Correction of a pose model's regression on a new sensor, learned from few presses of its own.
+
+What the model has wrong is taken for a Gaussian process: a trend that is linear in the labels that it gives
+(another sensor is stiffer, or touched later), and a smooth rest. Ten presses do not tell how large each of
+them is. Therefore all settings count by how probable they make the presses (their evidence).
+"""
 
 from __future__ import annotations
 
@@ -8,50 +13,82 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.calibration.pose.regression.kernel_regression import fit
+from palpate_edge.calibration.pose.regression.kernel_regression import kernel
 from palpate_edge.common.arrays import Array
-from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
 
-LENGTHS = (0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)  # of the kernel, over that of the model
-RIDGES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # the last: nearly a constant
+LENGTHS = (0.7, 1.0, 2.0, 4.0, 8.0)  # of the kernel, over that of the model
+AMPLITUDES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of the smooth rest
+TRENDS = (0.0, 0.03, 0.1, 0.3, 1.0)  # variance of a slope
+OFFSET = 0.3  # variance of what is wrong everywhere
+NOISES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 NORMAL_95 = 1.96
 COVERING = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class OwnCorrection:
-    """metric (m, q) and weights (c, k) about own points, offset (k,); half_width (k,) of 95 % intervals."""
+    """metric (m, q) and weights (c, k) about own points; trend (l, k) and offset (k,) of the model's labels;
+    half_width (k,) of 95 % intervals."""
 
     metric: Array
     weights: Array
+    trend: Array
     offset: Array
     half_width: Array
 
-    def expansion(self, before: Array) -> Expansion:
-        """Return the expansion about other centres, with these weights (s, k), followed by the own ones."""
-        return Expansion(
-            packed(self.metric), packed(np.vstack([before, self.weights])), packed(self.offset), "matern"
-        )
+    def times(self, size: Array) -> OwnCorrection:
+        """Return it with outputs in a unit of which `size` (k,) are one of these."""
+        outputs = (self.weights, self.trend, self.offset, self.half_width)
+        return OwnCorrection(self.metric, *(each * size for each in outputs))
 
 
-def fit_correction(points: Array, metric: Array, left: Array) -> OwnCorrection:
+@dataclass(frozen=True, slots=True)
+class _Posterior:
+    """Mean weights (c, k) of smooth rest, trend and offset, what is left (c, k) of each press by the others,
+    and the logarithm of the evidence."""
+
+    weights: Array
+    smooth: Array
+    slopes: Array
+    left_over: Array
+    log_evidence: float
+
+
+def fit_correction(points: Array, metric: Array, first: Array, left: Array) -> OwnCorrection:
     """Fit what is left over (c, k) at own points (c, m), with the model's metric (m, q).
 
-    Kernel length and ridge are those with the least mean absolute error on presses left out in turn.
+    first (c, l): the labels that the model gives, about their mean and over their deviation; left: in units
+    in which a model may be off by about 1.
     """
-    best, least = None, math.inf
-    for length, ridge in itertools.product(LENGTHS, RIDGES):
-        fitted = fit(points, metric / length, left, ridge)
-        score = float(np.abs(left - fitted.left_out).mean())
-        if score < least:
-            best, least, scaled = fitted, score, metric / length
-    assert best is not None
+    found = [(length, _posterior(points @ (metric / length), first, left)) for length in LENGTHS]
+    length, best = max(found, key=lambda one: one[1].log_evidence)
     return OwnCorrection(
-        scaled,
-        best.expansion.weights.array().astype(np.float64),
-        best.expansion.offset.array().astype(np.float64),
-        _half_width(left - best.left_out),
+        metric / length,
+        best.smooth,
+        first.T @ best.slopes,
+        OFFSET * best.weights.sum(axis=0),
+        _half_width(best.left_over),
     )
+
+
+def _posterior(points: Array, first: Array, left: Array) -> _Posterior:
+    """Return the mean over all settings with the kernel of points (c, q), by their evidence."""
+    smooth, linear = kernel(points), first @ first.T
+    logs, found = [], []
+    for amplitude, trend in itertools.product(AMPLITUDES, TRENDS):
+        values, vectors = np.linalg.eigh(OFFSET + trend * linear + amplitude * smooth)
+        squared, turned = vectors**2, vectors.T @ left
+        for noise in NOISES:
+            inverse = 1 / (np.maximum(values, 0.0) + noise)
+            weights = vectors @ (inverse[:, None] * turned)
+            fit = (inverse[:, None] * turned**2).sum()
+            logs.append(-0.5 * float(fit - left.shape[1] * np.log(inverse).sum()))
+            left_over = weights / (squared @ inverse)[:, None]
+            found.append((weights, amplitude * weights, trend * weights, left_over))
+    share = np.exp(np.array(logs) - max(logs))
+    mean = (np.tensordot(share / share.sum(), np.array(each), axes=1) for each in zip(*found, strict=True))
+    weights, rest, slopes, left_over = mean
+    return _Posterior(weights, rest, slopes, left_over, max(logs) + math.log(share.sum()))
 
 
 def _half_width(error: Array) -> Array:

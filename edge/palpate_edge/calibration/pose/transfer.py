@@ -3,7 +3,7 @@
 The model's presses, brought into this sensor's image (transferred.py), stand in for its own: they give the
 modes of displacement, the guide from marker density to displacement, and a first regression of the labels.
 The axes of this table follow from own presses (label_axes.py). What the first regression has wrong is learned
-from them by a second one (correction.py); the estimate is the sum of both.
+from them (correction.py) and added.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from palpate_edge.calibration.pose.regression.metric_learning import LearnedMetr
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
 from palpate_edge.calibration.pose.spots import press_spots
 from palpate_edge.calibration.pose.transferred import PressesHere, presses_here
-from palpate_edge.common.arrays import Array, Mask
+from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.datasets.pose_dataset import PoseDataset
 from palpate_edge.estimation.calibration import CalibrationSource
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, ExpansionRunner, packed
 from palpate_edge.estimation.pose.marker_density import MarkerDensity
 from palpate_edge.estimation.pose.pairing import PairedMarkers, Pairing
-from palpate_edge.estimation.pose.pose_calibration import Guide, LabelGroup, PoseCalibration
+from palpate_edge.estimation.pose.pose_calibration import Guide, LabelCorrection, LabelGroup, PoseCalibration
 from palpate_edge.geometry.picture_sensor import LabelAxes
 from palpate_edge.vision.blob_detection import Blobs
 
@@ -42,6 +42,7 @@ DENSITY_MODES, DISPLACEMENT_MODES = 60, 80
 GUIDE_LENGTHS = (1.0, 2.0, 4.0)
 GUIDED = 12  # displacement modes by which the guide's settings are chosen
 SMOOTHER = 3.0  # ridge over the one that fits the model's own sensors best
+OFF = 0.3  # deviations of a label; about what a model has wrong on another sensor
 UNSEEN_SENSOR = 2.0  # errors on a sensor without presses over those on the model's own, left out
 COVERING = 0.95
 
@@ -80,7 +81,9 @@ def calibrate_with_model(
     )
     change, corrections, points = _adapt(base, here, own, dataset, model.axes)
     targets = change.applied(here.targets, dataset.labels)
-    groups, half_width = _groups(base, targets, corrections, len(points))
+    groups, half_width = _groups(base, targets, len(points))
+    if corrections:
+        half_width = np.concatenate([each.half_width for each in corrections])[_order(base.kinds)]
     dropped = dropped_presses(
         "markers could not be followed",
         [press for press, kept in zip(presses, good.tolist(), strict=True) if not kept],
@@ -106,9 +109,10 @@ def calibrate_with_model(
         half_widths=Expansion(
             packed(np.eye(base.points.shape[1])),
             packed(np.zeros((count, len(dataset.labels)))),
-            packed(np.log(half_width)),
+            packed(np.log(np.maximum(half_width, 1e-9))),
         ),
         source=CalibrationSource(dataset.folder.resolve().name, len(dataset.reference), len(points), dropped),
+        correction=_packed(base, targets, corrections) if corrections else msgspec.UNSET,
     )
 
 
@@ -166,35 +170,45 @@ def _adapt(
         runner = ExpansionRunner(expansion, base.points)
         predicted[:, some] = [runner.at(point) for point in points.astype(np.float32)]
     change = measured_change(predicted, own.targets, dataset.labels) or change
-    left = own.targets - change.applied(predicted, dataset.labels)
-    corrections = [
-        fit_correction(points, learned.metric, left[:, some])
-        for some, learned in zip(base.kinds, base.metrics, strict=True)
-    ]
+    first, targets = (change.applied(values, dataset.labels) for values in (predicted, here.targets))
+    left, deviation = own.targets - first, targets.std(axis=0)
+    scaled = (first - targets.mean(axis=0)) / deviation
+    corrections = []
+    for some, learned in zip(base.kinds, base.metrics, strict=True):
+        size = OFF * deviation[some]
+        found = fit_correction(points, learned.metric, scaled, left[:, some] / size)
+        corrections.append(found.times(size))
     return change, corrections, points
 
 
-def _groups(
-    base: Base, targets: Array, corrections: list[OwnCorrection], own: int
-) -> tuple[tuple[LabelGroup, ...], Array]:
-    """Return the groups of the model's regression and of the corrections, and the half widths (k,)."""
+def _groups(base: Base, targets: Array, own: int) -> tuple[tuple[LabelGroup, ...], Array]:
+    """Return the groups of the model's regression, followed by `own` centres without weight, and the half
+    widths (k,) on a sensor without presses of its own."""
     groups, half_width = [], np.empty(targets.shape[1])
-    zeros = np.zeros((own, 1))
-    for place, (some, learned) in enumerate(zip(base.kinds, base.metrics, strict=True)):
+    for some, learned in zip(base.kinds, base.metrics, strict=True):
         fitted = fit(base.points, learned.metric, targets[:, some], SMOOTHER * learned.ridge)
-        weights = np.vstack([fitted.expansion.weights.array(), np.repeat(zeros, len(some), axis=1)])
+        weights = np.vstack([fitted.expansion.weights.array(), np.zeros((own, len(some)))])
         groups.append(
-            LabelGroup(
-                tuple(some),
-                msgspec.structs.replace(fitted.expansion, weights=packed(weights)),
-            )
+            LabelGroup(tuple(some), msgspec.structs.replace(fitted.expansion, weights=packed(weights)))
         )
-        if corrections:
-            correction = corrections[place]
-            before = np.zeros((len(base.points), len(some)))
-            groups.append(LabelGroup(tuple(some), correction.expansion(before)))
-            half_width[some] = correction.half_width
-        else:
-            error = np.abs(targets[:, some] - fitted.left_out)
-            half_width[some] = UNSEEN_SENSOR * np.quantile(error, COVERING, axis=0)
-    return tuple(groups), np.maximum(half_width, 1e-9)
+        error = np.abs(targets[:, some] - fitted.left_out)
+        half_width[some] = UNSEEN_SENSOR * np.quantile(error, COVERING, axis=0)
+    return tuple(groups), half_width
+
+
+def _packed(base: Base, targets: Array, corrections: list[OwnCorrection]) -> LabelCorrection:
+    """Return the corrections of all kinds, for labels in their units."""
+    order = _order(base.kinds)
+    trend = np.hstack([each.trend for each in corrections])[:, order] / targets.std(axis=0)[:, None]
+    offset = np.concatenate([each.offset for each in corrections])[order] - targets.mean(axis=0) @ trend
+    groups = []
+    for some, each in zip(base.kinds, corrections, strict=True):
+        weights = np.vstack([np.zeros((len(base.points), len(some))), each.weights])
+        expansion = Expansion(packed(each.metric), packed(weights), packed(np.zeros(len(some))), "matern")
+        groups.append(LabelGroup(tuple(some), expansion))
+    return LabelCorrection(packed(trend), packed(offset), tuple(groups))
+
+
+def _order(kinds: list[list[int]]) -> Indices:
+    """Return where each label is among the labels of all kinds in turn."""
+    return np.argsort([label for some in kinds for label in some])

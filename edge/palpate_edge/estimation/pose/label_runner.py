@@ -27,6 +27,16 @@ class LabelRunner:
             for group in calibration.groups
             if not replaced.issuperset(group.labels)
         ]
+        correction = calibration.correction or None
+        self._correction = (
+            (
+                correction.trend.array(),
+                correction.offset.array(),
+                [(list(each.labels), ExpansionRunner(each.expansion, centres)) for each in correction.groups],
+            )
+            if correction
+            else None
+        )
         self._local = [LocalExpansionRunner(expansion, centres) for expansion in local]
         self._half_widths = ExpansionRunner(calibration.half_widths, centres)
 
@@ -35,6 +45,11 @@ class LabelRunner:
         values = np.zeros(self._count)
         for labels, runner in self._groups:
             values[labels] += runner.at(point)
+        if self._correction:
+            trend, offset, groups = self._correction
+            values += values @ trend + offset
+            for labels, runner in groups:
+                values[labels] += runner.at(point)
         first = values.copy()
         outputs = [local.at(point, first) for local in self._local]
         for local in self._local:

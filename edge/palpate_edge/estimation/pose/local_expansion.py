@@ -45,7 +45,8 @@ class LocalExpansionRunner:
     def __init__(self, expansion: LocalExpansion, centres: Array | Floats) -> None:
         self.labels = list(expansion.labels)
         self._given = list(expansion.given)
-        self._scale, self._poses = expansion.scale.array(), expansion.poses.array().astype(np.float64)
+        self._scale = expansion.scale.array()
+        self._poses = np.ascontiguousarray(expansion.poses.array().T, np.float64)  # sums over rows are fast
         self._metric = expansion.metric.array()
         self._points = np.ascontiguousarray(centres[list(expansion.centres)] @ self._metric, np.float32)
         self._weights = expansion.weights.array().astype(np.float64)
@@ -53,6 +54,6 @@ class LocalExpansionRunner:
 
     def at(self, point: Floats, first: Array) -> Floats:
         """Return the outputs (k,) at one point (p,) whose labels by the first regression are `first` (l,)."""
-        apart = self._poses - first[self._given] * self._scale
-        near = matern(np.vecdot(apart, apart)) * (1.0 + self._points @ (point @ self._metric))
+        apart = self._poses - (first[self._given] * self._scale)[:, None]
+        near = matern(np.square(apart).sum(axis=0)) * (1.0 + self._points @ (point @ self._metric))
         return np.asarray(near @ self._weights + self._offset, dtype=np.float32)

@@ -42,6 +42,15 @@ class LabelGroup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     expansion: Expansion
 
 
+class LabelCorrection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a regression from other sensors has wrong on this one, to be added: its labels (k,) times trend
+    (k, k), offset (k,), and the sums of the groups."""
+
+    trend: PackedArray
+    offset: PackedArray
+    groups: tuple[LabelGroup, ...]
+
+
 class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One sensor's calibration.
 
@@ -51,7 +60,8 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     groups: expansions of the labels; half_widths: expansion of the logarithm of the half width of each
     label's 95 % interval; mean: of each label over the presses; checksum: over all other fields; local:
     better expansions of some labels, about the groups' results; those of one label are added; networks:
-    corrections of some labels, by the groups' results and by the local expansions of these labels.
+    corrections of some labels, by the groups' results and by the local expansions of these labels;
+    correction: of the groups' results, where these come from other sensors.
     """
 
     sensor: PictureSensor
@@ -73,6 +83,7 @@ class PoseCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     checksum: str = ""
     local: tuple[LocalExpansion, ...] | msgspec.UnsetType = msgspec.UNSET
     networks: Networks | msgspec.UnsetType = msgspec.UNSET
+    correction: LabelCorrection | msgspec.UnsetType = msgspec.UNSET
 
     def digest(self) -> str:
         """Return the SHA-256, hex, over all fields but the checksum."""

@@ -34,7 +34,7 @@ from palpate_edge.estimation.pose.pose_calibration import LabelGroup
 COVERAGE = 0.95
 FLOOR = 0.1  # of the median error, added before the logarithm
 MANY_PRESSES = 1200  # so many that half of them can be kept from the learning of the metric
-MOST_LOCAL = 3000  # presses of local regressions
+MOST_LOCAL = 4000  # presses of local regressions
 FEW_PRESSES = 300
 PARTS_OF_FEW, PARTS = 5, 2  # few presses lose much with each one that the metric has not seen
 MOST_FOR_ROUND, MOST_FOR_ERRORS = 1000, 1600  # presses that a round is chosen by, and intervals learned from

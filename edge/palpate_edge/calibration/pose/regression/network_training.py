@@ -19,7 +19,7 @@ from palpate_edge.estimation.pose.network import NetworkLayer, Networks, layer_o
 
 PARTS = 5  # and networks
 HIDDEN = (64, 64)
-EPOCHS, BATCH = 120, 64
+EPOCHS, BATCH = 200, 64
 STEP, DECAY = 3e-3, 0.2
 MOMENTUM, SQUARES = 0.9, 0.999
 NEARLY_ZERO = 0.1  # deviations; the gradient of a smaller error is in proportion to it
