@@ -26,7 +26,7 @@ from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_mode
 from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
-from palpate_edge.estimation.estimator import Method
+from palpate_edge.estimation.frame_estimator import Method
 
 FINGERS = ("finger-1", "finger-2", "finger-3")
 

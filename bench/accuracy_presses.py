@@ -16,7 +16,7 @@ from palpate_edge.calibration.evaluation import Band, evaluate_dataset
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import PressDataset
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.estimation.estimator import Method
+from palpate_edge.estimation.frame_estimator import Method
 
 COUNTS = (0, 5, 10, 20, 50, 100)
 SUBSETS = 3

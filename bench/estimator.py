@@ -16,7 +16,8 @@ from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.correction_model import CorrectionModel
 from palpate_edge.estimation.displacement_field import DisplacementReader
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.appearance import plane

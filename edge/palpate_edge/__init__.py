@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from palpate_edge.common.errors import PalpateError
     from palpate_edge.common.frame import Frame
     from palpate_edge.estimation.calibration import Calibration
-    from palpate_edge.estimation.estimator import Estimator, EstimatorHealth, Method
+    from palpate_edge.estimation.estimator import Estimator
+    from palpate_edge.estimation.frame_estimator import EstimatorHealth, Method
 else:
     __getattr__ = lazy_exports(
         __name__,
@@ -24,7 +25,8 @@ else:
             "common.errors": "PalpateError",
             "common.frame": "Frame",
             "estimation.calibration": "Calibration",
-            "estimation.estimator": "Estimator EstimatorHealth Method",
+            "estimation.estimator": "Estimator",
+            "estimation.frame_estimator": "EstimatorHealth Method",
         },
     )
 

@@ -51,7 +51,7 @@ class Recorder(can.Listener):
 def durand_of_eds(network, node_id, eds):
     """A durand node with every object of an EDS that it does not bring itself, and its mapped PDOs."""
     node = durand.Node(
-        network, node_id, capabilities=durand.node.NodeCapabilities(sdo_servers=1, rpdos=4, tpdos=5)
+        network, node_id, capabilities=durand.node.NodeCapabilities(sdo_servers=1, rpdos=4, tpdos=9)
     )
     od = load_eds(eds, node_id)
     records: dict[int, Record] = {}
@@ -69,13 +69,13 @@ def durand_of_eds(network, node_id, eds):
             node.object_dictionary[index] = variable
     for index, record in records.items():
         node.object_dictionary[index] = record
-    for number in range(5):
+    for number in range(9):
         if 0x1A00 + number in od.indices:
             count = od.default_number(0x1A00 + number, 0)
             words = [od.default_number(0x1A00 + number, 1 + slot) for slot in range(count)]
             node.tpdo[number].mapping = [(word >> 16, word >> 8 & 0xFF) for word in words]
             node.tpdo[number].transmission_type = 254
-            if number == 4:  # durand knows the identifiers of four TPDOs
+            if number >= 4:  # durand knows the identifiers of four TPDOs
                 cob_id = od.default_number(0x1800 + number, 1)
                 node.object_dictionary.write(0x1800 + number, 1, cob_id, downloaded=True)
     return node

@@ -41,7 +41,7 @@ def estimate_frames() -> list[Contact]:
     from palpate_edge.datasets.press_dataset import read_dataset
     from palpate_edge.datasets.recording import all_frames, open_recording
     from palpate_edge.estimation.estimator import Estimator
-    from palpate_edge.estimation.estimator import Method as Estimation
+    from palpate_edge.estimation.frame_estimator import Method as Estimation
 
     calibration = calibrate(read_dataset(RECORDING / "press"))
     recording = open_recording(RECORDING / "finger-2", grey=calibration.appearance.channel == "grey")

@@ -12,8 +12,10 @@ from palpate_edge.common.errors import CalibrationError, reason_of
 from palpate_edge.common.type_text import value_text
 from palpate_edge.estimation.calibration import FORMAT, VERSION, Calibration
 from palpate_edge.estimation.pose.pose_calibration import FORMAT as POSE_FORMAT
+from palpate_edge.geometry.picture_sensor import PictureSensor
 from palpate_edge.geometry.sensor import Sensor
 
+AnySensor = Sensor | PictureSensor
 AGAIN = "make it again with palpate-edge calibrate"
 
 
@@ -65,7 +67,7 @@ def _check_version(data: bytes, path: Path) -> None:
         return
     if head.format == POSE_FORMAT:
         raise CalibrationError(
-            f"{path} calibrates pose labels, not contacts: use it with palpate-edge estimate or evaluate"
+            f"{path} calibrates pose labels, not contacts: use it with palpate-edge run, estimate or evaluate"
         )
     if head.format != FORMAT or head.version != VERSION:
         raise CalibrationError(
@@ -74,9 +76,9 @@ def _check_version(data: bytes, path: Path) -> None:
         )
 
 
-def check_sensor(calibration: Calibration, calibration_path: Path, sensor: Sensor, where: Path) -> None:
+def check_sensor(calibrated: AnySensor, calibration_path: Path, sensor: AnySensor, where: Path) -> None:
     """Refuse a calibration of another sensor than the one that the file `where` describes."""
-    ours, theirs = calibration.sensor.fingerprint(), sensor.fingerprint()
+    ours, theirs = calibrated.fingerprint(), sensor.fingerprint()
     if ours != theirs:
         raise CalibrationError(
             f"calibration {calibration_path} was made for sensor {ours}, {where} describes {theirs}: "

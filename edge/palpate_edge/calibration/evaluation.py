@@ -26,7 +26,8 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import Press, read_dataset
 from palpate_edge.datasets.truth_table import check_split_has_rows
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import Method
 
 REGIONS_DEG = ((15, 30), (30, 45), (45, 60), (60, 75), (75, 90))  # above the base plane, Fig. 8b
 POLE_DEG = 90  # region 5 holds its upper end
@@ -118,7 +119,7 @@ def evaluate_dataset(
 ) -> Figures:
     """Estimate every frame of a split and compare. Raises DatasetError when the split has no row."""
     dataset = read_dataset(folder)
-    check_sensor(calibration, calibration_path, dataset.sensor, folder / "sensor.toml")
+    check_sensor(calibration.sensor, calibration_path, dataset.sensor, folder / "sensor.toml")
     presses = dataset.split(split)
     check_split_has_rows(folder, split, presses)
     estimator = Estimator(calibration, method)

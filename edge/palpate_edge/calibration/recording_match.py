@@ -26,7 +26,7 @@ def check_recording(
     Raises CalibrationError.
     """
     if described is not None:
-        check_sensor(calibration, calibration_path, described, path / "sensor.toml")
+        check_sensor(calibration.sensor, calibration_path, described, path / "sensor.toml")
     if is_dataset(path):
         _check_reference(calibration, calibration_path, path)
 

@@ -10,6 +10,7 @@ from palpate_edge.capture.frame_ring import RingFormat, RingReader
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError
 from palpate_edge.common.frame import Frame
 from palpate_edge.common.local_clock import monotonic_us
+from palpate_edge.geometry.picture_sensor import PictureSensor
 from palpate_edge.geometry.sensor import Sensor
 
 POLL_S = 0.001
@@ -27,7 +28,7 @@ class SharedMemorySource:
     def __init__(
         self,
         path: Path,
-        sensor: Sensor | None,
+        sensor: Sensor | PictureSensor | None,
         at_monotonic_us: Callable[[int], int],
         now_us: Callable[[], int] = monotonic_us,
     ) -> None:
@@ -84,7 +85,7 @@ class SharedMemorySource:
         self._reader.close()
 
 
-def _check(form: RingFormat, sensor: Sensor, path: Path) -> None:
+def _check(form: RingFormat, sensor: Sensor | PictureSensor, path: Path) -> None:
     if (form.width, form.height) != sensor.image_size_px:
         width, height = sensor.image_size_px
         raise CaptureError(

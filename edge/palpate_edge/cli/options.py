@@ -11,7 +11,7 @@ from palpate_edge.common.atomic_write import STANDARD_OUTPUT
 from palpate_edge.common.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from palpate_edge.estimation.estimator import Method
+    from palpate_edge.estimation.frame_estimator import Method
 
 INPUT = click.Path(path_type=Path)
 OUTPUT = click.Path(path_type=Path)
@@ -36,7 +36,7 @@ diameter_option = click.option(
 
 def method_of(name: str) -> Method | None:
     """Return the method of the --method option; None for the calibration's best."""
-    from palpate_edge.estimation.estimator import Method  # noqa: PLC0415 - slow to import
+    from palpate_edge.estimation.frame_estimator import Method  # noqa: PLC0415 - slow to import
 
     return None if name == "best" else Method(name)
 

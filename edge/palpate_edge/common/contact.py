@@ -8,15 +8,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from palpate_edge.common.contact_quantities import OptionalQuantities
+from palpate_edge.common.contact_quantities import FlatPose, OptionalQuantities
 
 Vector3 = tuple[float, float, float]
 
 MIN_BEADS_SHARE = 0.6  # of the beads that a frame must show; with fewer it is rejected
-
-POSE_LABELS = ("depth_mm", "tilt_x_deg", "tilt_y_deg", "shear_x_mm", "shear_y_mm", "torsion_deg")
-"""Pose of a flat object that is pressed on a sensor (docs/own-sensor.md): columns of truth.csv and of the CSV
-of estimates, in their order there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +54,14 @@ class Contact(OptionalQuantities):
     beads_expected: int
     slip: bool = False
     pose: tuple[LabelEstimate, ...] = ()
+
+    @property
+    def flat_pose(self) -> FlatPose | None:
+        """The pose with its half widths; None when no label was learned."""
+        if not self.pose:
+            return None
+        values = {estimate.label: estimate.value for estimate in self.pose}
+        return FlatPose(**values, **{f"{one.label}_95": one.half_width95 for one in self.pose})
 
     @property
     def shear_N(self) -> Vector3 | None:

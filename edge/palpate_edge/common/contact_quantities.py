@@ -8,18 +8,18 @@ against it. docs/bus.md describes how to add a quantity.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import groupby
 from typing import Any
 
 AI_AUTOZERO, AI_UNIT, AI_DECIMALS, AI_STATUS, AI_INPUT = 0x6125, 0x6131, 0x6132, 0x6150, 0x7130
 """CiA 404, analog input block: each quantity is one channel, that is one sub-index; 7130h is an INTEGER16."""
 
-UNIT_CODES = {"mm": 0xFD01_0000, "N": 0x0021_0000, "N mm": 0xFD23_0000}
+UNIT_CODES = {"mm": 0xFD01_0000, "N": 0x0021_0000, "N mm": 0xFD23_0000, "deg": 0x0041_0000}
 """Values of 6131h by CiA 303-2: prefix, numerator, denominator, reserved."""
 
 NOT_GIVEN = -0x8000
-"""Value of 7130h of an optional quantity that the estimation method does not give."""
+"""Value of 7130h of a quantity that the estimation method does not give; no measured value."""
 
 BASE_TPDOS = (1, 2, 3)
 """TPDOs of a contact that every fingertip sends, in the order of the bus; the last one closes the set."""
@@ -42,18 +42,58 @@ class OptionalQuantities:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FlatPose:
+    """Pose of a flat object on a sensor (docs/own-sensor.md); None for a label that was not learned.
+
+    Those ending in _95: half widths of 95 % intervals.
+    """
+
+    depth_mm: float | None = None
+    tilt_x_deg: float | None = None
+    tilt_y_deg: float | None = None
+    shear_x_mm: float | None = None
+    shear_y_mm: float | None = None
+    torsion_deg: float | None = None
+    depth_mm_95: float | None = None
+    tilt_x_deg_95: float | None = None
+    tilt_y_deg_95: float | None = None
+    shear_x_mm_95: float | None = None
+    shear_y_mm_95: float | None = None
+    torsion_deg_95: float | None = None
+
+
+FLAT_POSE_FIELDS = tuple(field.name for field in fields(FlatPose))
+POSE_LABELS = tuple(name for name in FLAT_POSE_FIELDS if not name.endswith("_95"))
+"""Columns of truth.csv and of the CSV of estimates, in their order there."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorOutputs:
+    """Parts of a contact that a calibration gives.
+
+    place: position on the dome; force: normal force and shear; pose: of a flat object. A contact without one
+    that its sensor gives is in doubt; one that its sensor does not give is unknown, and the rest is valid.
+    """
+
+    place: bool = True
+    force: bool = True
+    pose: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
     """One quantity of a contact.
 
     name: as the EDS spells it, behind "Value of", "Unit of", "Status of".
-    attribute, element: field of Contact, TipContact and FingerStatus; element of a vector.
+    attribute, element: field of Contact, TipContact and FingerStatus; element of a vector or field of a pose.
     column: short name with its unit, for CSV, Parquet and MCAP.
     channel: sub-index of 6125h, 6131h, 6132h, 6150h and 7130h.
     unit, decimals: 6131h and 6132h; the raw value counts 10^-decimals units.
     tpdo: number of the TPDO and place in its mapping, both from 1.
     usual_raw: range of raw values on an ordinary hand, for the bus-load budget.
     optional: a method may omit the quantity without making the contact doubtful.
-    not_given: raw value that stands for "not given"; None: the channel then carries 0.
+    not_given: raw value where a contact lacks the quantity; None: the channel then carries 0, but NOT_GIVEN
+        where the sensor gives none.
     csv_digits: digits in the CSV of ``palpate-edge estimate``; None: no column there.
     in_tactile_vector: element of ``observation.tactile.FINGER`` in a recording's table; the other quantities
         have a column of their own, ``observation.COLUMN``, with one element a finger.
@@ -62,7 +102,7 @@ class Quantity:
 
     name: str
     attribute: str
-    element: int | None = None
+    element: int | str | None = None
     column: str
     channel: int
     unit: str
@@ -82,8 +122,8 @@ class Quantity:
         return int(10**self.decimals)
 
     def value(self, raw: int) -> float | None:
-        """Convert a raw value of 7130h to the quantity's unit; None when it stands for "not given"."""
-        return None if raw == self.not_given else raw / self.increments_per_unit
+        """Convert a raw value of 7130h to the quantity's unit; None for NOT_GIVEN."""
+        return None if raw == NOT_GIVEN else raw / self.increments_per_unit
 
     def of(self, contact: object) -> float | None:
         """Return the quantity of a Contact, TipContact or FingerStatus."""
@@ -94,6 +134,28 @@ class Quantity:
         if self.in_tactile_vector:
             return f"observation.tactile.{finger}.{self.column}"
         return f"observation.{self.column}.{finger}"
+
+
+def _of_pose(
+    name: str, label: str, channel: int, tpdo: tuple[int, int], usual_raw: tuple[int, int]
+) -> Quantity:
+    """Return the row of a pose label, or of its half width; it is plotted on the panel of its kind."""
+    unit, decimals = ("deg", 2) if "_deg" in label else ("mm", 3)
+    return Quantity(
+        name=name,
+        attribute="flat_pose",
+        element=label,
+        column=label,
+        channel=channel,
+        unit=unit,
+        decimals=decimals,
+        tpdo=tpdo,
+        usual_raw=usual_raw,
+        optional=True,
+        not_given=NOT_GIVEN,
+        csv_digits=4,
+        plot=f"pose/{{finger}}/{label}",
+    )
 
 
 QUANTITIES = (
@@ -236,6 +298,18 @@ QUANTITIES = (
         csv_digits=5,
         plot="force95/{finger}",
     ),
+    _of_pose("object depth", "depth_mm", 11, (6, 2), (0, 5000)),
+    _of_pose("object tilt x", "tilt_x_deg", 12, (6, 3), (-2500, 2500)),
+    _of_pose("object tilt y", "tilt_y_deg", 13, (6, 4), (-2500, 2500)),
+    _of_pose("object shear x", "shear_x_mm", 14, (7, 2), (-5000, 5000)),
+    _of_pose("object shear y", "shear_y_mm", 15, (7, 3), (-5000, 5000)),
+    _of_pose("object torsion", "torsion_deg", 16, (7, 4), (-2500, 2500)),
+    _of_pose("object depth error", "depth_mm_95", 17, (8, 2), (0, 500)),
+    _of_pose("object tilt x error", "tilt_x_deg_95", 18, (8, 3), (0, 300)),
+    _of_pose("object tilt y error", "tilt_y_deg_95", 19, (8, 4), (0, 300)),
+    _of_pose("object shear x error", "shear_x_mm_95", 20, (9, 2), (0, 2000)),
+    _of_pose("object shear y error", "shear_y_mm_95", 21, (9, 3), (0, 2000)),
+    _of_pose("object torsion error", "torsion_deg_95", 22, (9, 4), (0, 500)),
 )
 """Rows in the order of their columns in CSV files, which is a contract: a new row goes last."""
 
@@ -243,6 +317,12 @@ EXTRA_TPDOS = tuple(sorted({quantity.tpdo[0] for quantity in QUANTITIES} - {*BAS
 """TPDOs of further quantities, sent before the last of BASE_TPDOS; each repeats the sequence (2013h)."""
 
 CONTACT_TPDOS = tuple(sorted([*BASE_TPDOS, *EXTRA_TPDOS]))
+
+POSE_TPDOS = tuple(sorted({row.tpdo[0] for row in QUANTITIES if row.attribute == "flat_pose"}))
+"""Extra TPDOs that are disabled in the EDS; a node whose sensor gives poses enables them."""
+
+POSE_NODE_OFFSET = 0x20
+"""Their identifiers are those of TPDO 1, RPDO 1, TPDO 2 and RPDO 2 of a node with an id that much higher."""
 
 ATTRIBUTES = tuple(dict.fromkeys(quantity.attribute for quantity in QUANTITIES))
 """The fields of TipContact and FingerStatus that hold quantities."""
@@ -260,20 +340,32 @@ def values_of(contact: object) -> tuple[float | None, ...]:
 
 
 def fields_of(raw_by_channel: Mapping[int, int]) -> dict[str, Any]:
-    """Return the fields of TipContact from raw values of 7130h; a channel that is missing is not given."""
-    fields: dict[str, Any] = {}
+    """Return the fields of TipContact from raw values of 7130h; a channel that is missing is not given.
+
+    A vector is None when one of its elements is, a pose when all of its labels are.
+    """
+    found: dict[str, Any] = {}
     for attribute, group in _GROUPS:
         raws = [(quantity, raw_by_channel.get(quantity.channel)) for quantity in group]
         values = [None if raw is None else quantity.value(raw) for quantity, raw in raws]
         if group[0].element is None:
-            fields[attribute] = values[0]
+            found[attribute] = values[0]
+        elif isinstance(group[0].element, int):
+            found[attribute] = None if None in values else tuple(values)
+        elif any(value is not None for value in values):
+            found[attribute] = FlatPose(**dict(zip(FLAT_POSE_FIELDS, values, strict=True)))
         else:
-            fields[attribute] = None if None in values else tuple(values)
-    return fields
+            found[attribute] = None
+    return found
 
 
-def _element(whole: Any, element: int | None) -> float | None:
-    value: float | None = whole if whole is None or element is None else whole[element]
+def _element(whole: Any, element: int | str | None) -> float | None:
+    if whole is None or element is None:
+        value: float | None = whole
+    elif isinstance(element, str):
+        value = getattr(whole, element)
+    else:
+        value = whole[element]
     return value
 
 

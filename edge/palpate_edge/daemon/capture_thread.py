@@ -13,7 +13,7 @@ from palpate_edge.capture.source import Source
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError, CaptureError, PalpateError
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.uncalibrated import ContactEstimator
+from palpate_edge.estimation.frame_estimator import FrameEstimator
 
 Outcome = Contact | CaptureError
 """The contact of a frame, or the reason why no frame comes."""
@@ -31,7 +31,7 @@ class CaptureThread(threading.Thread):
     def __init__(
         self,
         source: Source,
-        estimator: ContactEstimator,
+        estimator: FrameEstimator,
         on_frame: Callable[[Frame], None] = lambda _frame: None,
     ) -> None:
         super().__init__(name="capture", daemon=True)

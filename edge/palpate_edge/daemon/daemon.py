@@ -26,7 +26,7 @@ from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
-from palpate_edge.daemon.capture_factory import open_source, requested_stream
+from palpate_edge.daemon.capture_factory import AnyCalibration, open_source, requested_stream
 from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.estimator_factory import configured_calibration, make_estimator
@@ -35,7 +35,8 @@ from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
 from palpate_edge.daemon.recording_control import RecordingControl
-from palpate_edge.estimation.estimator import Method
+from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightController
@@ -51,7 +52,11 @@ from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
 LONGEST_WAIT_S = 0.5
-METHOD_CODES = {Method.PAPER: MethodCode.PAPER, Method.CORRECTED: MethodCode.CORRECTED}
+METHOD_CODES = {
+    Method.PAPER: MethodCode.PAPER,
+    Method.CORRECTED: MethodCode.CORRECTED,
+    Method.POSE: MethodCode.POSE,
+}
 
 _fingertip_log = logging.getLogger("palpate.fingertip")
 _camera_log = logging.getLogger("palpate.camera")
@@ -102,12 +107,11 @@ class _Daemon:
             config.node.id,
             MethodCode.PAPER if estimator.method is None else METHOD_CODES[estimator.method],
             "" if calibration is None else calibration.checksum,
-            model_hash=hashlib.sha256(calibration.model).hexdigest()
-            if calibration is not None and calibration.model
-            else "",
+            model_hash=_model_hash(calibration),
             serial_number=config.node.serial_number,
             kept=self._parameters.load() if self._parameters else NOTHING_STORED,
             has_led=config.illumination.i2c_bus is not None,
+            outputs=estimator.outputs,
         )
         self._light = _open_light(config, self._node.led_set_point)
         if self._light is not None:
@@ -250,6 +254,11 @@ class _Daemon:
 def _log_bus_change(change: BusStateChange) -> None:
     level = logging.INFO if change.state is BusState.UP else logging.ERROR
     _bus_log.log(level, f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
+
+
+def _model_hash(calibration: AnyCalibration | None) -> str:
+    model = calibration.model if isinstance(calibration, Calibration) else b""
+    return hashlib.sha256(model).hexdigest() if model else ""
 
 
 def _open_light(config: FingertipConfig, level: int) -> LightController | None:

@@ -15,8 +15,9 @@ from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.capture.source import Source
 from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.errors import IlluminationError, PalpateError
-from palpate_edge.daemon.capture_factory import open_source, requested_stream
+from palpate_edge.daemon.capture_factory import AnyCalibration, open_source, requested_stream
 from palpate_edge.daemon.check_rows import (
     CheckRow,
     Verdict,
@@ -38,9 +39,10 @@ from palpate_edge.daemon.health import (
 )
 from palpate_edge.daemon.health_report import clock_health, light_health, picture_health
 from palpate_edge.daemon.sliding_window import DroppedFrames
-from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.estimation.estimator import Estimator, best_method
-from palpate_edge.estimation.uncalibrated import NO_CALIBRATION, ContactEstimator
+from palpate_edge.estimation.estimator import best_method
+from palpate_edge.estimation.frame_estimator import FrameEstimator
+from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
+from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightState
 
@@ -81,25 +83,39 @@ def _check_light(config: FingertipConfig, report: HealthReport | None) -> CheckR
         return CheckRow("temperature", "no answer", "", Verdict.FAIL, str(error))
 
 
-def _check_calibration(config: FingertipConfig) -> tuple[Calibration | None, list[CheckRow]]:
+def _check_calibration(config: FingertipConfig) -> tuple[AnyCalibration | None, list[CheckRow]]:
     path = Path(config.estimator.calibration)
     try:
         calibration = configured_calibration(config)
         if calibration is None:
             return None, [CheckRow("calibration", "none", "", Verdict.WARN, NO_CALIBRATION)]
-        method = Estimator(calibration).method.value
+        estimator = make_estimator(config, calibration)
     except PalpateError as error:
         return None, [CheckRow("calibration", path.name, "intact, of this sensor", Verdict.FAIL, str(error))]
     rows = [CheckRow("calibration", f"{path.name} {calibration.checksum[:16]}", "intact", Verdict.OK, "")]
+    return calibration, [*rows, _model_row(calibration), *_outputs_row(estimator.outputs)]
+
+
+def _model_row(calibration: AnyCalibration) -> CheckRow:
+    if isinstance(calibration, PoseCalibration):
+        return CheckRow("model", f"pose: {', '.join(calibration.labels)}", "", Verdict.OK, "")
+    method = best_method(calibration).value
     if calibration.model:
-        rows.append(CheckRow("model", f"{len(calibration.model) / 1e6:.1f} MB, {method}", "", Verdict.OK, ""))
-    else:
-        way_out = "run palpate-edge calibrate without --no-model"
-        rows.append(CheckRow("model", f"none, {best_method(calibration).value}", "", Verdict.WARN, way_out))
-    return calibration, rows
+        return CheckRow("model", f"{len(calibration.model) / 1e6:.1f} MB, {method}", "", Verdict.OK, "")
+    way_out = "run palpate-edge calibrate without --no-model"
+    return CheckRow("model", f"none, {method}", "", Verdict.WARN, way_out)
 
 
-def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> list[CheckRow]:
+def _outputs_row(outputs: SensorOutputs) -> list[CheckRow]:
+    """Name what the calibration never gives, which a hand may need; no row when it gives all."""
+    lacking = [name for name, given in (("place", outputs.place), ("force", outputs.force)) if not given]
+    if not lacking:
+        return []
+    way_out = "a hand that needs it refuses this fingertip: see palpate-host check"
+    return [CheckRow("contact", f"{' and '.join(lacking)} unknown", "", Verdict.WARN, way_out)]
+
+
+def _try_frames(config: FingertipConfig, calibration: AnyCalibration | None) -> list[CheckRow]:
     """Read and estimate frames for a second and judge camera and beads."""
     notes: list[str] = []
     try:
@@ -145,7 +161,7 @@ def _try_frames(config: FingertipConfig, calibration: Calibration | None) -> lis
     return rows
 
 
-def _first_contact(source: Source, estimator: ContactEstimator) -> list[Contact]:
+def _first_contact(source: Source, estimator: FrameEstimator) -> list[Contact]:
     """Return the contact of the first frame, which takes longer than the following; empty without a frame."""
     frame = source.read()
     return [] if frame is None else [estimator.estimate(frame)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.config_file import read_toml
-from palpate_edge.common.contact import POSE_LABELS
+from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import list_images, read_sized_image
 from palpate_edge.datasets.recording import ImageRecording, Recording, open_recording

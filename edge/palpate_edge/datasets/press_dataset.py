@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palpate_edge.common.contact import POSE_LABELS, Vector3
+from palpate_edge.common.contact import Vector3
+from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.type_text import value_text
 from palpate_edge.datasets.images import list_images

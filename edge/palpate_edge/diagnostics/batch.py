@@ -5,28 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Protocol
 
 from palpate_edge.calibration.recording_match import check_recording
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.pose_dataset import open_pose_recording
 from palpate_edge.datasets.recording import Recording, all_frames, open_recording
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import FrameEstimator, Method
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
 from palpate_edge.estimation.pose.pose_estimator import PoseEstimator
 
 Progress = Callable[[int, int], None]  # done, total
 Row = tuple[str, Contact, float]
 """Frame name, contact and milliseconds of estimation, without reading the file."""
-
-
-class FrameEstimator(Protocol):
-    """An estimator of either kind."""
-
-    def estimate(self, frame: Frame) -> Contact: ...
 
 
 def estimate_recording(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from palpate_edge.common.atomic_write import atomic_text
-from palpate_edge.common.contact import POSE_LABELS, Contact
+from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import QUANTITIES
 from palpate_edge.common.errors import DatasetError
 
@@ -18,11 +18,10 @@ FORCE = ("fx_N", "fy_N", "fz_N")
 FIRST_COLUMNS = (
     "frame", "contact", "x_mm", "y_mm", "z_mm", "fn_N", *FORCE, "quality", "ms", "reason"
 )  # fmt: skip
-POSE_COLUMNS = (*POSE_LABELS, *(f"{label}_95" for label in POSE_LABELS))
 LATER_COLUMNS = ("torsion95_Nmm", "force95_N")
-"""Columns of quantities that came after the pose labels."""
+"""Columns that came after the pose labels, before which they stand on the bus."""
 _FIRST_MEASURED = (quantity.column for quantity, _ in MEASURED if quantity.column not in LATER_COLUMNS)
-COLUMNS = (*dict.fromkeys([*FIRST_COLUMNS, *_FIRST_MEASURED]), *POSE_COLUMNS, *LATER_COLUMNS)
+COLUMNS = (*dict.fromkeys([*FIRST_COLUMNS, *_FIRST_MEASURED]), *LATER_COLUMNS)
 
 
 def write_contacts(path: Path, rows: Iterable[tuple[str, Contact, float]]) -> None:
@@ -43,8 +42,6 @@ def _row(name: str, contact: Contact, milliseconds: float) -> dict[str, str]:
         "quality": _number(contact.quality, 3),
         "ms": _number(milliseconds, 3),
         "reason": contact.reason,
-        **{estimate.label: _number(estimate.value, 4) for estimate in contact.pose},
-        **{f"{estimate.label}_95": _number(estimate.half_width95, 4) for estimate in contact.pose},
     }
 
 

@@ -10,7 +10,8 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.estimation.paper_method import RawContact, corrected_theta, raw_contact
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints

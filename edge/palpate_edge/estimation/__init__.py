@@ -6,12 +6,21 @@ calibration they read. May use: vision, geometry, common; no file, clock, socket
 
 from palpate_edge.common.lazy_exports import lazy_exports
 
-__all__ = ["Calibration", "CorrectionModel", "Estimator", "EstimatorHealth", "Method", "VirtualPointMesh"]
+__all__ = [
+    "Calibration",
+    "CorrectionModel",
+    "Estimator",
+    "EstimatorHealth",
+    "FrameEstimator",
+    "Method",
+    "VirtualPointMesh",
+]
 
 __getattr__ = lazy_exports(
     __name__,
     {
-        "estimator": "Estimator EstimatorHealth Method",
+        "estimator": "Estimator",
+        "frame_estimator": "EstimatorHealth FrameEstimator Method",
         "calibration": "Calibration",
         "correction_model": "CorrectionModel",
         "virtual_points": "VirtualPointMesh",

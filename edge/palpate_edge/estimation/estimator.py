@@ -6,16 +6,17 @@ A stage that cannot go on raises FrameRejectedError with the reason. No input or
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 
 from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.contact_validation import ContactValidation
 from palpate_edge.estimation.corrected_method import CorrectedMethod, load_model
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.drift import Drift
+from palpate_edge.estimation.frame_estimator import EstimatorHealth, Method
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.paper_method import PaperMethod
@@ -31,29 +32,6 @@ from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.tracker import Tracker
 
 Locator = PaperMethod | CorrectedMethod
-
-
-class Method(Enum):
-    """Method by which a contact is computed from the beads."""
-
-    PAPER = "paper"
-    CORRECTED = "corrected"
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatorHealth:
-    """Counters since the start, and the drift.
-
-    frames: tracked; refused: rejected, with or without tracking; beads_lost: summed over frames; searches: of
-    the whole image; drift_px: of the untouched skin since the reference frames or the last tare, root mean
-    square.
-    """
-
-    frames: int
-    refused: int
-    beads_lost: int
-    searches: int
-    drift_px: float
 
 
 def best_method(calibration: Calibration) -> Method:
@@ -118,6 +96,14 @@ class Estimator:
     def tare(self) -> None:
         """Take the mean of the next `tare.TARE_FRAMES` plausible frames as the untouched sensor."""
         self._tare.begin()
+
+    @property
+    def outputs(self) -> SensorOutputs:
+        """The outputs of the calibration: a contact's place, and its force unless the presses had none."""
+        calibration = self._calibration
+        if self.method is Method.CORRECTED:
+            return SensorOutputs(force=calibration.stiffness_scale is not None)
+        return SensorOutputs(force=bool(calibration.paper.stiffness_N_px))
 
     @property
     def health(self) -> EstimatorHealth:

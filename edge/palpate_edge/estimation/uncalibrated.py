@@ -5,31 +5,14 @@ The daemon runs with it, so that camera, light and bus can be set up before the 
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from palpate_edge.common.contact import Contact, refused_contact
+from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.estimator import EstimatorHealth, Method
+from palpate_edge.estimation.frame_estimator import EstimatorHealth
 from palpate_edge.vision.picture_measure import PictureMeasure, measure_picture
 
 MEASURE_EVERY_US = 2_000_000
 NO_CALIBRATION = "no calibration: no contact is valid; make one with palpate-edge calibrate"
-
-
-class ContactEstimator(Protocol):
-    """The interface that the daemon needs of an estimator.
-
-    method: None without a calibration; picture: measures of a recent frame, None where they are not taken.
-    """
-
-    @property
-    def method(self) -> Method | None: ...
-    @property
-    def picture(self) -> PictureMeasure | None: ...
-    @property
-    def health(self) -> EstimatorHealth: ...
-    def estimate(self, frame: Frame) -> Contact: ...
-    def tare(self) -> None: ...
 
 
 class UncalibratedEstimator:
@@ -39,6 +22,7 @@ class UncalibratedEstimator:
     """
 
     method = None
+    outputs = SensorOutputs()
 
     def __init__(self, beads_expected: int = 0) -> None:
         """beads_expected: of the sensor's description; 0 when it is unknown."""

@@ -9,11 +9,17 @@ from functools import partial
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
-from palpate_edge.common.contact_quantities import AI_AUTOZERO, CONTACT_TPDOS
+from palpate_edge.common.contact_quantities import (
+    AI_AUTOZERO,
+    CONTACT_TPDOS,
+    POSE_TPDOS,
+    SensorOutputs,
+)
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip_objects import (
     CALIBRATION_HASH,
     COUNTERS,
+    DOME_OUTPUTS,
     EXPOSURE_TIME,
     LATENCY_BINS_US,
     LATENCY_HISTOGRAM,
@@ -21,6 +27,7 @@ from palpate_edge.node.fingertip_objects import (
     LOCATION,
     METHOD,
     MODEL_HASH,
+    NEVER_GIVEN,
     SEQUENCE,
     UINT16_MAX,
     UINT32_MAX,
@@ -30,9 +37,11 @@ from palpate_edge.node.fingertip_objects import (
     encode_bus_clock,
     encode_contact,
     encode_health,
+    never_given_flags,
 )
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
+from palpate_edge.node.pdo_parameters import with_tpdos_enabled
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
@@ -60,14 +69,21 @@ class FingertipNode:
         serial_number: int = 0,
         kept: StoredParameters = NOTHING_STORED,
         has_led: bool = False,
+        outputs: SensorOutputs = DOME_OUTPUTS,
     ) -> None:
         """Make the node. Raises ConfigError when `node_id` is not in 1..127 or 255 (id by LSS).
 
         kept: stored parameters; a node id in it takes precedence over `node_id`. has_led: whether an LED
-        controller exists; without one, writes to 2030h are rejected.
+        controller exists; without one, writes to 2030h are rejected. outputs: what the calibration gives;
+        with poses, their TPDOs are enabled.
         """
-        self.slave = Slave(load_eds(FINGERTIP_EDS, node_id), partial(check_write, has_led), kept)
+        od = load_eds(FINGERTIP_EDS, node_id)
+        if outputs.pose:
+            od = with_tpdos_enabled(od, POSE_TPDOS)
+        self.slave = Slave(od, partial(check_write, has_led, outputs.place), kept)
+        self._outputs = outputs
         self.slave.write(METHOD, 0, int(method))
+        self.slave.write(NEVER_GIVEN, 0, never_given_flags(outputs))
         self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:HASH_DIGITS])
         self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
         self.slave.write(*SERIAL_NUMBER, serial_number)
@@ -93,7 +109,7 @@ class FingertipNode:
         The next `process` counts it in 2040h and 2041h. sequence, exposed_us: values for the bus; None: those
         of the contact. latency_us: from the exposure until now.
         """
-        objects = encode_contact(contact, latency_us)
+        objects = encode_contact(contact, latency_us, self._outputs)
         if sequence is not None:
             objects[SEQUENCE, 0] = sequence & UINT16_MAX
         if exposed_us is not None:
@@ -121,12 +137,14 @@ class FingertipNode:
         self.slave.write_all(encode_bus_clock(state, drift_ppb, standard_error_us))
 
 
-def check_write(has_led: bool, entry: Entry, value: Value) -> None:
+def check_write(has_led: bool, has_tare: bool, entry: Entry, value: Value) -> None:
     """Raise SdoAbortError for an invalid write to one of the fingertip's own objects.
 
     Autozero accepts only its signature, the location at most 64 characters; the LED level needs an LED
-    controller.
+    controller. A pose sensor has no tare: its rest is part of what it learned.
     """
+    if entry.index == AI_AUTOZERO and not has_tare:
+        raise SdoAbortError(AbortCode.DEVICE_STATE)
     if entry.index == AI_AUTOZERO and value != AUTOZERO_SIGNATURE:
         raise SdoAbortError(AbortCode.NOT_STORED)
     if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:

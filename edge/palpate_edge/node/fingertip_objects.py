@@ -2,6 +2,7 @@
 
 A doubtful value is never sent as valid. A rejected frame, or a required value that is missing, not finite or
 beyond its data type, clears the valid and the contact flag. The status of each channel (6150h) has the cause.
+What a sensor never gives (SensorOutputs) is 8000h, with a flag of its own in place of the valid flag.
 """
 
 from __future__ import annotations
@@ -13,10 +14,19 @@ from enum import IntEnum, IntFlag
 
 from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
-from palpate_edge.common.contact_quantities import AI_INPUT, AI_STATUS, QUANTITIES, Quantity, values_of
+from palpate_edge.common.contact_quantities import (
+    AI_INPUT,
+    AI_STATUS,
+    NOT_GIVEN,
+    POSE_TPDOS,
+    QUANTITIES,
+    Quantity,
+    SensorOutputs,
+    values_of,
+)
 from palpate_edge.node.object_dictionary import ObjectKey
 
-METHOD, CALIBRATION_HASH, MODEL_HASH, LOCATION = 0x2000, 0x2001, 0x2002, 0x2003
+METHOD, CALIBRATION_HASH, MODEL_HASH, LOCATION, NEVER_GIVEN = 0x2000, 0x2001, 0x2002, 0x2003, 0x2004
 FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
 SKIN_DRIFT = 0x2024
@@ -26,6 +36,7 @@ LATENCY_HISTOGRAM, COUNTERS, BUS_CLOCK = 0x2040, 0x2041, 0x2042
 INT16_MIN, INT16_MAX, UINT16_MAX, UINT8_MAX = -0x8000, 0x7FFF, 0xFFFF, 0xFF
 INT32_MIN, INT32_MAX, UINT32_MAX = -0x8000_0000, 0x7FFF_FFFF, 0xFFFF_FFFF
 TEMPERATURE_UNKNOWN = INT16_MAX
+LOWEST = NOT_GIVEN + 1  # raw value of a measured quantity
 
 
 class MethodCode(IntEnum):
@@ -33,6 +44,7 @@ class MethodCode(IntEnum):
 
     PAPER = 0
     CORRECTED = 1
+    POSE = 2
 
 
 class Counter(IntEnum):
@@ -63,11 +75,21 @@ CLOCK_STATES = {ClockState.FREE: 0, ClockState.SYNCHRONISED: 1, ClockState.LOST:
 
 
 class ContactFlag(IntFlag):
-    """Object 2010h. SLIP only together with CONTACT and VALID."""
+    """Object 2010h. SLIP only together with CONTACT and VALID.
+
+    VALID: everything is, place and force included. NO_PLACE, NO_FORCE: the frame is valid, but its sensor
+    never gives that; VALID is then clear, so that a master that does not know these flags uses nothing.
+    """
 
     CONTACT = 0x01
     SLIP = 0x02
     VALID = 0x04
+    NO_PLACE = 0x08
+    NO_FORCE = 0x10
+
+
+VALID_FLAGS = ContactFlag.VALID | ContactFlag.NO_PLACE | ContactFlag.NO_FORCE
+"""One of these flags is set unless the frame was rejected."""
 
 
 class ChannelStatus(IntEnum):
@@ -82,11 +104,16 @@ class ChannelStatus(IntEnum):
 LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
 """Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
 
-FREE, TOUCHING = int(ContactFlag.VALID), int(ContactFlag.VALID | ContactFlag.CONTACT)
-SLIPPING = int(ContactFlag.VALID | ContactFlag.CONTACT | ContactFlag.SLIP)
-"""2010h of a frame that is in no doubt."""
+CONTACT, SLIP, VALID = int(ContactFlag.CONTACT), int(ContactFlag.SLIP), int(ContactFlag.VALID)
+NO_PLACE, NO_FORCE = int(ContactFlag.NO_PLACE), int(ContactFlag.NO_FORCE)
 
 NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(QUANTITIES)
+
+ROWS = tuple(enumerate(QUANTITIES))
+WITHOUT_POSE = tuple((place, row) for place, row in ROWS if row.tpdo[0] not in POSE_TPDOS)
+"""Rows with their places. Without poses, their objects keep the defaults of the EDS, "not given"."""
+
+DOME_OUTPUTS = SensorOutputs()
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,23 +133,33 @@ class Health:
     counters: Mapping[Counter, int] = field(default_factory=dict)
 
 
-def encode_contact(contact: Contact, latency_us: int) -> dict[ObjectKey, int]:
+def encode_contact(
+    contact: Contact, latency_us: int, outputs: SensorOutputs = DOME_OUTPUTS
+) -> dict[ObjectKey, int]:
     """Return the raw values of the TPDOs of a contact, of 6150h and 2021h.
 
     contact.exposed_at_us becomes 2012h as it is; `FingertipNode.publish` replaces it when it is not on the
     bus clock.
-    latency_us: from exposure until now.
+    latency_us: from exposure until now. outputs: what the sensor gives.
     """
     objects: dict[ObjectKey, int] = {}
     doubt = not contact.valid or not math.isfinite(contact.quality)
-    for value, quantity in zip(channel_values(contact), QUANTITIES, strict=True):
-        raw, status = encode_channel(value, quantity)
+    never = never_given(outputs)
+    values = channel_values(contact, outputs)
+    for place, quantity in ROWS if outputs.pose else WITHOUT_POSE:
+        value = values[place]
+        if quantity.attribute in never:
+            raw, status = NOT_GIVEN, ChannelStatus.NOT_VALID
+        else:
+            raw, status = encode_channel(value, quantity)
+            if status and not (quantity.optional and value is None):
+                doubt = True
         objects[AI_INPUT, quantity.channel] = raw
         objects[AI_STATUS, quantity.channel] = int(status)  # a plain int is found in its range at once
-        if status and not (quantity.optional and value is None):
-            doubt = True
-    touching = SLIPPING if contact.slip else TOUCHING
-    objects[FLAGS, 0] = 0 if doubt else touching if contact.in_contact else FREE
+    flags = 0 if doubt else never_given_flags(outputs) or VALID
+    if flags and contact.in_contact:
+        flags |= CONTACT | SLIP if contact.slip and flags == VALID else CONTACT
+    objects[FLAGS, 0] = flags
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
     objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & UINT32_MAX
     objects[SEQUENCE, 0] = contact.sequence & UINT16_MAX
@@ -156,7 +193,19 @@ def encode_bus_clock(state: ClockState, drift_ppb: float, standard_error_us: flo
     }
 
 
-def channel_values(contact: Contact) -> tuple[float | None, ...]:
+def never_given(outputs: SensorOutputs) -> tuple[str, ...]:
+    """Return the attributes that a sensor never gives, of those that others always give."""
+    return (() if outputs.place else ("position_mm",)) + (
+        () if outputs.force else ("normal_force_N", "shear_N")
+    )
+
+
+def never_given_flags(outputs: SensorOutputs) -> int:
+    """Return the flags of what a sensor never gives, as in 2004h and 2010h; 0 if place and force."""
+    return (0 if outputs.place else NO_PLACE) | (0 if outputs.force else NO_FORCE)
+
+
+def channel_values(contact: Contact, outputs: SensorOutputs = DOME_OUTPUTS) -> tuple[float | None, ...]:
     """Return the quantities in the order of QUANTITIES, each in its unit; None where nothing is known.
 
     While nothing touches the dome, each is 0, except those that have a raw value for "not given".
@@ -165,7 +214,7 @@ def channel_values(contact: Contact) -> tuple[float | None, ...]:
         return NOTHING_KNOWN
     if not contact.in_contact:
         return tuple(0.0 if row.not_given is None else row.of(contact) for row in QUANTITIES)
-    if contact.position_mm is None:
+    if contact.position_mm is None and outputs.place:
         return NOTHING_KNOWN
     return values_of(contact)
 
@@ -178,12 +227,11 @@ def encode_channel(value: float | None, quantity: Quantity) -> tuple[int, Channe
     """
     if value is None or not math.isfinite(value):
         return quantity.not_given or 0, ChannelStatus.NOT_VALID
-    lowest = INT16_MIN if quantity.not_given is None else INT16_MIN + 1
     increments = value * quantity.increments_per_unit
     if increments >= INT16_MAX + 0.5:
         return INT16_MAX, ChannelStatus.POSITIVE_OVERLOAD
-    if increments < lowest - 0.5:
-        return lowest, ChannelStatus.NEGATIVE_OVERLOAD
+    if increments < LOWEST - 0.5:
+        return LOWEST, ChannelStatus.NEGATIVE_OVERLOAD
     return round(increments), ChannelStatus.GOOD
 
 

@@ -7,7 +7,7 @@ valid PDOs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
@@ -56,6 +56,16 @@ def pdo_numbers(od: ObjectDictionary, direction: PdoDirection) -> tuple[int, ...
     """Return the numbers, from 1 on, of the PDOs in `od`."""
     base = direction.communication_index
     return tuple(number for number in range(1, MAX_PDOS + 1) if base + number - 1 in od.indices)
+
+
+def with_tpdos_enabled(od: ObjectDictionary, numbers: Sequence[int]) -> ObjectDictionary:
+    """Return the dictionary with these TPDOs valid by default, whose identifiers it has but disables."""
+    entries = dict(od.entries)
+    for number in numbers:
+        entry = od.entry(PdoDirection.TRANSMIT.communication_index + number - 1, COB_ID_SUB)
+        cob_id = od.default_number(*entry.key) & ~NOT_VALID
+        entries[entry.key] = replace(entry, default=cob_id)
+    return replace(od, entries=entries)
 
 
 def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) -> PdoParameters:

@@ -43,6 +43,13 @@ DOES_NOT_FIT = 1
 @click.option(
     "--sdo", type=click.FloatRange(0, 10_000), default=20, show_default=True, help="SDO transfers per second."
 )
+@click.option(
+    "--poses",
+    type=click.IntRange(0, 100),
+    default=0,
+    show_default=True,
+    help="Number of the fingertips that send poses (TPDO 6 to 9).",
+)
 def budget(
     fingertips: int,
     joints: int,
@@ -53,6 +60,7 @@ def budget(
     heartbeat_ms: float,
     time_stamps: float,
     sdo: float,
+    poses: int,
 ) -> None:
     """Compute the bus load of a hand.
 
@@ -81,6 +89,7 @@ def budget(
         heartbeat_ms=heartbeat_ms,
         time_stamps_per_s=time_stamps,
         sdo_per_s=sdo,
+        pose_fingertips=min(poses, fingertips),
     )
     result = budget_of(case)
     console = Console(highlight=False)

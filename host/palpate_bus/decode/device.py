@@ -10,7 +10,7 @@ from pathlib import Path
 from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of, unknown_text
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.eds.objects import read_objects
-from palpate_bus.eds.pdo import PDO_KINDS, pdo_numbers
+from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, pdo_numbers
 from palpate_bus.eds.text import Findings, parse_sections, read_text
 from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
@@ -20,6 +20,8 @@ from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 Key = tuple[int, int]
 PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32
 PHYSICAL_UNIT, DECIMAL_DIGITS = 0x6131, 0x6132
+
+CAN_ID = 0x7FF  # bits of a COB-ID
 
 FINGERTIP_NODES, DRIVE_NODES = range(0x10, 0x20), range(1, 0x10)
 """Default node ids, see docs/bus.md."""
@@ -38,11 +40,15 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Pdo:
-    """One PDO. label: such as ``TPDO 1``. fields: objects and their bits, in the order of the frame."""
+    """One PDO. label: such as ``TPDO 1``. fields: objects and their bits, in the order of the frame.
+
+    enabled: False when the EDS disables it; the node may enable it.
+    """
 
     label: str
     can_id: int
     fields: tuple[tuple[Key, int], ...]
+    enabled: bool
 
     @property
     def bits(self) -> int:
@@ -70,7 +76,9 @@ class Device:
         }
         device_info = sections.get("deviceinfo")
         self.product = device_info.value("ProductName") if device_info else ""
-        self.pdos = {pdo.can_id: pdo for pdo in self._read_pdos()}
+        pdos = list(self._read_pdos())
+        enabled = [pdo for pdo in pdos if pdo.enabled]
+        self.pdos = {pdo.can_id: pdo for pdo in (*pdos, *enabled)}
 
     def variable(self, key: Key) -> Variable | None:
         """Return the object as described in the EDS, None when it is not."""
@@ -170,25 +178,25 @@ class Device:
     def _read_pdos(self) -> Iterable[Pdo]:
         for kind in PDO_KINDS:
             for number in pdo_numbers(self.variables, kind):
-                can_id = self._can_id((kind.communication + number - 1, 1))
+                cob_id = self._cob_id((kind.communication + number - 1, 1))
                 mapping = kind.mapping + number - 1
                 words = [
                     self._number((mapping, sub)) or 0
                     for sub in range(1, (self._number((mapping, 0)) or 0) + 1)
                 ]
                 fields = tuple(((word >> 16, word >> 8 & 0xFF), word & 0xFF) for word in words)
-                if can_id is not None:
-                    yield Pdo(f"{kind.label} {number}", can_id, fields)
+                if cob_id is not None and cob_id & CAN_ID:
+                    enabled = not cob_id & NOT_VALID
+                    yield Pdo(f"{kind.label} {number}", cob_id & CAN_ID, fields, enabled)
 
-    def _can_id(self, key: Key) -> int | None:
+    def _cob_id(self, key: Key) -> int | None:
         variable = self.variables.get(key)
         if variable is None:
             return None
         try:
-            value = parse_integer(variable.section.value("DefaultValue"), self.node_id)
+            return parse_integer(variable.section.value("DefaultValue"), self.node_id)
         except ValueError:
             return None
-        return None if value >> 31 & 1 else value & 0x7FF
 
 
 def _bytes(name: str, data: bytes) -> Reading:

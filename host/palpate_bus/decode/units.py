@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_bus.eds.cia402 import state_of
-from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
+from palpate_edge.common.contact_quantities import AI_INPUT, NOT_GIVEN, QUANTITIES
 from palpate_edge.node.fingertip_objects import (
     BUS_CLOCK,
     CLOCK_STATES,
@@ -103,7 +103,8 @@ def unit_of(product: str, index: int, subindex: int) -> Unit | None:
 
 
 def _flags(raw: int) -> str:
-    return " ".join((flag.name or "").lower() for flag in ContactFlag if raw & flag) or "none"
+    names = ((flag.name or "").lower().replace("_", " ") for flag in ContactFlag if raw & flag)
+    return " ".join(names) or "none"
 
 
 def _method(raw: int) -> str:
@@ -153,11 +154,7 @@ _MEANINGS: dict[str, dict[tuple[int, int], Callable[[int], str]]] = {
 _UNKNOWN: dict[str, dict[tuple[int, int], tuple[int, str]]] = {
     FINGERTIP: {
         (TEMPERATURE, 0): (TEMPERATURE_UNKNOWN, "unknown"),
-        **{
-            (AI_INPUT, quantity.channel): (quantity.not_given, "not given")
-            for quantity in QUANTITIES
-            if quantity.not_given is not None
-        },
+        **{(AI_INPUT, quantity.channel): (NOT_GIVEN, "not given") for quantity in QUANTITIES},
     }
 }
 

@@ -18,6 +18,7 @@ from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
+from palpate_edge.node.cob_ids import NOT_VALID
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
@@ -53,7 +54,8 @@ _USUAL: dict[tuple[int, int], tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class BudgetCase:
-    """A hand on a bus. joints: of all fingers together, one drive each.
+    """A hand on a bus. joints: of all fingers together, one drive each. pose_fingertips: how many fingertips
+    send the pose of a flat object.
 
     sdo_per_s: SDO requests reserved for the master, each with a response; time_stamps_per_s: 1013h.
     """
@@ -66,6 +68,7 @@ class BudgetCase:
     heartbeat_ms: float = 100.0
     time_stamps_per_s: float = 20.0
     sdo_per_s: float = 20.0
+    pose_fingertips: int = 0
 
     @property
     def nodes(self) -> int:
@@ -75,7 +78,8 @@ class BudgetCase:
 
 @dataclass(frozen=True, slots=True)
 class FrameStream:
-    """One kind of frame. per_s: of all senders together; least, mean, worst: bits per frame."""
+    """One kind of frame. per_s: of all senders together; least, mean, worst: bits per frame; senders: number
+    of nodes that send it."""
 
     name: str
     length: int
@@ -83,6 +87,7 @@ class FrameStream:
     least: int
     mean: float
     worst: int
+    senders: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +144,8 @@ def budget(case: BudgetCase) -> Budget:
     transfers = [b"\x43" + dice.randbytes(7) for _ in range(SAMPLES)]
     streams.append(_stream("SDO reserve", 0x600 + FIRST_FINGERTIP, transfers, 2 * case.sdo_per_s))
     periodic = [stream for stream in streams if stream.name.startswith(("fingertip", "drive", "SYNC"))]
-    fast = [(stream, _senders(stream, case)) for stream in periodic if stream.per_s >= 10.0]
-    burst_us = sum(stream.worst * count for stream, count in fast) * 1e6 / case.bitrate
+    fast = [stream for stream in periodic if stream.per_s >= 10.0]
+    burst_us = sum(stream.worst * stream.senders for stream in fast) * 1e6 / case.bitrate
     return Budget(case, tuple(stream for stream in streams if stream.per_s), burst_us)
 
 
@@ -155,10 +160,6 @@ def worst_bits(length: int) -> int:
     return 47 + 8 * length + (34 + 8 * length - 1) // 4
 
 
-def _senders(stream: FrameStream, case: BudgetCase) -> int:
-    return {"f": case.fingertips, "d": case.joints}.get(stream.name[0], 1)
-
-
 def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase) -> list[FrameStream]:
     """Return a stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
     od, neighbour = load_eds(eds, node_id), load_eds(eds, node_id + 1)
@@ -166,10 +167,14 @@ def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase
     for direction in PdoDirection:
         for number in pdo_numbers(od, direction):
             codec = pdo_codec(od, direction, number)
-            name, rate = f"{who} {direction.label} {number}", count * _rate(od, codec, case)
+            disabled = od.default_number(direction.communication_index + number - 1, 1) & NOT_VALID
+            senders = count
+            if disabled:
+                senders = case.pose_fingertips if who == "fingertip" else 0
+            name, rate = f"{who} {direction.label} {number}", senders * _rate(od, codec, case)
             if codec.cob_id == pdo_codec(neighbour, direction, number).cob_id:
                 name, rate = "time stamp", case.time_stamps_per_s if count else 0.0
-            streams.append(_stream(name, codec.cob_id, _payloads(codec), rate))
+            streams.append(_stream(name, codec.cob_id, _payloads(codec), rate, senders))
     return streams
 
 
@@ -200,11 +205,9 @@ def _usual_range(entry: Entry) -> tuple[int, int]:
     return _USUAL.get(entry.key, whole)
 
 
-def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float) -> FrameStream:
-    length = len(payloads[0])
-    return FrameStream(
-        name, length, per_s, 47 + 8 * length, _mean_bits(can_id, tuple(payloads)), worst_bits(length)
-    )
+def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float, senders: int = 1) -> FrameStream:
+    length, mean = len(payloads[0]), _mean_bits(can_id, tuple(payloads))
+    return FrameStream(name, length, per_s, 47 + 8 * length, mean, worst_bits(length), senders)
 
 
 @cache

@@ -78,7 +78,11 @@ def usual_hands(like: BudgetCase) -> Table:
     table.add_column("verdict")
     for usual in USUAL_CASES:
         case = replace(
-            like, fingertips=usual.fingertips, joints=usual.joints, frames_per_s=usual.frames_per_s
+            like,
+            fingertips=usual.fingertips,
+            joints=usual.joints,
+            frames_per_s=usual.frames_per_s,
+            pose_fingertips=0,
         )
         result = budget(case)
         colour = _COLOURS[result.verdict]

@@ -15,7 +15,10 @@ ID_BITS = NOT_VALID | 0x7FF
 
 
 def differences(device: Device, read: Read) -> Iterator[str]:
-    """Yield one line for each PDO parameter that differs from the EDS: COB-ID, type and mapping."""
+    """Yield one line for each PDO parameter that differs from the EDS: COB-ID, type and mapping.
+
+    A PDO that the EDS disables may be enabled in the node.
+    """
     for kind in PDO_KINDS:
         for number in pdo_numbers(device.variables, kind):
             communication, mapping = kind.communication + number - 1, kind.mapping + number - 1
@@ -34,7 +37,11 @@ def _compare(device: Device, read: Read, key: Key, mask: int = 0xFFFF_FFFF) -> I
     found = read(key)
     if found is None:
         yield f"{device.name_of(key)}: missing in the node, 0x{expected:X} in the EDS"
-    elif (found ^ expected) & mask:
+        return
+    differs = (found ^ expected) & mask
+    if mask == ID_BITS and expected & NOT_VALID:
+        differs &= ~NOT_VALID
+    if differs:
         yield f"{device.name_of(key)}: 0x{found:X} in the node, 0x{expected:X} in the EDS"
 
 

@@ -148,7 +148,9 @@ def status_text(status: HostStatus) -> str:
     if status.warning:
         lines.append(f"warning: {status.warning}")
     for finger in status.fingers:
-        touch = f"{finger.normal_force_N:.2f} N" if finger.normal_force_N is not None else "no contact"
+        touch = "no contact" if not finger.in_contact else "contact, force unknown"
+        if finger.normal_force_N is not None:
+            touch = f"{finger.normal_force_N:.2f} N"
         age = "never" if finger.age_ms is None else f"{finger.age_ms:.0f} ms old"
         lines.append(f"{finger.name}: {touch}, {finger.frames_per_s:.0f} frames/s, {age}")
     for joint in status.joints:
@@ -175,7 +177,7 @@ def _counter_lines(status: HostStatus) -> list[str]:
             f"{finger.name}: {finger.complete} contacts, {finger.lost_frames} frames lost, "
             f"{finger.unpaired} unpaired, {finger.resynchronised} resynchronised; parts: "
             f"{finger.incomplete} incomplete, {finger.out_of_order} out of order, "
-            f"{finger.duplicates} duplicates, {finger.late} late, {finger.extra_tpdos} TPDO 5 taken, "
+            f"{finger.duplicates} duplicates, {finger.late} late, {finger.extra_tpdos} TPDO 5 to 9 taken, "
             f"{finger.extra_missing} missing, {finger.extra_mixed} of another frame"
         )
     return lines

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.contact_quantities import OptionalQuantities
+from palpate_edge.common.contact_quantities import FlatPose, OptionalQuantities
 from palpate_host.common.mode import Mode
 
 LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
@@ -16,12 +16,13 @@ Matrix = tuple[tuple[float, float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class FingerStatus(OptionalQuantities):
-    """One fingertip. Position and forces are in frame F and None without contact.
+    """One fingertip. Position and forces are in frame F, None without contact or where the sensor gives none.
 
     age_ms: since the last frame's exposure. incomplete, out_of_order, duplicates, late: TPDOs that made no
     contact; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
-    extra_tpdos: TPDO 5 taken with their contact; extra_missing, extra_mixed: contacts refused because their
-    TPDO 5 was lost or belongs to another frame. resynchronised: restarts of the sequence numbers.
+    extra_tpdos: TPDO 5 to 9 taken with their contact; extra_missing, extra_mixed: contacts refused because
+    one of these was lost or belongs to another frame. resynchronised: restarts of the sequence numbers.
+    flat_pose: of a flat object; None without contact or when the sensor gives no pose.
     """
 
     name: str
@@ -47,6 +48,7 @@ class FingerStatus(OptionalQuantities):
     extra_missing: int = 0
     extra_mixed: int = 0
     resynchronised: int = 0
+    flat_pose: FlatPose | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,9 @@ class ContactForce:
         return self._law is not ForceLaw.OPEN
 
     def note(self, finger: int, contact: TipContact) -> None:
-        """Take the contact of one finger's valid frame."""
+        """Take the contact of one finger's valid frame; one without force or place is no measurement."""
+        if contact.normal_force_N is None or contact.position_mm is None:
+            return
         self._age_s[finger] = 0.0
         self._force_N[finger] = contact.normal_force_N if contact.in_contact else 0.0
         if contact.in_contact:

@@ -86,7 +86,7 @@ class Manipulation:
         Raises FrameError when the tips' centres defined no virtual frame at that moment.
         """
         self._force.note(finger, contact)
-        if not contact.in_contact:
+        if not contact.in_contact or contact.position_mm is None:
             self.orientation.release(finger)
             return
         normal = contact_normal(exposure_pose, finger, contact.position_mm)

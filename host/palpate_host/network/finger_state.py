@@ -17,9 +17,10 @@ RATE_SAMPLES = 256
 class FingerRecord:
     """One finger's fingertip with the ages for the supervisor and the figures for the status."""
 
-    def __init__(self, name: str, node_id: int) -> None:
+    def __init__(self, name: str, node_id: int, *, poses: bool = True) -> None:
+        """poses: see :class:`Fingertip`."""
         self.node_id = node_id
-        self.tip = Fingertip(node_id, name)
+        self.tip = Fingertip(node_id, name, poses=poses)
         self.unpaired = 0
         self.is_calibrated = True
         self.name = name
@@ -44,8 +45,11 @@ class FingerRecord:
 
     def health(self, now_us: int, heartbeat_timed_out: bool) -> FingerHealth:
         """Return the finger's state for the supervisor."""
+        last = self._last
         return FingerHealth(
             name=self.name,
+            gives_no_place=last is not None and last.position_mm is None,
+            gives_no_force=last is not None and last.normal_force_N is None,
             frame_age_us=_age(now_us, self._valid_at_us),
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,

@@ -2,9 +2,9 @@
 
 TPDO 1 carries position and normal force, TPDO 2 shear, torsion, flags and quality, TPDO 3 exposure time,
 sequence and latency. A node sends the set of a frame back to back, TPDO 3 last; only a whole, coherent set
-counts. TPDO 5 carries further quantities and the sequence. It belongs to the set of a node that sends it; the
-contacts of a node that does not send it are complete without it. Parts that were lost, duplicated or delayed
-are counted by name and never mixed into another frame's contact.
+counts. TPDO 5 to 9 carry further quantities and the sequence. Each belongs to the set of a node that sends
+it; the contacts of a node that does not send it are complete without it. Parts that were lost, duplicated or
+delayed are counted by name and never mixed into another frame's contact.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from palpate_edge.common.contact_quantities import (
     BASE_TPDOS,
     CONTACT_TPDOS,
     EXTRA_TPDOS,
+    POSE_TPDOS,
     fields_of,
 )
 from palpate_edge.common.errors import BusError
@@ -29,6 +30,7 @@ from palpate_edge.node.fingertip_objects import (
     LATENCY,
     QUALITY,
     SEQUENCE,
+    VALID_FLAGS,
     ContactFlag,
 )
 from palpate_edge.node.object_dictionary import ObjectKey
@@ -53,8 +55,8 @@ CROWD_WINDOW_US = 1_000_000
 class ContactCounters:
     """Counters of a fingertip's contacts and of the parts that made none.
 
-    lost_frames: gaps in the sequence. extra_tpdos: TPDO 5 taken with their contact; extra_missing: sets
-    refused because the node's TPDO 5 was lost; extra_mixed: sets refused because it is of another frame.
+    lost_frames: gaps in the sequence. extra_tpdos: TPDO 5 to 9 taken with their contact; extra_missing: sets
+    refused because one that the node sends was lost; extra_mixed: because one is of another frame.
     """
 
     complete: int = 0
@@ -72,12 +74,14 @@ class ContactCounters:
 class Fingertip:
     """Assembles one node's sets of TPDOs."""
 
-    def __init__(self, node_id: int, name: str) -> None:
+    def __init__(self, node_id: int, name: str, *, poses: bool = True) -> None:
+        """poses: False when another node of the hand has the identifiers of the poses' TPDOs."""
         od = load_eds(FINGERTIP_EDS, node_id)
+        numbers = [number for number in CONTACT_TPDOS if poses or number not in POSE_TPDOS]
         self.name = name
         self._node_id = node_id
         self.counters = ContactCounters()
-        self._codecs = {number: pdo_codec(od, PdoDirection.TRANSMIT, number) for number in CONTACT_TPDOS}
+        self._codecs = {number: pdo_codec(od, PdoDirection.TRANSMIT, number) for number in numbers}
         self._numbers = {codec.cob_id: number for number, codec in self._codecs.items()}
         self._started_us = 0  # TPDO 1 of the set that is being assembled
         self._parts: dict[int, bytes] = {}  # of that set, by TPDO number
@@ -228,7 +232,7 @@ def decode_contact(values: Mapping[ObjectKey, int], stamp_us: int) -> TipContact
     stamp_us: when the last part of the set arrived, on the host's clock.
     """
     flags = values[FLAGS, 0]
-    valid = bool(flags & ContactFlag.VALID)
+    valid = bool(flags & VALID_FLAGS)
     return TipContact(
         received_at_us=stamp_us,
         exposed_at_us=unwrap_us(values[EXPOSURE_TIME, 0], stamp_us),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
 from palpate_edge.node.emergencies import Emergency
@@ -62,7 +63,14 @@ class Nodes:
             network.heartbeat_ms * 1000,
             network.heartbeat_timeout_ms * 1000,
         )
-        self.fingers = [FingerRecord(f.name, f.fingertip_node) for f in config.fingers]
+        self.fingers = [
+            FingerRecord(
+                finger.name,
+                finger.fingertip_node,
+                poses=finger.fingertip_node + POSE_NODE_OFFSET not in config.node_names,
+            )
+            for finger in config.fingers
+        ]
         self._finger_by_id = {
             can_id: i for i, finger in enumerate(self.fingers) for can_id in finger.tip.receive_ids
         }

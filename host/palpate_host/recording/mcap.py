@@ -174,15 +174,17 @@ class McapRecording:
         measured = {quantity.column: quantity.of(finger) for quantity in QUANTITIES}
         self._quantities[finger.name].log(self._encoder.encode(measured), log_time=time_ns)
         force = self._forces[finger.name]
-        if not finger.valid or finger.position_mm is None or finger.normal_force_N is None:
+        known = finger.valid and finger.position_mm is not None
+        if finger.position_mm is not None and known:
+            x, y, z = (value * 1e-3 for value in finger.position_mm)
+            point = fg.Point3(x=x, y=y, z=z)
+            self._contacts[finger.name].log(
+                fg.Point3InFrame(timestamp=stamp, frame_id=finger.name, point=point), log_time=time_ns
+            )
+        if not known or finger.normal_force_N is None:
             gone = fg.SceneEntityDeletion(timestamp=stamp, type=fg.SceneEntityDeletionType.All)
             force.log(fg.SceneUpdate(deletions=[gone]), log_time=time_ns)
             return
-        x, y, z = (value * 1e-3 for value in finger.position_mm)
-        point = fg.Point3(x=x, y=y, z=z)
-        self._contacts[finger.name].log(
-            fg.Point3InFrame(timestamp=stamp, frame_id=finger.name, point=point), log_time=time_ns
-        )
         inward = -np.array([x, y, z]) / np.linalg.norm([x, y, z])
         arrow = fg.ArrowPrimitive(
             pose=fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=_along(inward)),

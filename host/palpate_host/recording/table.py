@@ -2,7 +2,7 @@
 
 timestamp (s from the first row), frame_index, episode_index, index, task_index; observation.state.JOINT
 (rad), observation.velocity.JOINT (rad/s), observation.effort.JOINT (N m), action.JOINT (commanded torque,
-N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty without a valid contact),
+N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty when not known),
 .in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py).
 """
 
@@ -59,7 +59,7 @@ def _tactile(finger: FingerStatus) -> dict[str, Cell]:
 
 def _measured(finger: FingerStatus, quantities: Iterable[Quantity]) -> dict[str, Cell]:
     """Return the columns of `quantities` for one finger; empty without a valid contact."""
-    known = finger.valid and finger.position_mm is not None
+    known = finger.valid and finger.in_contact
     return {row.recording_column(finger.name): row.of(finger) if known else None for row in quantities}
 
 

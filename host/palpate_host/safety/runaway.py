@@ -17,10 +17,11 @@ from palpate_host.config.hand_config import JointConfig, LimitsConfig
 def force_fault(name: str, contact: TipContact, limits: LimitsConfig) -> str:
     """Return the fault text when the contact's normal or shear force exceeds the limit; empty otherwise.
 
-    Contacts that are not valid count too: a fingertip that rejects its frames may be pressed flat.
+    Contacts that are not valid count too: a fingertip that rejects its frames may be pressed flat. A force
+    that is not known exceeds nothing: the supervisor keeps such a hand from grasping.
     """
-    shear_N = (contact.shear_N[0] ** 2 + contact.shear_N[1] ** 2) ** 0.5
-    force_N = max(contact.normal_force_N, shear_N)
+    x_N, y_N = contact.shear_N or (0.0, 0.0)
+    force_N = max(contact.normal_force_N or 0.0, (x_N**2 + y_N**2) ** 0.5)
     if force_N <= limits.contact_force_N:
         return ""
     return f"{name}: contact force {force_N:.1f} N, limits.contact_force_N is {limits.contact_force_N:g}"

@@ -16,6 +16,13 @@ from dataclasses import dataclass, replace
 
 from palpate_host.common.mode import STARTING, STOPPED, Mode
 
+NO_PLACE = 'gives no contact place: turn with control.mode = "blind", or calibrate it with contact places'
+NO_FORCE = (
+    "gives no contact force, so limits.contact_force_N cannot be kept: calibrate it with forces, "
+    'or set the limit to inf, or control.mode = "blind"'
+)
+"""What a fingertip lacks for control by contacts, and the ways out."""
+
 
 class Goal(enum.Enum):
     """The operator's goal for the hand; each goal includes the ones before it."""
@@ -39,13 +46,18 @@ class Tiers:
 
 @dataclass(frozen=True, slots=True)
 class FingerHealth:
-    """One fingertip: ages of its last valid frame and of its last contact, None when there was none."""
+    """One fingertip: ages of its last valid frame and of its last contact, None when there was none.
+
+    gives_no_place, gives_no_force: its calibration knows no contact places or no newtons.
+    """
 
     name: str
     frame_age_us: int | None
     contact_age_us: int | None
     in_contact: bool
     heartbeat_timed_out: bool
+    gives_no_place: bool = False
+    gives_no_force: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +68,8 @@ class Inputs:
     not reported since their reset. unchecked: nodes that are not operational yet. homing: the drive that is
     looking for its zero. drives_waiting: the first drive that is not enabled. no_virtual_frame: why R_vir of
     Eq. (12) does not exist. no_contact_frame: why the contacts give no R_c of Eq. (16). blind_by_choice: the
-    configuration selects Tahara's law, which needs no fingertip.
+    configuration selects Tahara's law, which needs no fingertip. force_is_limited: limits.contact_force_N is
+    finite, so every fingertip has to measure its force.
     """
 
     now_us: int
@@ -71,6 +84,7 @@ class Inputs:
     blind_by_choice: bool
     goal: Goal
     fingers: Sequence[FingerHealth]
+    force_is_limited: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +135,9 @@ def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
         if inputs.homing:
             return Mode.HOME, f"homing {inputs.homing}"
     waiting = inputs.drives_waiting or _first_frame_missing(inputs)
-    if waiting:
-        return Mode.READY, f"waiting for {waiting}"
+    blocked = f"waiting for {waiting}" if waiting else _force_not_known(inputs)
+    if blocked:
+        return Mode.READY, blocked
     if inputs.goal is Goal.NOTHING:
         return Mode.READY, "waiting for a command: palpate-host command grasp"
     return Mode.GRASP, "grasping"
@@ -147,9 +162,9 @@ def _by_joint_angles(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode
 
 
 def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]:
-    for finger in inputs.fingers:
-        if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
-            return Mode.FAULT, f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
+    fault = _first(_frame_fault, inputs.fingers, tiers) or _force_not_known(inputs)
+    if fault:
+        return Mode.FAULT, fault
     waits_in = last.mode if last.mode is Mode.GRASP else Mode.HOLD
     was_turning = last.mode in (Mode.MANIPULATE, Mode.BLIND)
     only_grasp = inputs.no_virtual_frame or _first(_grasp_reason, inputs.fingers, tiers)
@@ -174,6 +189,12 @@ def _first(
     return next((text for finger in fingers if (text := reason(finger, tiers))), "")
 
 
+def _frame_fault(finger: FingerHealth, tiers: Tiers) -> str:
+    if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
+        return f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
+    return ""
+
+
 def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.heartbeat_timed_out:
         return f"{finger.name}: heartbeat lost"
@@ -182,7 +203,17 @@ def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:
     return ""
 
 
+def _force_not_known(inputs: Inputs) -> str:
+    """Return why the limit of the contact force cannot be kept; empty when it can, or need not."""
+    if inputs.blind_by_choice or not inputs.force_is_limited:
+        return ""
+    unknown = [finger.name for finger in inputs.fingers if finger.gives_no_force]
+    return f"{', '.join(unknown)}: {NO_FORCE}" if unknown else ""
+
+
 def _freeze_reason(finger: FingerHealth, tiers: Tiers) -> str:
+    if finger.gives_no_place:
+        return f"{finger.name}: {NO_PLACE}"
     if not finger.in_contact:
         return f"{finger.name}: no contact"
     if finger.contact_age_us is not None and finger.contact_age_us > tiers.freeze_us:

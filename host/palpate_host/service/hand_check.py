@@ -15,11 +15,14 @@ import numpy as np
 from palpate_bus.decode.device import Device, Key
 from palpate_bus.master.node_check import differences
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
+from palpate_edge.node.fingertip_objects import METHOD, NEVER_GIVEN, ContactFlag, MethodCode
 from palpate_host.common.joint_command import Follows
-from palpate_host.config.hand_config import HandConfig, JointConfig
+from palpate_host.config.hand_config import ControlMode, ForceLaw, HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.registry import CIA402
+from palpate_host.safety.supervisor import NO_FORCE, NO_PLACE
 from palpate_host.service.hand_devices import devices_of_hand
 
 DEVICE_TYPE, VENDOR, PRODUCT, SERIAL = (0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)
@@ -55,7 +58,7 @@ def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iter
     for finger in config.fingers:
         tip = devices[finger.fingertip_node]
         who = f"fingertip of {finger.name}"
-        yield _missing(tip, who) if tip.node_id in silent else _fingertip(tip, who, read)
+        yield _missing(tip, who) if tip.node_id in silent else _fingertip(config, tip, who, read)
         for joint in finger.joints:
             drive = devices[joint.drive_node]
             if joint.drive != CIA402:
@@ -72,13 +75,31 @@ def _missing(device: Device, who: str) -> NodeReport:
     return NodeReport(device.node_id, who, "-", (problem,))
 
 
-def _fingertip(device: Device, who: str, read: Read) -> NodeReport:
+def _fingertip(config: HandConfig, device: Device, who: str, read: Read) -> NodeReport:
     problems = list(_identity(device, FINGERTIP_PROFILE, read))
     if not problems:
         problems += differences(device, lambda key: read(device.node_id, device, key))
         if not read(device.node_id, device, CALIBRATION):
             problems.append("has no calibration, so none of its contacts is valid: palpate-edge calibrate")
+        problems += _lacks(config, device, read)
     return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
+
+
+def _lacks(config: HandConfig, device: Device, read: Read) -> Iterator[str]:
+    """Yield what the fingertip never gives and the control of this hand needs."""
+    never = read(device.node_id, device, (NEVER_GIVEN, 0)) or 0
+    above = device.node_id + POSE_NODE_OFFSET
+    if read(device.node_id, device, (METHOD, 0)) == MethodCode.POSE and above in config.node_names:
+        yield f"sends poses with identifiers of node 0x{above:02X}, which is in the hand: give one another id"
+    if config.control.mode is ControlMode.BLIND:
+        return
+    if never & ContactFlag.NO_PLACE:
+        yield NO_PLACE
+    if never & ContactFlag.NO_FORCE and math.isfinite(config.limits.contact_force_N):
+        yield NO_FORCE
+    if never and config.control.force_law is not ForceLaw.OPEN:
+        law = config.control.force_law.value
+        yield f'gives no force at a known place, which control.force_law = "{law}" needs: set it to "open"'
 
 
 def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -> NodeReport:

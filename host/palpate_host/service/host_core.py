@@ -7,6 +7,7 @@ alone, and a log replays exactly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -264,6 +265,7 @@ class HostCore:
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
             blind_by_choice=is_blind,
             goal=self._goal,
+            force_is_limited=math.isfinite(self._config.limits.contact_force_N),
             fingers=[
                 finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))
                 for finger in nodes.fingers

@@ -43,11 +43,11 @@ SLIP_COLOUR = (200, 0, 200)
 def plotted(finger: FingerStatus) -> Iterator[tuple[str, float]]:
     """Yield entity and value of each contact quantity that is plotted.
 
-    An optional quantity is left out while it is not known; the others are 0 without contact.
+    A quantity is left out while it is not known; those that are not optional are 0 without contact.
     """
     for quantity in QUANTITIES:
         value = quantity.of(finger)
-        if quantity.plot and not (quantity.optional and value is None):
+        if quantity.plot and not (value is None and (quantity.optional or finger.in_contact)):
             yield quantity.plot.format(finger=finger.name), value or 0.0
 
 
@@ -143,8 +143,11 @@ class HandView:
         at_m = 1e-3 * np.array(finger.position_mm)
         colour = SLIP_COLOUR if finger.slip else FORCE_COLOUR
         self._stream.log(contact, rr.Points3D([at_m], radii=[0.001], colors=[colour]))
+        if finger.normal_force_N is None:
+            self._stream.log(force, rr.Clear(recursive=False))
+            return
         inwards = -at_m / np.linalg.norm(at_m)
-        arrow = ARROW_M_PER_N * (finger.normal_force_N or 0.0) * inwards
+        arrow = ARROW_M_PER_N * finger.normal_force_N * inwards
         self._stream.log(force, rr.Arrows3D(vectors=[arrow], origins=[at_m], colors=[colour]))
 
     def _draw_frame(self, name: str, R: tuple[tuple[float, ...], ...] | None, pose: HandPose) -> None:

@@ -55,7 +55,11 @@ def busiest_finger(folder: RunFolder, names: Sequence[str]) -> str:
 
     def spread_mm(finger: str) -> float:
         touched = [sight.contact for sight in read_sights(folder, finger)]
-        places = [contact.position_mm for contact in touched if contact.valid and contact.in_contact]
+        places = [
+            contact.position_mm
+            for contact in touched
+            if contact.valid and contact.in_contact and contact.position_mm is not None
+        ]
         return float(np.std(places, axis=0).sum()) if places else -1.0
 
     return max(names, key=spread_mm)

@@ -59,6 +59,8 @@ def dome_panel(contact: TipContact, radius_mm: float, height: int) -> Image:
         draw(radius_mm * np.column_stack([np.sin(arc)[:, None] * flat, np.cos(arc)]), LINE)
     if not (contact.valid and contact.in_contact):
         return _captioned(canvas, "no contact" if contact.valid else "no valid contact", INK)
+    if contact.position_mm is None or contact.normal_force_N is None:
+        return _captioned(canvas, "contact, place or force unknown", INK)
     place = np.array(contact.position_mm)
     outward = place / np.linalg.norm(place)
     side = np.cross(outward, [0.0, 1.0, 0.0] if abs(outward[1]) < 0.9 else [1.0, 0.0, 0.0])

@@ -49,7 +49,8 @@ def contact_plot(pairs: Sequence[Pair], begin_us: int) -> bytes:
     times_s = [(pair.contact.exposed_at_us - begin_us) / 1e6 for pair in pairs]
     for axis, row in enumerate(rows[:3]):
         true_mm = [math.nan if p.truth.position_mm is None else p.truth.position_mm[axis] for p in pairs]
-        seen_mm = [p.contact.position_mm[axis] if p.contact.in_contact else math.nan for p in pairs]
+        places_mm = [p.contact.position_mm if p.contact.in_contact else None for p in pairs]
+        seen_mm = [math.nan if place is None else place[axis] for place in places_mm]
         row.plot(times_s, true_mm, **TRUTH)
         row.plot(times_s, seen_mm, **MEASURED)
         row.set_ylabel(f"{'xyz'[axis]} (mm)")

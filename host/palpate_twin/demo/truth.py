@@ -81,15 +81,16 @@ class Pair:
     @property
     def position_error_mm(self) -> float | None:
         """Distance between published and true position; None unless both have a contact."""
-        if not self.contact.in_contact or self.truth.position_mm is None:
+        published_mm = self.contact.position_mm if self.contact.in_contact else None
+        if published_mm is None or self.truth.position_mm is None:
             return None
-        return math.dist(self.contact.position_mm, self.truth.position_mm)
+        return math.dist(published_mm, self.truth.position_mm)
 
     @property
     def force_error_N(self) -> float:
-        """Published normal force (0 without contact) minus the true one."""
+        """Published normal force (0 without contact, NaN where not known) minus the true one."""
         published_N = self.contact.normal_force_N if self.contact.in_contact else 0.0
-        return published_N - self.truth.normal_force_N
+        return math.nan if published_N is None else published_N - self.truth.normal_force_N
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,6 +106,11 @@ def test_a_fingertips_values_have_names_and_units():
         said(0x310, struct.pack("<Hhhh", 42, -0x8000, -0x8000, -0x8000).hex()).readings[1].text
         == "-32768 (not given)"
     )
+    no_force = said(0x290, struct.pack("<hhhBB", -0x8000, -0x8000, -0x8000, 0x19, 255).hex())
+    assert [r.text for r in no_force.readings[2:4]] == [
+        "-32768 (not given)",
+        "25 (contact no place no force)",
+    ]
     tpdo_4 = said(0x490, struct.pack("<hHHB", 0x7FFF, 3, 0, 128).hex())
     assert tpdo_4.readings[0].text == "32767 (unknown)"
     assert said(0x490, struct.pack("<hHHB", 412, 3, 0, 128).hex()).readings[0].text == "41.2 degC"
@@ -117,6 +122,20 @@ def test_the_hosts_time_stamp_is_one_frame_for_all_fingertips():
     assert (stamp.service, stamp.node_id, stamp.text) == (Service.RPDO, None, "RPDO 1")
     assert [(r.name, r.value, r.unit) for r in stamp.readings] == [
         ("High resolution time stamp", 123_456_789, "us")
+    ]
+
+
+def test_the_poses_of_a_fingertip_are_decoded_although_the_eds_disables_them():
+    """Once the fingertip was heard; the identifiers are those of node 0x30."""
+    decoder = Decoder()
+    frames = [(0x710, b"\x05"), (0x1B0, struct.pack("<Hhhh", 7, 1234, -250, -0x8000))]
+    records = [LogRecord(0, CanFrame(can_id, data)) for can_id, data in frames]
+    _, pose = [decoder.decode(record) for record in records]
+    assert (pose.service, pose.node_id, pose.text) == (Service.TPDO, 0x10, "TPDO 6")
+    assert [(r.name, r.text) for r in pose.readings[1:]] == [
+        ("Value of object depth", "1.234 mm"),
+        ("Value of object tilt x", "-2.50 deg"),
+        ("Value of object tilt y", "-32768 (not given)"),
     ]
 
 

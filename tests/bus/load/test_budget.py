@@ -56,6 +56,16 @@ def test_a_hand_counted_by_hand():
     assert all(47 + 8 * s.length <= s.mean <= DAVIS[s.length] == s.worst for s in by_name.values())
 
 
+def test_poses_are_four_more_frames_of_each_such_fingertip():
+    plain, posed = budget(BudgetCase()), budget(BudgetCase(pose_fingertips=2))
+    added = {s.name: (s.length, s.per_s) for s in posed.streams}
+    for stream in plain.streams:
+        del added[stream.name]
+    assert added == {f"fingertip TPDO {number}": (8, 2 * 30) for number in (6, 7, 8, 9)}
+    assert posed.worst_percent - plain.worst_percent == pytest.approx(100 * 4 * 60 * 135 / 1e6)
+    assert posed.burst_us - plain.burst_us == pytest.approx(4 * 2 * 135)
+
+
 def hub_measures(records, bitrate):
     """The records through a hub at their own times: (bits, duration us) as the hub counts them."""
     hub = HubCore(bitrate, 4096, records[0].stamp_us)

@@ -190,7 +190,7 @@ def test_refusals_say_why(hub, fingertips, command, error, text):
 
 
 def test_the_pdos_of_a_node_are_those_of_its_eds(hub, fingertips, tmp_path):
-    assert run(hub, "sdo", "check", "0x10").output == "node 0x10: 6 PDOs, 0 differences from fingertip.eds\n"
+    assert run(hub, "sdo", "check", "0x10").output == "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n"
     eds = tmp_path / "older.eds"
     eds.write_text(FINGERTIP_EDS.read_text().replace("0x20140010", "0x20110008"))
     said = run(hub, "sdo", "check", "0x10", "--eds", eds)

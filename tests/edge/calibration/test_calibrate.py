@@ -22,7 +22,8 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.recording import all_frames, open_recording
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.geometry.sensor import View
 
 SIX_EVERYWHERE = ((0, 1, 0), *((4.5 + 5.4 * ring, 6, 30 * (ring % 2)) for ring in range(1, 15)))

@@ -111,8 +111,8 @@ def test_a_failed_write_keeps_the_former_file(
 def test_another_sensor_is_refused_by_both_fingerprints(drawn_calibration, tmp_path):
     ours = drawn_calibration.sensor
     theirs = msgspec.structs.replace(ours, dome=msgspec.structs.replace(ours.dome, wall_mm=4.0))
-    check_sensor(drawn_calibration, tmp_path / "a.cal", ours, tmp_path / "sensor.toml")
+    check_sensor(drawn_calibration.sensor, tmp_path / "a.cal", ours, tmp_path / "sensor.toml")
     with pytest.raises(CalibrationError) as error:
-        check_sensor(drawn_calibration, tmp_path / "a.cal", theirs, tmp_path / "sensor.toml")
+        check_sensor(drawn_calibration.sensor, tmp_path / "a.cal", theirs, tmp_path / "sensor.toml")
     text = one_line(error)
     assert all(word in text for word in (ours.fingerprint(), theirs.fingerprint(), "palpate-edge calibrate"))

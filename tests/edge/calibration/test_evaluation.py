@@ -19,7 +19,7 @@ from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.press_dataset import Press
-from palpate_edge.estimation.estimator import Method
+from palpate_edge.estimation.frame_estimator import Method
 
 
 def above_base(angle_deg, turned_deg=0.0):

@@ -16,7 +16,8 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.estimator import Estimator, Method, best_method
+from palpate_edge.estimation.estimator import Estimator, best_method
+from palpate_edge.estimation.frame_estimator import Method
 
 PRESS = (0.5, 0.8, 1.8)  # theta_rad, phi_rad, depth_mm
 

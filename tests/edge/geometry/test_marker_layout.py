@@ -15,7 +15,8 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.estimation.estimator import Estimator, Method
+from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.geometry.marker_layout import learn_layout
 from palpate_edge.geometry.sensor import Camera, View
 from palpate_edge.vision import registration

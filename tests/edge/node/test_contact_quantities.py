@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 
 from palpate_bus.eds.text import Findings, parse_sections
 from palpate_edge.common import contact_quantities as table
-from palpate_edge.common.contact import Contact, Vector3
-from palpate_edge.common.contact_quantities import QUANTITIES, OptionalQuantities, Quantity
+from palpate_edge.common.contact import Contact, LabelEstimate, Vector3
+from palpate_edge.common.contact_quantities import (
+    POSE_LABELS,
+    QUANTITIES,
+    OptionalQuantities,
+    Quantity,
+    SensorOutputs,
+)
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip_objects import ContactFlag, encode_contact
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
@@ -87,6 +93,12 @@ def test_every_row_is_a_quantity_of_its_own() -> None:
 
 ANY_FLOAT = st.none() | st.floats()
 VECTORS = st.none() | st.tuples(st.floats(), st.floats(), st.floats())
+POSES = st.lists(st.sampled_from(POSE_LABELS), unique=True).flatmap(
+    lambda labels: st.tuples(
+        *(st.builds(LabelEstimate, st.just(one), st.floats(), st.floats()) for one in labels)
+    )
+)
+OUTPUTS = st.builds(SensorOutputs, st.booleans(), st.booleans(), st.booleans())
 OPTIONAL = {field.name: ANY_FLOAT for field in fields(OptionalQuantities)}
 
 
@@ -94,7 +106,7 @@ OPTIONAL = {field.name: ANY_FLOAT for field in fields(OptionalQuantities)}
 class Measured:
     """Contact with any value for any quantity, as the codec reads it."""
 
-    values: dict[str, float | Vector3 | None]
+    values: dict[str, float | Vector3 | tuple[LabelEstimate, ...] | None]
 
     def contact(self) -> Contact:
         return Contact(
@@ -113,34 +125,48 @@ class Measured:
 CONTACTS = st.builds(
     Measured,
     st.fixed_dictionaries(
-        {"position_mm": VECTORS, "normal_force_N": ANY_FLOAT, "force_N": VECTORS, **OPTIONAL}
+        {"position_mm": VECTORS, "normal_force_N": ANY_FLOAT, "force_N": VECTORS, "pose": POSES, **OPTIONAL}
     ),
 )
 
 
-@given(CONTACTS)
-def test_what_was_encoded_is_decoded(measured: Measured) -> None:
-    """To half an increment; out of range at the range's end; None or not finite never as a valid number."""
+@given(CONTACTS, OUTPUTS)
+def test_what_was_encoded_is_decoded(measured: Measured, outputs: SensorOutputs) -> None:
+    """To half an increment; out of range at the range's end; None or not finite never as a valid number.
+
+    What the sensor never gives is None, whatever the contact says, and VALID is clear.
+    """
     contact = measured.contact()
-    objects = encode_contact(contact, 0)
+    objects = encode_contact(contact, 0, outputs)
     raws = {channel: raw for (index, channel), raw in objects.items() if index == table.AI_INPUT}
     decoded = table.fields_of(raws)
-    values = table.values_of(contact) if contact.position_mm is not None else (None,) * len(QUANTITIES)
+    known = contact.position_mm is not None or not outputs.place
+    values = table.values_of(contact) if known else (None,) * len(QUANTITIES)
+    never = {"position_mm": outputs.place, "normal_force_N": outputs.force, "shear_N": outputs.force}
+    flags = objects[0x2010, 0]
     for quantity, value in zip(QUANTITIES, values, strict=True):
-        whole = decoded[quantity.attribute]
-        back = whole if quantity.element is None or whole is None else whole[quantity.element]
+        if quantity.channel not in raws:
+            assert quantity.attribute == "flat_pose" and not outputs.pose
+            continue
+        back = quantity.value(raws[quantity.channel])
         status = objects[table.AI_STATUS, quantity.channel]
-        lowest = -0x8000 if quantity.not_given is None else quantity.not_given + 1
-        low, high = lowest / quantity.increments_per_unit, 0x7FFF / quantity.increments_per_unit
-        if value is None or not math.isfinite(value):
+        low, high = -0x7FFF / quantity.increments_per_unit, 0x7FFF / quantity.increments_per_unit
+        if not never.get(quantity.attribute, True):
+            assert (status, back, flags & ContactFlag.VALID) == (1, None, 0)
+        elif value is None or not math.isfinite(value):
             assert status == 1
             assert back == (0.0 if quantity.not_given is None else None)
             if value is not None or not quantity.optional:
-                assert objects[0x2010, 0] == 0
+                assert flags == 0
         elif low <= value <= high:
             assert status == 0
             assert abs(back - value) <= 0.5001 / quantity.increments_per_unit
         else:
             assert back == (low if value < low else high)
-    if objects[0x2010, 0] & ContactFlag.VALID:
+            assert flags == 0
+    if outputs.place and outputs.force:
+        assert flags in (0, ContactFlag.VALID | ContactFlag.CONTACT)
+    if flags & ContactFlag.VALID:
         assert None not in values[:4]
+    assert (decoded["position_mm"] is None) == (not outputs.place)
+    assert (decoded["normal_force_N"] is None) == (not outputs.force)

@@ -130,8 +130,8 @@ def test_doubt_clears_the_flags(doubtful: Contact) -> None:
         (32.767, 32767, 0),
         (32.768, 32767, ChannelStatus.POSITIVE_OVERLOAD),
         (1e300, 32767, ChannelStatus.POSITIVE_OVERLOAD),
-        (-32.768, -32768, 0),
-        (-32.769, -32768, ChannelStatus.NEGATIVE_OVERLOAD),
+        (-32.767, -32767, 0),
+        (-32.768, -32767, ChannelStatus.NEGATIVE_OVERLOAD),  # -32768 is no measured value
     ],
 )
 def test_saturation_clears_the_valid_flag(force_N: float, increments: int, state: int) -> None:

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
+from palpate_edge.common.contact_quantities import FLAT_POSE_FIELDS
 from palpate_host.common.status import HostStatus
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.recording.parquet import write_parquet
@@ -57,7 +58,7 @@ def test_csv_has_them_behind_the_columns_there_were(
     names = list(first)
     assert names[names.index("mode") + 1 :] == [
         f"observation.{column}.finger-{number}"
-        for column in ("radius95_mm", "torsion_Nmm", "torsion95_Nmm", "force95_N")
+        for column in ("radius95_mm", "torsion_Nmm", "torsion95_Nmm", "force95_N", *FLAT_POSE_FIELDS)
         for number in (1, 2, 3)
     ]
     tactile = [name for name in names if name.startswith("observation.tactile.finger-1.")]
@@ -104,6 +105,7 @@ def test_mcap_has_every_quantity_of_a_contact(
     assert first == {
         "x_mm": 0.0, "y_mm": -4.0, "z_mm": 29.7, "fn_N": 1.0, "fx_N": 0.0, "fy_N": 0.0,
         "radius95_mm": 0.35, "torsion_Nmm": -2.5, "torsion95_Nmm": None, "force95_N": None,
+        **dict.fromkeys(FLAT_POSE_FIELDS),
     }  # fmt: skip
     assert set(second.values()) == {None}
     described = json.loads(schema.data)["properties"]

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from palpate_host.common.mode import STOPPED, Mode
-from palpate_host.safety.supervisor import Decision, FingerHealth, Goal, Inputs, Tiers, decide
+from palpate_host.safety.supervisor import NO_PLACE, Decision, FingerHealth, Goal, Inputs, Tiers, decide
 
 TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500, release_us=400)
 FRESH = FingerHealth(
@@ -145,3 +145,28 @@ def test_since_moves_only_with_the_mode():
     decision = decide(at(Mode.MANIPULATE, 123), GOOD, TIERS)
     assert decision.since_us == 123
     assert decide(decision, with_finger(in_contact=False), TIERS).since_us == 10_000
+
+
+def test_a_force_that_is_never_known_keeps_the_hand_from_grasping():
+    """limits.contact_force_N cannot be kept then, unless it is inf or the law needs no fingertip."""
+    unknown = with_finger(gives_no_force=True)
+    ready = decide(at(Mode.READY), unknown, TIERS)
+    assert ready.mode is Mode.READY
+    assert ready.reason.startswith(
+        "finger-2: gives no contact force, so limits.contact_force_N cannot be kept"
+    )
+    assert decide(at(Mode.GRASP), unknown, TIERS).mode is Mode.FAULT
+    for accepted in ({"force_is_limited": False}, {"blind_by_choice": True}):
+        assert decide(at(Mode.READY), dataclasses.replace(unknown, **accepted), TIERS).mode is Mode.GRASP
+
+
+def test_a_place_that_is_never_known_holds_and_does_not_turn():
+    unknown = dataclasses.replace(
+        with_finger(gives_no_place=True, gives_no_force=True), force_is_limited=False
+    )
+    grasp = decide(at(Mode.READY), unknown, TIERS)
+    held = decide(grasp, dataclasses.replace(unknown, now_us=20_000), TIERS)
+    assert (held.mode, held.reason) == (Mode.GRASP, f"finger-2: {NO_PLACE}")
+    assert decide(at(Mode.MANIPULATE), unknown, TIERS).mode is Mode.BLIND
+    by_choice = dataclasses.replace(unknown, blind_by_choice=True)
+    assert decide(at(Mode.GRASP), by_choice, TIERS).mode is Mode.BLIND

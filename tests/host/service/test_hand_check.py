@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate_host.config.hand_config import ControlMode, ForceLaw
 from palpate_host.service.hand_check import check_nodes, joint_angles, table
 from palpate_host.view.hand_picture import draw_hand
 
@@ -88,3 +89,37 @@ def test_the_offset_of_a_joint_counts(nodes):
 def test_the_hand_is_drawn_with_its_nodes(nodes, tmp_path):
     draw_hand(nodes[0], np.tile([0.0, 0.348, 1.221], 3), tmp_path / "hand.svg", "as it stands")
     assert (tmp_path / "hand.svg").read_text().count("<path") > 30
+
+
+def test_what_a_fingertip_never_gives_is_named_before_the_hand_starts(nodes):
+    config, _, changed = nodes
+    changed |= {(0x10, (0x2000, 0)): 2, (0x10, (0x2004, 0)): 0x18}
+    no_place, no_force = problems(nodes)[0x10]
+    assert no_place.startswith("gives no contact place") and no_force.startswith("gives no contact force")
+    boundless = msgspec.structs.replace(config.limits, contact_force_N=float("inf"))
+    assert problems(nodes, msgspec.structs.replace(config, limits=boundless)) == {0x10: (no_place,)}
+    blind = msgspec.structs.replace(config.control, mode=ControlMode.BLIND)
+    assert problems(nodes, msgspec.structs.replace(config, control=blind)) == {}
+    regulated = msgspec.structs.replace(config.control, force_law=ForceLaw.ADMITTANCE)
+    found = problems(nodes, msgspec.structs.replace(config, control=regulated))[0x10]
+    assert found[2].startswith(
+        'gives no force at a known place, which control.force_law = "admittance" needs'
+    )
+
+
+def test_a_pdo_that_the_eds_disables_may_be_enabled(nodes):
+    nodes[2][0x10, (0x1805, 1)] = 0x4000_01B0
+    assert problems(nodes) == {}
+    nodes[2][0x10, (0x1805, 1)] = 0x4000_01B1
+    assert "1805h:01" in problems(nodes)[0x10][0]
+
+
+def test_poses_need_the_identifiers_of_another_node_id(nodes):
+    """Those of 0x30 for 0x10."""
+    config, read, changed = nodes
+    changed |= {(0x10, (0x2000, 0)): 2}
+    fingers = list(config.fingers)
+    joints = (msgspec.structs.replace(fingers[0].joints[0], drive_node=0x30), *fingers[0].joints[1:])
+    fingers[0] = msgspec.structs.replace(fingers[0], joints=joints)
+    config = msgspec.structs.replace(config, fingers=tuple(fingers))
+    assert "of node 0x30, which is in the hand" in problems((config, read), silent={0x30})[0x10][0]

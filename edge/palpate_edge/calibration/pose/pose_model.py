@@ -12,7 +12,7 @@ from numpy.lib.npyio import NpzFile
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.atomic_write import atomic_file
-from palpate_edge.common.contact import POSE_LABELS
+from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.picture_sensor import LabelAxes
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image
 from palpate_edge.common.contact import Contact, LabelEstimate, refused_contact
+from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.frame import Frame
+from palpate_edge.estimation.frame_estimator import EstimatorHealth, Method
 from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.plausibility import check_doubt, check_found, check_smooth
@@ -55,8 +57,13 @@ class ExpectedDisplacement:
 class PoseEstimator:
     """Estimates the pose labels that a calibration learned."""
 
+    method = Method.POSE
+    outputs = SensorOutputs(place=False, force=False, pose=True)
+    picture = None
+
     def __init__(self, calibration: PoseCalibration) -> None:
         self._calibration = calibration
+        self._frames = self._refused = self._beads_lost = 0
         self._rest_px = calibration.rest_px()
         self._image_check = ImageCheck(calibration.sensor.image_size_px)
         self._detector = SpotDetector(
@@ -70,6 +77,21 @@ class PoseEstimator:
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of a frame; a rejected frame gives `valid` False and the reason."""
+        contact = self._estimate(frame)
+        self._frames += 1
+        self._refused += not contact.valid
+        self._beads_lost += contact.beads_expected - contact.beads_found
+        return contact
+
+    @property
+    def health(self) -> EstimatorHealth:
+        """Counters since the start."""
+        return EstimatorHealth(self._frames, self._refused, self._beads_lost)
+
+    def tare(self) -> None:
+        """Do nothing: the labels were learned with the places of the markers at rest."""
+
+    def _estimate(self, frame: Frame) -> Contact:
         expected = len(self._rest_px)
         try:
             match = self.markers(frame.image)

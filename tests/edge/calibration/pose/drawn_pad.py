@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.contact import POSE_LABELS
+from palpate_edge.common.contact_quantities import POSE_LABELS
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.calibration.pose.calibrate_pose import calibrate_pose
 from palpate_edge.calibration.pose.pose_calibration_file import load_pose_calibration
 from palpate_edge.cli.main import cli
-from palpate_edge.common.contact import POSE_LABELS
+from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.pose_dataset import read_pose_dataset

@@ -20,7 +20,7 @@ from palpate_edge.calibration.pose.untouched_rest import untouched_offset
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.cli.main import cli
 from palpate_edge.common.arrays import Array
-from palpate_edge.common.contact import POSE_LABELS
+from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.pose_dataset import read_pose_dataset
 from palpate_edge.estimation.pose.kernel_expansion import matern
