@@ -139,7 +139,7 @@ class Quantity:
 def _of_pose(
     name: str, label: str, channel: int, tpdo: tuple[int, int], usual_raw: tuple[int, int]
 ) -> Quantity:
-    """Return the row of a pose label, or of its half width; it is plotted on the panel of its kind."""
+    """Return the row of a pose label, or of its half width."""
     unit, decimals = ("deg", 2) if "_deg" in label else ("mm", 3)
     return Quantity(
         name=name,

@@ -13,6 +13,9 @@ from palpate_bus.eds.cia402 import DriveState
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.contact_quantities import SensorOutputs
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import ControlMode
@@ -61,6 +64,29 @@ def test_start_up_to_manipulation_and_an_orderly_stop(rig):
     assert quick_stops == set(range(0x201, 0x20A))
     # NMT stop to each of the twelve nodes is the last thing said.
     assert [f.data[:1] for _, f in rig.log[-12:] if f.can_id == 0] == [b"\x02"] * 12
+
+
+@pytest.mark.parametrize(
+    ("outputs", "limit_N", "modes", "reason"),
+    [
+        (SensorOutputs(force=False), 20.0, START_UP[:-1], "finger-1: gives no contact force"),
+        (SensorOutputs(force=False), float("inf"), (*START_UP, Mode.MANIPULATE), "every finger in contact"),
+        (SensorOutputs(place=False), 20.0, START_UP, "finger-1: gives no contact place"),
+    ],
+    ids=["no force", "no force and no limit", "no place"],
+)
+def test_the_hand_does_not_move_on_what_a_fingertip_never_gives(
+    bench, table_4, outputs, limit_N, modes, reason
+):
+    config, hand = table_4
+    rig = bench.VirtualBench(changed(config, "limits", contact_force_N=limit_N), hand)
+    rig.tips[0] = FingertipNode(0x10, MethodCode.PAPER, "0" * 16, outputs=outputs)
+    status = rig.run(1.5)
+    assert tuple(modes_of(rig)) == modes
+    assert status.reason.startswith(reason)
+    first = status.fingers[0]
+    assert first.valid and first.in_contact
+    assert (first.position_mm is None, first.normal_force_N is None) == (not outputs.place, not outputs.force)
 
 
 def test_one_sync_and_one_command_a_drive_each_tick(rig):
