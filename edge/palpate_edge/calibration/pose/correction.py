@@ -1,8 +1,8 @@
 """Correction of a pose model's regression on a new sensor, learned from few presses of its own.
 
 What the model has wrong is taken for a Gaussian process: a trend that is linear in the labels that it gives
-(another sensor is stiffer, or touched later), and a smooth rest. Ten presses do not tell how large each of
-them is. Therefore all settings count by how probable they make the presses (their evidence).
+(another sensor is stiffer, or touched later), and a smooth rest. How large each of them is does not follow
+from ten presses. Therefore all settings count by how probable they make the presses (their evidence).
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from palpate_edge.calibration.pose.untouched_rest import untouched_offset
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.pose_dataset import PoseDataset, is_pose_dataset, read_pose_dataset
 
-MOST_PRESSES = 1500  # of a model; more take long in every calibration that starts from it
+MOST_PRESSES = 3000  # of a model; more take long in every calibration that starts from it
 
 
 def pretrain_poses(

@@ -43,7 +43,7 @@ class LabelGroup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LabelCorrection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a regression from other sensors has wrong on this one, to be added: its labels (k,) times trend
+    """Corrections of a regression that was learned on other sensors, to be added: its labels (k,) times trend
     (k, k), offset (k,), and the sums of the groups."""
 
     trend: PackedArray
