@@ -4,7 +4,7 @@
 set -eu
 uv=$1
 common="--universal --python-version 3.11 --generate-hashes --no-header --no-annotate
-        --no-emit-index-url --no-emit-find-links --quiet"
+        --no-emit-index-url --no-emit-find-links --no-strip-extras --quiet"
 cd "$(dirname "$0")/.."
 lock() {
     # shellcheck disable=SC2086
