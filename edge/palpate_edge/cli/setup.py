@@ -61,7 +61,7 @@ def setup(
     sensor: Path | None,
     yes: bool,
 ) -> None:
-    """Find camera, bus and light, and write the fingertip's configuration.
+    """Write a configuration from the devices on this board.
 
     Cameras of V4L2, simulated cameras, recordings in this folder, CAN interfaces and I2C buses are listed.
     What is missing or not unique is asked. A picture is taken to propose an exposure. The folder NAME-presses
@@ -69,7 +69,7 @@ def setup(
 
     \b
     Examples:
-      palpate-edge setup
+      palpate-edge setup --name finger-1
       palpate-edge setup --yes --name finger-2 --node 17 --channel can0
       palpate-edge setup --answers answers.toml
 

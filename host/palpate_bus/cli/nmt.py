@@ -50,11 +50,11 @@ class NodeOrAll(NodeId):
     help="Wait this long for heartbeats, s; 0: only send [default: 10 for a node, 1.5 for all].",
 )
 def nmt(action: str, node: int, wait_s: float | None, **bus: Any) -> None:
-    """Start, stop or reset NODE, or all nodes, and print the states they report.
+    """Start, stop or reset nodes, and print their states.
 
     A node that starts up meanwhile gets the command again. A fingertip sends its contacts only after a start.
-    No drive is enabled by it. A running palpate-host run
-    starts its nodes itself; a stop of all nodes stops its hand.
+    The command enables no drive. A running palpate-host run starts its nodes itself; a stop of all nodes
+    stops its hand.
 
     Exit status: 0 the nodes report the new state, 6 no heartbeat or another state.
 

@@ -14,7 +14,7 @@ def test_no_summary_is_cut_off():
     """At 80 columns, the width of a plain terminal."""
     output = CliRunner().invoke(cli, ["--help"], terminal_width=80).output
     summaries = output.split("Commands:\n")[1].splitlines()
-    assert len(summaries) == len(cli.commands) == 10
+    assert len(summaries) == len(cli.commands) >= 11
     assert [line for line in summaries if not line.endswith(".") or line.endswith("...")] == []
 
 
