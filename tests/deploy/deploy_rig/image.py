@@ -76,7 +76,7 @@ def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         folder.mkdir(exist_ok=True)
         shutil.copy(PROJECT / name, folder)
-    for name in ("edge", "host", "requirements", "ansible", "systemd"):
+    for name in ("docs", "edge", "host", "requirements", "ansible", "systemd"):
         shutil.copytree(PROJECT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     text = (folder / file).read_text()
     assert old in text, f"{file} has no {old!r}"
