@@ -15,8 +15,11 @@ SENSOR = Path(__file__).with_name("sensor.toml")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupChoices:
-    """The choices that a finger.toml is made from. dataset: folder for reference frames and presses, with a sensor.toml;
-    exposure_us: None leaves the camera's; i2c_bus: None without an illumination controller."""
+    """The choices that a finger.toml is made from.
+
+    dataset: folder for reference frames and presses, with a sensor.toml. exposure_us: None leaves the
+    camera's. i2c_bus: None without an illumination controller.
+    """
 
     name: str
     camera: FoundCamera
