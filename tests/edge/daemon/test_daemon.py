@@ -79,6 +79,7 @@ def test_the_counters_of_the_health_report_are_on_the_bus(rig):
         return int.from_bytes(answer[4:], "little")
 
     rig.until((rig.folder / "finger.health").exists)
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)  # started: a withdrawal will be sent
     rig.camera.cover()
     rig.until(lambda: counter(Counter.BEADS_NOT_FOUND) > 0)
     rig.camera.freeze()
