@@ -90,7 +90,7 @@ class HostStatus:
     """The host at `time_us` (epoch us).
 
     R_vir, R_c, R_d, R_d_vir: rows of Eqs. (12), (16), the target and (15); None while they do not exist.
-    orientation_error_deg: angle from R_vir to R_d_vir. fit_residual_deg: largest misfit of a contact normal.
+    orientation_error_deg: angle from R_c to R_d. fit_residual_deg: largest misfit of a contact normal.
     target_rpy_deg: the turn asked for at the end of the ramp. turned: share of that ramp that is done.
     lateness: ticks so far by how much later than due they began (LATE_BINS_US).
     """

@@ -75,6 +75,13 @@ class Manipulation:
         """R_vir^T R_c; the identity in Tahara's blind law, which takes the virtual frame for the object's."""
         return np.eye(3) if self._blind_by_choice else self.orientation.M
 
+    def orientation_error_deg(self, R_vir: Array | None) -> float | None:
+        """Return the angle from R_c to R_d, without the integral's trim; None while one is unknown."""
+        M = self.M
+        if R_vir is None or M is None or self.R_d is None:
+            return None
+        return rotation.angle_deg(self.R_d @ (R_vir @ M).T)
+
     @property
     def turned(self) -> float:
         """The share of the ramp that has passed, 0 to 1."""
@@ -87,12 +94,13 @@ class Manipulation:
         """
         self._force.note(finger, contact)
         if not contact.in_contact or contact.position_mm is None:
-            self.orientation.release(finger)
+            self.orientation.without_contact(finger, contact.exposed_at_us)
             return
         normal = contact_normal(exposure_pose, finger, contact.position_mm)
         if normal is not None:
             R_vir_then = virtual_frame(exposure_pose.tip_centre_m)
-            self.orientation.add(finger, R_vir_then.T @ normal, contact.exposed_at_us)
+            normal_in_vir = R_vir_then.T @ normal
+            self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
 
     def torque_Nm(
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float

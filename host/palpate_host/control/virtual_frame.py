@@ -129,10 +129,10 @@ def fit_contact_frame(reference: Array, normals: Array) -> Array:
     return np.asarray(u @ np.diag([1.0, 1.0, handedness]) @ vt)
 
 
-def fit_residual_deg(R: Array, reference: Array, normals: Array) -> float:
-    """Return the largest angle between a measured normal and its reference turned by `R`."""
+def misfits_deg(R: Array, reference: Array, normals: Array) -> Array:
+    """Return the angle (n,) between each measured normal and its reference turned by `R`."""
     cosines = np.einsum("ij,ij->i", reference @ R.T, normals)
-    return math.degrees(math.acos(min(1.0, max(-1.0, float(cosines.min())))))
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
 
 
 def desired_virtual_frame(R_d: Array, M: Array) -> Array:

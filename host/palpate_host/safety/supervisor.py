@@ -69,7 +69,8 @@ class Inputs:
     looking for its zero. drives_waiting: the first drive that is not enabled. no_virtual_frame: why R_vir of
     Eq. (12) does not exist. no_contact_frame: why the contacts give no R_c of Eq. (16). blind_by_choice: the
     configuration selects Tahara's law, which needs no fingertip. force_is_limited: limits.contact_force_N is
-    finite, so every fingertip has to measure its force.
+    finite, so every fingertip has to measure its force. left_out: fingers whose contacts contradict the
+    others.
     """
 
     now_us: int
@@ -85,6 +86,7 @@ class Inputs:
     goal: Goal
     fingers: Sequence[FingerHealth]
     force_is_limited: bool = True
+    left_out: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,4 +229,5 @@ def _warning(inputs: Inputs, tiers: Tiers) -> str:
         for finger in inputs.fingers
         if finger.contact_age_us is not None and finger.contact_age_us > tiers.warn_us
     ]
-    return "; ".join(old)
+    doubtful = [f"{inputs.left_out}: contact does not fit the object, left out"] if inputs.left_out else []
+    return "; ".join(old + doubtful)

@@ -16,7 +16,6 @@ import numpy as np
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
-from palpate_host.common import rotation
 from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
@@ -265,6 +264,7 @@ class HostCore:
             no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
             blind_by_choice=is_blind,
             goal=self._goal,
+            left_out=", ".join(nodes.fingers[number].name for number in orientation.left_out),
             force_is_limited=math.isfinite(self._config.limits.contact_force_N),
             fingers=[
                 finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))
@@ -278,7 +278,6 @@ class HostCore:
         control, M, R_vir = self._control, self._control.M, self._R_vir
         nodes, schedule = self._nodes, self._schedule
         R_d_vir = control.R_d_vir
-        error = None if R_vir is None or R_d_vir is None else rotation.angle_deg(R_d_vir @ R_vir.T)
         return HostStatus(
             time_us=now_us,
             mode=self._decision.mode,
@@ -290,7 +289,7 @@ class HostCore:
             R_c=None if R_vir is None or M is None else matrix(R_vir @ M),
             R_d=matrix(control.R_d),
             R_d_vir=matrix(R_d_vir),
-            orientation_error_deg=error,
+            orientation_error_deg=control.orientation_error_deg(R_vir),
             fit_residual_deg=control.orientation.residual_deg,
             target_rpy_deg=self._target_rpy_deg,
             last_emergency=nodes.last_emergency,

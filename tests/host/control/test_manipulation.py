@@ -128,13 +128,14 @@ def test_empty_fingers_carry_nothing_and_take_a_new_place(holding, table_4):
     plain, _ = holding()
     tick(carrying, pose, Mode.HOLD)
     for manipulation in (carrying, plain):
-        manipulation.add_contact(0, touch(300_000, in_contact=False), pose)
+        for exposed_at_us in (300_000, 450_000):
+            manipulation.add_contact(0, touch(exposed_at_us, in_contact=False), pose)
     np.testing.assert_array_equal(tick(carrying, pose, Mode.HOLD), tick(plain, pose, Mode.HOLD))
     elsewhere = table_4[1].pose(START_RAD + 0.05)
     for frame in range(6):
         for finger in range(3):
             for manipulation in (carrying, plain):
-                manipulation.add_contact(finger, touch(400_000 + frame * 33_333), elsewhere)
+                manipulation.add_contact(finger, touch(500_000 + frame * 33_333), elsewhere)
     lift = np.einsum("iaj,a->j", elsewhere.tip_jacobian_m, np.array([0.0, 0.0, 0.3]))
     difference = tick(carrying, elsewhere, Mode.HOLD) - tick(plain, elsewhere, Mode.HOLD)
     np.testing.assert_allclose(difference, lift, atol=1e-12)

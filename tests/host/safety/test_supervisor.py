@@ -100,6 +100,12 @@ def test_ladder_from_manipulate(changes, mode, reason):
     assert decision.mode is mode and decision.reason.startswith(reason)
 
 
+def test_a_finger_left_out_is_a_warning_and_the_turn_goes_on():
+    decision = decide(at(Mode.MANIPULATE), dataclasses.replace(GOOD, left_out="finger-2"), TIERS)
+    assert decision.mode is Mode.MANIPULATE
+    assert decision.warning == "finger-2: contact does not fit the object, left out"
+
+
 def test_an_old_contact_is_a_warning_first():
     assert decide(at(Mode.MANIPULATE), with_finger(contact_age_us=100), TIERS).warning == ""
     decision = decide(at(Mode.MANIPULATE), with_finger(contact_age_us=101), TIERS)

@@ -194,7 +194,7 @@ def test_gain_and_loss_of_contact_switch_cleanly(bench, table_4):
     def feel(finger, time_us, pose):
         if finger == 1 and lost[0] <= time_us < lost[1]:
             return None
-        return (0.0, 0.0, 30.0) if time_us < lost[1] else (0.0, 12.0, 27.495)
+        return (0.0, 12.0, 27.495) if finger == 1 and time_us >= lost[1] else (0.0, 0.0, 30.0)
 
     rig = bench.VirtualBench(config, hand, feel=feel)
     rig.run(3.0)

@@ -1,8 +1,11 @@
 """The closed loop in lock step: physics, fingertip nodes, bus, drives and host on simulated time."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.training.dome_model import load_dome_model
@@ -126,3 +129,65 @@ def test_a_heavy_object_is_carried():
     result = turned(YAW, noise_mm=0.09, seconds=3.0, has_weight=True)
     assert result.error_deg < 4.0
     assert 0.0 < result.drop_mm < 8.0
+
+
+class FalseContacts(TrueContactSource):
+    """True contacts with 0.25 mm of noise; from frame 40 on, `falsify` changes them."""
+
+    def __init__(self, falsify):
+        super().__init__(30.0, 0.25, 1)
+        self.falsify = falsify
+        self.random = np.random.default_rng(5)
+
+    def contact(self, finger, truth, exposed_at_us, sequence):
+        contact = super().contact(finger, truth, exposed_at_us, sequence)
+        if not contact.in_contact or sequence < 40:
+            return contact
+        position = self.falsify(self, finger, sequence, np.array(contact.position_mm))
+        if position is None:
+            return replace(contact, in_contact=False, position_mm=None, normal_force_N=0.0)
+        return replace(contact, position_mm=tuple(position))
+
+    def turned_on_dome(self, position_mm, degrees):
+        return Rotation.from_rotvec([np.radians(degrees), 0.0, 0.0]).apply(position_mm)
+
+
+def lost_once_a_second(_source, finger, sequence, position):
+    return None if finger == 1 and sequence % 30 == 0 else position
+
+
+def wild(source, _finger, _sequence, position):
+    anywhere = source.random.normal(size=3) * (1, 1, 0.5) + (0, 0, 1.0)
+    return 30.0 * anywhere / np.linalg.norm(anywhere) if source.random.random() < 0.1 else position
+
+
+def biased(source, finger, _sequence, position):
+    return source.turned_on_dome(position, 10.0) if finger == 1 else position
+
+
+def drifting(source, finger, sequence, position):
+    return source.turned_on_dome(position, min(15.0, 0.1 * (sequence - 40))) if finger == 1 else position
+
+
+def frozen(source, finger, _sequence, position):
+    if finger != 1:
+        return position
+    source.first = getattr(source, "first", position)
+    return source.first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("falsify", [lost_once_a_second, wild, biased, drifting, frozen])
+def test_false_contacts_do_not_turn_the_object(falsify):
+    """30 deg of pitch, whole chain; limits 0.5 deg for false frames, 1 deg with one wrong finger."""
+    result = run_loop(
+        TABLE_4,
+        PITCH,
+        lambda: FalseContacts(falsify),
+        seconds=6.0,
+        friction=None,
+        integral_per_s=1.0,
+        engine="mujoco",
+    )
+    assert result.failure == ""
+    assert result.error_deg < (0.5 if falsify in (lost_once_a_second, wild) else 1.0)
