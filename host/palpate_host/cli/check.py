@@ -14,6 +14,7 @@ from palpate_bus.master.sdo_access import read_number
 from palpate_bus.master.session import master, sdo_client
 from palpate_edge.common.errors import BusError
 from palpate_host.cli.run import CONFIG
+from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.hand_check import NodeReport, check_nodes, joint_angles, table
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
@@ -37,6 +38,7 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
     palpate-host check --config hand.toml --offline --picture hand.png
     """
     config, hand = load_hand(config_path)
+    check_bus_load(config)
     HostCore(config, hand)  # refuses fingers numbered clockwise
     reports: list[NodeReport] = []
     if not offline:

@@ -126,6 +126,7 @@ class TargetConfig(Strict, frozen=True):
 class StalenessConfig(Strict, frozen=True):
     """Age of the oldest finger's contact at which the host warns, goes blind, only grasps, or stops.
 
+    lost_ms: time with contact at fewer than two fingers after which a held object is lost.
     joint_stop_ms: age of a joint's position at which the host stops; up to twice that where the host itself
     was late with its SYNC.
     """
@@ -135,6 +136,7 @@ class StalenessConfig(Strict, frozen=True):
     hold_ms: Milliseconds
     stop_ms: Milliseconds
     joint_stop_ms: Milliseconds
+    lost_ms: Milliseconds = 250
 
 
 class LimitsConfig(Strict, frozen=True):

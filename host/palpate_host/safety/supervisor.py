@@ -4,7 +4,8 @@
 
 Pure: the time is an argument. The tiers of staleness: a contact older than `warn_us` is reported; older than
 `freeze_us`, or lost, it freezes the desired frame; older than `hold_us` it leaves only the grasp; a fingertip
-without a valid frame for `stop_us` is a fault. Only the operator's `Recover` leads out of FAULT and STOP
+without a valid frame for `stop_us` is a fault. A held object that fewer than two fingers have touched for
+`lost_us` is lost, which is a fault too. Only the operator's `Recover` leads out of FAULT and STOP
 (host_core.py). The limits hold in every mode (control_law.py, runaway.py).
 """
 
@@ -34,12 +35,14 @@ class Goal(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tiers:
-    """Durations in us: the tiers of staleness, the settling of the grasp, the opening on release."""
+    """Durations in us: the tiers of staleness, the loss of the object, the settling of the grasp, the opening
+    on release."""
 
     warn_us: int
     freeze_us: int
     hold_us: int
     stop_us: int
+    lost_us: int
     settle_us: int
     release_us: int
 
@@ -164,7 +167,11 @@ def _by_joint_angles(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode
 
 
 def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, str]:
-    fault = _first(_frame_fault, inputs.fingers, tiers) or _force_not_known(inputs)
+    fault = (
+        _first(_frame_fault, inputs.fingers, tiers)
+        or _object_lost(last, inputs, tiers)
+        or _force_not_known(inputs)
+    )
     if fault:
         return Mode.FAULT, fault
     waits_in = last.mode if last.mode is Mode.GRASP else Mode.HOLD
@@ -195,6 +202,32 @@ def _frame_fault(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
         return f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
     return ""
+
+
+def _object_lost(last: Decision, inputs: Inputs, tiers: Tiers) -> str:
+    """Return why the held object counts as lost; empty while two fingers may still hold it.
+
+    Only frames without contact count: a fingertip that is silent or rejects its frames may be touching. In
+    GRASP the object is held once every finger has touched it.
+    """
+    grasped_for_us = inputs.now_us - last.since_us
+    is_held = last.mode is not Mode.GRASP or all(
+        finger.contact_age_us is not None and finger.contact_age_us <= grasped_for_us
+        for finger in inputs.fingers
+    )
+    empty = [
+        finger
+        for finger in inputs.fingers
+        if not finger.in_contact
+        and finger.contact_age_us is not None
+        and finger.contact_age_us >= tiers.lost_us
+        and finger.frame_age_us is not None
+        and finger.frame_age_us <= tiers.warn_us
+    ]
+    if not is_held or len(inputs.fingers) - len(empty) >= 2:
+        return ""
+    names = ", ".join(finger.name for finger in empty)
+    return f"the object is lost: no contact of {names} for {tiers.lost_us // 1000} ms"
 
 
 def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:

@@ -25,6 +25,7 @@ from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.operator.server import OperatorSocket, default_control_socket
+from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.bus_reports import BusReports
 from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore
@@ -72,13 +73,14 @@ def run(config_path: Path, options: Options) -> None:
 
     At the end the drives are quick-stopped, disabled and NMT-stopped, if the bus still works. With run.start
     = "command" a lost bus is a fault, and the bus is reopened; otherwise it ends the run. Raises ConfigError
-    for the configuration; BusError when the bus cannot be opened or is lost, or with the reason of the fault
-    that stopped the hand.
+    for the configuration and for ticks that do not fit on the bus; BusError when the bus cannot be opened or
+    is lost, or with the reason of the fault that stopped the hand.
     """
     config, hand = load_hand(config_path)
     if options.start is not None:
         config = config.starting(options.start)
     now_us = bus_time(config.bus)
+    check_bus_load(config)
     core = HostCore(config, hand)
     with ExitStack() as stack:
         stream = None

@@ -69,6 +69,7 @@ class HostCore:
             freeze_us=s.freeze_ms * 1000,
             hold_us=s.hold_ms * 1000,
             stop_us=s.stop_ms * 1000,
+            lost_us=s.lost_ms * 1000,
             settle_us=config.control.settle_ms * 1000,
             release_us=config.control.release_ms * 1000,
         )

@@ -25,6 +25,7 @@ from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.network.nmt_master import SYNC
+from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.host_core import HostCore
 from palpate_twin.closed_loop.tactile_rendering import ContactSource, dome_contacts
 from palpate_twin.hand.driven_hand import DrivenHand
@@ -77,11 +78,12 @@ class LockstepLoop:
         on_frame: Callable[[int, CanFrame], None] = lambda _stamp_us, _frame: None,
         on_step: Callable[[int], None] = lambda _now_us: None,
     ) -> None:
-        """Connect the parts.
+        """Connect the parts. Raises ConfigError when the hand's frames do not fit on the bus.
 
         has_weight: the object's support is removed when the host begins to turn the object. on_frame: called
         with each CAN frame and the time at which its transmission ends. on_step: called before each step.
         """
+        check_bus_load(config)
         self._is_supported = has_weight
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._contact_source = hand, contact_source

@@ -31,6 +31,7 @@ TWIN_KEYS = {
 }
 TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
 """Keys in which the demo's hand.toml differs from the packaged one, and keys added to its [control]."""
+RECORDED_LOST_MS = 60_000  # recorded presses do not follow the hand: no object is lost when they end
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7) without the terminating zero
 
 _BUS_SECTION = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)
@@ -222,8 +223,8 @@ def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
     for key, value in (RUN_KEYS | (TWIN_KEYS if is_twin else {})).items():
         text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
     if is_twin:
-        text = text.replace("[control]\n", f"[control]\n{TWIN_CONTROL}")
-    return text
+        return text.replace("[control]\n", f"[control]\n{TWIN_CONTROL}")
+    return text.replace("\nwarn_ms =", f"\nlost_ms = {RECORDED_LOST_MS}\nwarn_ms =")
 
 
 def _quoted(value: Path | str) -> str:

@@ -7,7 +7,9 @@ import pytest
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.safety.supervisor import NO_PLACE, Decision, FingerHealth, Goal, Inputs, Tiers, decide
 
-TIERS = Tiers(warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, settle_us=500, release_us=400)
+TIERS = Tiers(
+    warn_us=100, freeze_us=200, hold_us=1000, stop_us=3000, lost_us=250, settle_us=500, release_us=400
+)
 FRESH = FingerHealth(
     "finger-1", frame_age_us=30, contact_age_us=30, in_contact=True, heartbeat_timed_out=False
 )
@@ -176,3 +178,49 @@ def test_a_place_that_is_never_known_holds_and_does_not_turn():
     assert decide(at(Mode.MANIPULATE), unknown, TIERS).mode is Mode.BLIND
     by_choice = dataclasses.replace(unknown, blind_by_choice=True)
     assert decide(at(Mode.GRASP), by_choice, TIERS).mode is Mode.BLIND
+
+
+def fingers(*contact_ages_us, frame_age_us=30):
+    """Fingers that touched so long ago; 30 us are a contact, anything older is a frame without one."""
+    return tuple(
+        dataclasses.replace(
+            FRESH,
+            name=f"finger-{number}",
+            contact_age_us=age,
+            in_contact=age == 30,
+            frame_age_us=frame_age_us,
+        )
+        for number, age in enumerate(contact_ages_us, start=1)
+    )
+
+
+@pytest.mark.parametrize("mode", [Mode.GRASP, Mode.MANIPULATE, Mode.BLIND, Mode.HOLD])
+@pytest.mark.parametrize("goal", [Goal.GRASP, Goal.TURN])
+def test_an_object_that_fewer_than_two_fingers_touch_is_lost(mode, goal):
+    decision = decide(at(mode), dataclasses.replace(GOOD, goal=goal, fingers=fingers(30, 250, 260)), TIERS)
+    assert decision.mode is Mode.FAULT
+    assert decision.reason == "the object is lost: no contact of finger-2, finger-3 for 0 ms"
+
+
+@pytest.mark.parametrize(
+    "held",
+    [
+        fingers(30, 30, 900),  # two fingers hold it
+        fingers(30, 249, 249),  # not long enough
+        fingers(30, 250, 250, frame_age_us=101),  # silent fingertips may be touching
+    ],
+)
+def test_an_object_that_may_be_held_is_not_lost(held):
+    assert decide(at(Mode.HOLD), dataclasses.replace(GOOD, fingers=held), TIERS).mode is not Mode.FAULT
+
+
+def test_a_grasp_that_has_not_closed_yet_has_lost_nothing():
+    """Contacts of the grasp before, 400 us ago, with this one begun 300 us ago; and fingers never touched."""
+    for ages in ((400, 400, 400), (30, 270, None)):
+        inputs = dataclasses.replace(GOOD, now_us=10_300, fingers=fingers(*ages))
+        assert decide(at(Mode.GRASP, 10_000), inputs, TIERS).mode is Mode.GRASP
+
+
+def test_a_blind_hand_loses_nothing():
+    inputs = dataclasses.replace(GOOD, blind_by_choice=True, fingers=fingers(900, 900, 900))
+    assert decide(at(Mode.BLIND), inputs, TIERS).mode is Mode.BLIND

@@ -97,6 +97,12 @@ def test_a_hand_without_a_twin_or_with_another_pose_is_refused(table_3):
         twin_model(msgspec.structs.replace(config, twin=short), with_contacts=False)
 
 
+def test_four_fingers_are_refused(table_3):
+    four = msgspec.structs.replace(table_3[0], fingers=(*table_3[0].fingers, table_3[0].fingers[0]))
+    with pytest.raises(ConfigError, match="the hand has 4 fingers and the twin simulates 3"):
+        twin_model(four, with_contacts=False)
+
+
 def test_newton_and_euler_hold_for_the_object(table_3):
     """Eqs. (5), (6): momentum and spin change only by contact forces and torsion, Eq. (7)."""
     grasp = Grasp(table_3, "eqs", swing_Nm=0.01, step_s=2e-5)

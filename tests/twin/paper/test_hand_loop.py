@@ -19,7 +19,7 @@ from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.cli.options import PACKAGED
-from palpate_twin.closed_loop.lockstep import LockstepLoop
+from palpate_twin.closed_loop.lockstep import START_US, LockstepLoop
 from palpate_twin.closed_loop.tactile_rendering import DomeContact, RenderedContactSource, TrueContactSource
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.driven_hand import HandMotor
@@ -78,7 +78,8 @@ def test_a_run_repeats_bit_for_bit():
 
 
 def test_lost_contacts_end_the_turn():
-    """When contacts vanish at 0.8 s, the host freezes the target and then only grasps."""
+    """When all contacts vanish at 0.8 s, the host freezes the target; the object is lost within 0.3 s and the
+    fingertips' delay."""
     config, hand = load_hand(TABLE_4)
 
     class LosingContacts(TrueContactSource):
@@ -87,10 +88,13 @@ def test_lost_contacts_end_the_turn():
 
     engine = make_engine(config, "mujoco", has_B=False)
     loop = LockstepLoop(config, hand, engine, LosingContacts(30.0, 0.0, 1))
-    modes = [sample.mode for sample in loop.run(2.2).samples]
-    order = list(dict.fromkeys(modes))
-    assert order.index(Mode.MANIPULATE) < order.index(Mode.BLIND)
-    assert modes[-1] is Mode.HOLD
+    record = loop.run(2.2)
+    modes = [sample.mode for sample in record.samples]
+    assert list(dict.fromkeys(modes))[-3:] == [Mode.MANIPULATE, Mode.BLIND, Mode.FAULT]
+    last_contact_us = max(contact.exposed_at_us for _, contact, _ in record.contacts if contact.in_contact)
+    fault_us = START_US + 1e6 * next(sample.time_s for sample in record.samples if sample.mode is Mode.FAULT)
+    assert fault_us - last_contact_us <= 300_000
+    assert record.failure.startswith("the object is lost: no contact of ")
 
 
 @pytest.mark.parametrize("direction", [1, -1])

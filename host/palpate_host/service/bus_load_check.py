@@ -1,0 +1,47 @@
+"""The load that a hand's ticks put on its bus: a hand whose frames do not fit is refused before it starts."""
+
+from __future__ import annotations
+
+import math
+
+from palpate_bus.load.budget import BudgetCase, budget
+from palpate_edge.common.errors import ConfigError
+from palpate_host.config.hand_config import HandConfig
+
+CAN_DRIVE = "cia402"
+FEWEST_TICKS_HZ = 10
+
+
+def check_bus_load(config: HandConfig) -> None:
+    """Raise ConfigError when the frames of hand.toml's ticks exceed the bit rate with all their stuff bits.
+
+    Counted: the fingertips at 30 frames a second, the `cia402` drives, SYNC, heartbeats (`palpate-host bus
+    budget`). A full bus delays SYNC and torques until the grasp oscillates.
+    """
+    tick_Hz = config.control.tick_Hz
+    worst = _worst_percent(config, tick_Hz)
+    if worst <= 100.0:
+        return
+    idle = _worst_percent(config, 0.0)
+    largest_Hz = math.floor((100.0 - idle) / (worst - idle) * tick_Hz)
+    way_out = f"set control.tick_Hz to {largest_Hz} at most" if largest_Hz >= FEWEST_TICKS_HZ else ""
+    raise ConfigError(
+        f"{tick_Hz} ticks a second load the bus of {config.bus.bitrate / 1000:g} kbit/s to {worst:.0f} % with"
+        f" {len(config.fingers)} fingertips and {_drives(config)} drives:"
+        f" {way_out or 'use a faster bus or fewer nodes'} (palpate-host bus budget shows the frames)"
+    )
+
+
+def _drives(config: HandConfig) -> int:
+    return sum(joint.drive == CAN_DRIVE for joint in config.joints)
+
+
+def _worst_percent(config: HandConfig, tick_Hz: float) -> float:
+    case = BudgetCase(
+        fingertips=len(config.fingers),
+        joints=_drives(config),
+        tick_Hz=tick_Hz,
+        bitrate=config.bus.bitrate,
+        heartbeat_ms=100.0,
+    )
+    return budget(case).worst_percent
