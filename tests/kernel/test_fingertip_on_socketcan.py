@@ -117,6 +117,54 @@ def test_a_cable_that_takes_nothing_costs_old_contacts_and_nothing_else(
     assert fingertip.stop() == 0
 
 
+def test_a_spoofed_frame_on_the_bus_interrupts_the_contacts_and_keeps_the_socket(
+    vcan, run_fingertip, wait_until
+):
+    fingertip = run_fingertip(vcan.name)
+    with stranger(vcan) as bus:
+        wait_for(bus, PRE_OPERATIONAL)
+        bus.send([START])
+        wait_for(bus, OPERATIONAL, 0x190)
+        bus.send([CanFrame(0x190, bytes(8))])
+        wait_for(bus, 0x090, PRE_OPERATIONAL)
+        wait_for(bus, OPERATIONAL, 0x190)
+    wait_until(lambda: fingertip.health().bus.id_conflicts == 1)
+    assert "a frame 0x190 came from another node" in fingertip.said()
+    assert fingertip.stop() == 0
+
+
+def test_reads_without_a_pause_keep_the_socket(vcan, run_fingertip, wait_until, effort):
+    fingertip = run_fingertip(vcan.name)
+    with stranger(vcan) as bus:
+        wait_for(bus, PRE_OPERATIONAL)
+        bus.send([START])
+        wait_for(bus, OPERATIONAL, 0x190)
+        for _ in range(effort(20, 200)):
+            bus.send([CanFrame(0x610, bytes.fromhex("4000100000000000"))] * 100)
+            bus.receive(0)
+        wait_for(bus, OPERATIONAL, 0x190)
+    wait_until(lambda: fingertip.health().bus.received > 100)
+    assert (fingertip.health().bus.restarts, fingertip.health().bus.id_conflicts) == (0, 0)
+    assert fingertip.stop() == 0
+
+
+def test_an_interface_taken_down_with_echoes_on_the_way_is_no_conflict(vcan, run_fingertip, wait_until):
+    """The frames of the closed socket may reach the new one: vcan with echo keeps their owner."""
+    fingertip = run_fingertip(vcan.name)
+    with stranger(vcan) as bus:
+        wait_for(bus, PRE_OPERATIONAL)
+        bus.send([START])
+        wait_for(bus, OPERATIONAL, 0x190)
+    for number in range(3):
+        vcan.down()
+        wait_until(lambda: fingertip.health().bus.state == "down")
+        vcan.up()
+        wait_until(lambda count=number + 1: fingertip.health().bus.restarts == count)
+    wait_until(lambda: fingertip.health().bus.state == "up")
+    assert fingertip.health().bus.id_conflicts == 0
+    assert fingertip.stop() == 0
+
+
 def test_bus_off_and_a_restarted_link(serial_link, run_fingertip, wait_until):
     fingertip = run_fingertip(serial_link.name)
     wait_until(fingertip.health)

@@ -68,7 +68,7 @@ def read_contacts() -> list[Contact]:
 def fingertip_frames(name: str, records: tuple[LogRecord, ...]) -> list[LogRecord]:
     """What finger-2's node sends while the log goes by.
 
-    Raises BusError when another node uses its id. Its own frames in the log are the recorded ones and not
+    Its own frames in the log are the recorded ones and not
     heard again, except those of a clash, which are not its own.
     """
     begin_us = records[0].stamp_us

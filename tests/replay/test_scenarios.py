@@ -18,7 +18,7 @@ import pytest
 
 from palpate_bus.logs.candump import format_record, parse_log
 from palpate_bus.logs.pcap import write_pcap
-from palpate_edge.common.errors import BusError
+from palpate_edge.node.id_conflict import QUIET_US
 from palpate_host.common.mode import Mode
 from palpate_host.service.host import load_hand
 from palpate_host.service.replay import check_contract, replay
@@ -273,9 +273,15 @@ def test_overtaken_parts_are_never_mixed():
     assert all(reason.endswith(f"contact older than {freeze_us // 1000} ms") for reason in reasons)
 
 
-def test_a_node_id_used_twice_is_found_by_the_fingertip():
-    with pytest.raises(BusError, match="node id 0x11 is used twice: a frame 0x711 came from another node"):
-        fingertip_rig.fingertip_frames("node-id-clash", log("node-id-clash").records)
+def test_a_node_id_used_twice_is_told_by_the_fingertip_which_sends_no_valid_contact_meanwhile():
+    records = log("node-id-clash").records
+    sent = fingertip_rig.fingertip_frames("node-id-clash", records)
+    boot_us = max(r.stamp_us for r in records if r.frame.can_id == 0x711 and r.frame.data == b"\0")
+    emergencies = [r.frame.data for r in sent if r.frame.can_id == 0x091 and r.stamp_us >= boot_us]
+    assert emergencies == [bytes.fromhex("5081111107000000")]  # 8150h, by frame 0x711
+    silent = [r.frame for r in sent if boot_us <= r.stamp_us < boot_us + QUIET_US]
+    contacts = [frame for frame in silent if frame.can_id == 0x291]
+    assert [frame.data[6] for frame in contacts] == [0]  # the withdrawal
 
 
 def test_a_node_id_used_twice_stops_the_hand():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
 from types import TracebackType
 from typing import Annotated, Any
 
@@ -37,7 +38,22 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.0002, 0.0256
 
 SOCKET_BUFFER_FULL = "Transmit buffer full"  # the text of python-can's socketcan, which sets no error code
 
+
 RECEIVE_BATCH = 512  # most frames a call of `receive` returns, so that a flooded bus cannot block its caller
+
+
+class Marks(Enum):
+    """Meaning of an interface's mark on a received frame (`can.Message.is_rx` is False).
+
+    PROGRAM: this program sent it; MACHINE: some program of this machine did (MSG_DONTROUTE).
+    """
+
+    NONE = "none"
+    PROGRAM = "program"
+    MACHINE = "machine"
+
+
+MARKS = {"palpate": Marks.PROGRAM, "socketcan": Marks.MACHINE}
 
 
 class BusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -63,11 +79,16 @@ class Bus:
 
     Every failure is a `BusError`. Bus-off raises BusOffError from `receive` (a BusError from `send` where the
     driver reports it there); the bus may be used again once `counters.restarts` has grown. error_passive: the
-    controller's last report. 29-bit and CAN FD frames are counted in `counters.foreign_frames` and left out.
+    controller's last report. 29-bit and CAN FD frames are counted in `counters.foreign_frames` and left out,
+    this program's own frames in `counters.own_echoes`; expects_echo: the caller's test for the latter, where
+    the interface does not mark them.
     """
 
-    def __init__(self, bus: can.BusABC, config: BusConfig, name: str) -> None:
+    def __init__(self, bus: can.BusABC, config: BusConfig, name: str, *, echo: bool = False) -> None:
         self._bus = bus
+        self.expects_echo: Callable[[CanFrame], bool] = lambda _: False
+        self._marks = MARKS.get(config.interface, Marks.NONE)
+        self._drops_echoes = not echo
         # Only the hub's client has this method: other interfaces take one frame a call.
         self._send_burst: Callable[[Sequence[CanFrame]], int] = getattr(bus, "send_burst", lambda _: 0)
         self._where = f"{config.interface} bus {config.channel or '(default channel)'} of {name}"
@@ -205,7 +226,16 @@ class Bus:
             self.counters.foreign_frames += 1
         else:
             frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
-            frames.append((round(message.timestamp * 1e6), frame))
+            if self._is_echo(message, frame):
+                self.counters.own_echoes += 1
+            else:
+                frames.append((round(message.timestamp * 1e6), frame))
+
+    def _is_echo(self, message: can.Message, frame: CanFrame) -> bool:
+        """Return whether this program sent the frame, through this socket or an earlier one."""
+        if not self._drops_echoes or (message.is_rx and self._marks is not Marks.NONE):
+            return False
+        return self._marks is Marks.PROGRAM or self.expects_echo(frame)
 
     def _note_error_frame(self, message: can.Message) -> None:
         self.counters.error_frames += 1
@@ -255,7 +285,7 @@ def open_bus(
         )
     except (can.CanError, OSError, ValueError) as error:
         raise open_error(config, name, error) from error
-    return Bus(bus, config, name)
+    return Bus(bus, config, name, echo=echo)
 
 
 def open_error(config: BusConfig, name: str, error: Exception) -> BusError:

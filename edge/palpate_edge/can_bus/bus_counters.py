@@ -11,7 +11,8 @@ class BusCounters:
 
     send_retries: attempts that a full transmit queue refused. error_frames: reported by the controller,
     of any kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
-    the controller lost received frames. restarts: recoveries from bus-off.
+    the controller lost received frames. restarts: recoveries from bus-off. own_echoes: frames received that
+    this program had sent itself, left out.
     """
 
     sent: int = 0
@@ -21,6 +22,7 @@ class BusCounters:
     foreign_frames: int = 0
     receive_overruns: int = 0
     restarts: int = 0
+    own_echoes: int = 0
 
     def plus(self, other: BusCounters) -> BusCounters:
         """Return the sums of both, counter by counter."""
@@ -32,4 +34,5 @@ class BusCounters:
             self.foreign_frames + other.foreign_frames,
             self.receive_overruns + other.receive_overruns,
             self.restarts + other.restarts,
+            self.own_echoes + other.own_echoes,
         )

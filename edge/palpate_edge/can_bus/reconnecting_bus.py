@@ -2,7 +2,7 @@
 
 Two kinds of loss. *Bus-off*: the controller took itself off the bus; the descriptor stays valid and the
 driver reports the restart. *Down*: the interface or the hub is gone; the bus is closed, and opened again with
-back-off.
+back-off. A full transmit queue is no loss: the frames wait, and the socket stays open.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.can_bus.bus import Bus
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.own_frames import OwnFrames
 from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
 from palpate_edge.common.errors import BusError, BusOffError
 
 FIRST_REOPEN_US, LONGEST_REOPEN_US = 100_000, 2_000_000  # pauses between two attempts to open the bus
 FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # pauses between two attempts to send into a full queue
+STUCK_AFTER_US = 1_000_000  # without an accepted frame while some wait
 
 Stamped = tuple[int, CanFrame]
 
@@ -60,6 +62,9 @@ class ReconnectingBus:
         self._closed_counters = BusCounters()
         self._queue = TransmitQueue()
         self._changes: list[BusStateChange] = []
+        self._own_frames = OwnFrames()
+        self._now_us = 0
+        self._refused_since_us: int | None = None
         self._early_frames: list[Stamped] = []
         self._was_bus_off = False
         self._restarts_seen = 0
@@ -92,6 +97,16 @@ class ReconnectingBus:
         return self._queue.dropped
 
     @property
+    def others_dropped(self) -> int:
+        """Responses, heartbeats and emergencies dropped because the transmit queue was full."""
+        return self._queue.others_dropped
+
+    def is_stuck(self, now_us: int) -> bool:
+        """Return whether frames wait and the bus has accepted none for STUCK_AFTER_US."""
+        since_us = self._refused_since_us
+        return since_us is not None and now_us - since_us >= STUCK_AFTER_US
+
+    @property
     def error_passive(self) -> bool:
         """The controller's last report; False while the bus is down."""
         return self._bus is not None and self._bus.error_passive
@@ -116,6 +131,7 @@ class ReconnectingBus:
 
     def receive(self, now_us: int) -> list[Stamped]:
         """Return the frames received; a failure changes the state and never raises."""
+        self._now_us = now_us
         if self._bus is None:
             return []
         frames, self._early_frames = self._early_frames, []
@@ -136,10 +152,7 @@ class ReconnectingBus:
             frames = frames[self._offer(now_us, frames) :]
         if self.state is not BusState.UP:
             frames = [frame for frame in frames if frame.can_id in EMCY_IDS]
-        try:
-            self._queue.put(now_us, frames)
-        except BusError as error:
-            self._go_down(now_us, str(error))
+        self._queue.put(now_us, frames)
         if self._queue and (self._resend_at_us is None or now_us >= self._resend_at_us):
             self._flush(now_us)
 
@@ -176,8 +189,12 @@ class ReconnectingBus:
         except BusError as error:
             self._go_down(now_us, str(error))
             return 0
+        self._own_frames.sent(now_us, frames[:taken])
         if taken:
             self._resend_pause.reset()
+            self._refused_since_us = None
+        elif self._refused_since_us is None:
+            self._refused_since_us = now_us
         if taken < len(frames):
             self.retries += 1
             self._resend_at_us = now_us + self._resend_pause.pause()
@@ -189,6 +206,9 @@ class ReconnectingBus:
         try:
             bus = self._open_bus()
             self._openings += 1
+            self._now_us = now_us
+            self._own_frames.reopened(now_us)
+            bus.expects_echo = lambda frame: self._own_frames.is_echo(self._now_us, frame)
             self._early_frames = bus.receive(0)
         except BusOffError as error:
             self._bus = bus
@@ -211,6 +231,7 @@ class ReconnectingBus:
 
     def _go_down(self, now_us: int, reason: str) -> None:
         self.close()
+        self._own_frames.lost(now_us)
         self._reopen_at_us = now_us + self._reopen_pause.pause()
         self._enter(BusState.DOWN, reason)
 
@@ -224,5 +245,5 @@ class ReconnectingBus:
             self._restarts_seen = self._bus.counters.restarts
         self._changes.append(BusStateChange(state, reason, self._was_bus_off))
         if state is not BusState.UP:
-            self._resend_at_us = None
+            self._resend_at_us = self._refused_since_us = None
             self._queue.keep_emergencies()

@@ -1,17 +1,17 @@
 """Frames that wait while the controller's transmit queue is full: bounded, the oldest are sent first.
 
-A PDO is superseded by the next one, whereas an EMCY or an SDO response is sent only once. PDOs are therefore
-dropped when too many wait, oldest first; other frames never.
+A PDO is superseded by the next one: PDOs are dropped when too many wait, oldest first. Other frames have a
+bound of their own. A client repeats a request whose response is missing, and a heartbeat follows the last
+one; an EMCY is sent only once, and is dropped last.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact_quantities import CONTACT_TPDOS
-from palpate_edge.common.errors import BusError
 
 PDO_IDS = range(0x180, 0x580)  # predefined connection set (CiA 301, 7.3.3)
 EMCY_IDS = range(0x081, 0x100)
@@ -21,28 +21,30 @@ MAX_PDO_AGE_US = 100_000
 
 
 class TransmitQueue:
-    """A queue with a bound for PDOs and one for other frames. dropped: PDOs, since the start."""
+    """A queue with a bound for PDOs and one for other frames. dropped, others_dropped: since the start."""
 
     def __init__(self) -> None:
         self.dropped = 0
+        self.others_dropped = 0
         self._waiting: deque[tuple[int, CanFrame]] = deque()
 
     def __len__(self) -> int:
         return len(self._waiting)
 
     def put(self, now_us: int, frames: Iterable[CanFrame]) -> None:
-        """Append frames; drop the oldest PDOs above `MAX_PDOS`.
-
-        Raises BusError when more than `MAX_OTHERS` frames wait that must not be dropped: the bus is dead.
-        """
+        """Append frames; drop the oldest PDOs above `MAX_PDOS` and the oldest others above `MAX_OTHERS`."""
         self._waiting.extend((now_us, frame) for frame in frames)
         pdos = sum(frame.can_id in PDO_IDS for _, frame in self._waiting)
-        if len(self._waiting) - pdos > MAX_OTHERS:
-            raise BusError(
-                f"{MAX_OTHERS} frames wait and the bus accepts none: check cabling, termination and bit rate"
-            )
+        others = len(self._waiting) - pdos
         if pdos > MAX_PDOS:
-            self._drop_oldest_pdos(pdos - MAX_PDOS)
+            self.dropped += self._drop_oldest(pdos - MAX_PDOS, lambda can_id: can_id in PDO_IDS)
+        if others > MAX_OTHERS:
+            excess = others - MAX_OTHERS
+            dropped = self._drop_oldest(
+                excess, lambda can_id: can_id not in PDO_IDS and can_id not in EMCY_IDS
+            )
+            dropped += self._drop_oldest(excess - dropped, lambda can_id: can_id in EMCY_IDS)
+            self.others_dropped += dropped
 
     def fresh(self, now_us: int) -> list[CanFrame]:
         """Return the frames to send, in order; drop PDOs older than `MAX_PDO_AGE_US`."""
@@ -64,12 +66,14 @@ class TransmitQueue:
         self.dropped += sum(frame.can_id in PDO_IDS for _, frame in self._waiting)
         self._waiting = deque(one for one in self._waiting if one[1].can_id in EMCY_IDS)
 
-    def _drop_oldest_pdos(self, count: int) -> None:
+    def _drop_oldest(self, count: int, is_droppable: Callable[[int], bool]) -> int:
+        """Drop up to `count` frames with such an identifier; return how many were dropped."""
         kept: deque[tuple[int, CanFrame]] = deque()
         for since_us, frame in self._waiting:
-            if count and frame.can_id in PDO_IDS:
+            if count and is_droppable(frame.can_id):
                 count -= 1
-                self.dropped += 1
             else:
                 kept.append((since_us, frame))
+        dropped = len(self._waiting) - len(kept)
         self._waiting = kept
+        return dropped

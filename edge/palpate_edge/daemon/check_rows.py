@@ -112,6 +112,11 @@ def judge_bus(bus: BusHealth) -> CheckRow:
     """Judge whether the bus carries frames."""
     value = f"{bus.interface} {bus.state}, {bus.sent} sent, {bus.received} received"
     limit = "up, nothing dropped lately"
+    if bus.conflict:
+        return CheckRow("bus", value, limit, Verdict.FAIL, bus.conflict)
+    if bus.stuck:
+        way_out = "the bus accepts no frame: check cabling, termination and bit rate; is there a second node?"
+        return CheckRow("bus", value, limit, Verdict.FAIL, way_out)
     if bus.state != "up":
         return CheckRow("bus", value, limit, Verdict.FAIL, "check wiring, termination, bit rate; ip -s link")
     if bus.error_passive or bus.dropped_lately:
@@ -154,6 +159,8 @@ def counter_rows(report: HealthReport) -> list[CheckRow]:
     frames = f"{camera.damaged} damaged, {report.recording_left_out} not recorded"
     of_beads = f"{beads.lost} lost, {beads.searches} image searches, {beads.drift_px:.2f} px drift"
     losses = f"{bus.restarts} recoveries, {bus.retries} retries, {bus.dropped} PDOs dropped"
+    if bus.others_dropped:
+        losses += f", {bus.others_dropped} other frames dropped"
     rows = [
         _counted("frame errors", frames),
         _counted("bead errors", of_beads),
@@ -169,6 +176,8 @@ def counter_rows(report: HealthReport) -> list[CheckRow]:
 
 def _bus_errors(bus: BusHealth) -> CheckRow:
     value = f"{bus.receive_overruns} overruns, {bus.error_frames} error frames, {bus.foreign_frames} foreign"
+    if bus.id_conflicts or bus.own_echoes:
+        value += f", {bus.id_conflicts} with this node id, {bus.own_echoes} own"
     limit = "no overrun lately"
     if bus.overruns_lately:
         way_out = (

@@ -67,8 +67,9 @@ _parameters_log = logging.getLogger("palpate.parameters")
 def run(config: FingertipConfig, clock: LocalClock | None = None) -> None:
     """Run one fingertip until SIGTERM, SIGINT or the end of a recording; log to ``palpate.*``.
 
-    A camera or a bus that is lost meanwhile is reopened. Raises ConfigError, CalibrationError, DatasetError,
-    CaptureError or BusError for what cannot be used, BusError also when another node has this node's id.
+    A camera or a bus that is lost meanwhile is reopened; another node with this node's id interrupts the
+    contacts. Raises ConfigError, CalibrationError, DatasetError, CaptureError or BusError for what cannot be
+    used at the start.
     """
     cv2.setNumThreads(1)
     clock = clock or clock_of(config.bus)
@@ -134,7 +135,8 @@ class _Daemon:
             wanted_fps=requested_stream(config, calibration)[2],
         )
         self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
-        self._camera_problem = ""
+        self._camera_problem = self._conflict_problem = ""
+        self._is_stuck = False
 
     def signal_handlers(self) -> dict[signal.Signals, Callable[[], None]]:
         """Return the handlers of the signals that `palpate-edge record` and `identify` send."""
@@ -187,6 +189,7 @@ class _Daemon:
         now_us = clock.now_us()
         step = core.poll(now_us)
         bus.send(now_us, step.frames_out)
+        self._log_bus(now_us)
         self._handle_events(step.events)
         if self._gate.may_feed(now_us, core.monitor.frames, bus.activity):
             self._notifier.feed_watchdog()
@@ -239,6 +242,24 @@ class _Daemon:
                     "LSS requests %d kbit/s: the link sets the bit rate, BitRate= in its .network file",
                     event.bit_rate_kbit_s,
                 )
+
+    def _log_bus(self, now_us: int) -> None:
+        """Log when another node uses this node's id, when the bus accepts no frame, and when that is over."""
+        core, is_stuck = self._core, self._bus.is_stuck(now_us)
+        problem = core.conflict_problem
+        if problem and not self._conflict_problem:
+            _bus_log.error(problem)
+        elif self._conflict_problem and not problem:
+            _bus_log.info("no other node uses this node id any more: %d foreign frames", core.conflict.frames)
+        self._conflict_problem = problem
+        if is_stuck != self._is_stuck:
+            self._is_stuck = is_stuck
+            if is_stuck:
+                _bus_log.error(
+                    "frames wait and the bus accepts none: check cabling, termination and bit rate"
+                )
+            else:
+                _bus_log.info("the bus accepts frames again")
 
     def _log_camera(self, problem: str) -> None:
         """Log each camera problem once, and its end (an empty `problem`)."""

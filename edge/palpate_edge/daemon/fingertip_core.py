@@ -13,7 +13,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, Stamped
 from palpate_edge.common.contact import Contact, refused_contact
-from palpate_edge.common.errors import BusError, CameraStalledError, CaptureError
+from palpate_edge.common.errors import CameraStalledError, CaptureError
 from palpate_edge.daemon.frame_monitor import FrameMonitor
 from palpate_edge.node.emergencies import ActiveEmergencies, Emergency
 from palpate_edge.node.events import (
@@ -25,6 +25,7 @@ from palpate_edge.node.events import (
 )
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import LATENCY_HISTOGRAM, Health
+from palpate_edge.node.id_conflict import QUIET_US, IdConflict
 from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import SlaveOutput
 
@@ -54,6 +55,7 @@ class FingertipCore:
         self.monitor = FrameMonitor(timeout_us, now_us)
         self.emergencies = ActiveEmergencies(node.slave.emcy)
         self.emergencies.set(Emergency.NO_CALIBRATION, not is_calibrated)
+        self.conflict = IdConflict()
         self._is_calibrated = is_calibrated
         self._node = node
         self._name = name
@@ -66,6 +68,20 @@ class FingertipCore:
         self._report_at_us = now_us
         self._overruns = 0
         self._overrun_clears_at_us = 0
+        self._now_us = now_us
+        self._node_id = node.slave.node_id
+        self._is_held = False
+
+    @property
+    def conflict_problem(self) -> str:
+        """Text about another node with this node's id; empty when there is none."""
+        if not self.conflict.is_active:
+            return ""
+        return (
+            f"{self._name}: node id 0x{self._node_id:02X} is used twice: a frame "
+            f"0x{self.conflict.can_id:03X} came from another node, so no contacts are sent until "
+            f"{QUIET_US / 1e6:.1f} s after its last one; give one of them another [node] id"
+        )
 
     @property
     def state(self) -> NmtState:
@@ -77,8 +93,8 @@ class FingertipCore:
         return [int(self._node.slave.read(LATENCY_HISTOGRAM, 1 + bin_)) for bin_ in range(8)]
 
     def receive(self, now_us: int, frames: Sequence[Stamped]) -> None:
-        """Process bus frames with their local arrival times. Raises BusError when another node has this
-        node's id."""
+        """Process bus frames with their local arrival times."""
+        self._now_us = now_us
         arrived_us = [stamp_us for stamp_us, _ in frames]
         self._take(self._node.process(now_us, [frame for _, frame in frames], arrived_us))
 
@@ -144,8 +160,11 @@ class FingertipCore:
         if self.monitor.is_stalled(now_us) and not self._capture_failed:
             self.emergencies.set(Emergency.CAMERA_STALLED, True)
             self._withdraw(now_us, "no frame in time: the camera stalls")
+        self._now_us = now_us
         if now_us >= self._overrun_clears_at_us:
             self.emergencies.set(Emergency.RECEIVE_OVERRUN, False)
+        self.conflict.poll(now_us)
+        self._apply_conflict()
         self.emergencies.set(Emergency.CLOCK_LOST, self.clock.state(now_us) is ClockState.LOST)
         if now_us >= self._report_at_us:
             self._report_at_us = now_us + REPORT_EVERY_US
@@ -153,6 +172,8 @@ class FingertipCore:
         output = self._node.process(now_us, [])
         self._take(output)
         due_us = min(output.next_due_us, self._report_at_us)
+        if self.conflict.due_us is not None:
+            due_us = min(due_us, self.conflict.due_us)
         if not self._withdrawn:
             due_us = min(due_us, self.monitor.stalls_at_us)
         if now_us < self._overrun_clears_at_us:
@@ -191,13 +212,29 @@ class FingertipCore:
 
     def _handle(self, event: Event) -> None:
         if isinstance(event, NodeIdConflict):
-            raise BusError(
-                f"{self._name}: node id 0x{self._node.slave.node_id:02X} is used twice: a frame "
-                f"0x{event.can_id:03X} came from another node; give one of them another [node] id"
-            )
-        if isinstance(event, SyncReceived):
+            self.conflict.seen(self._now_us, event.can_id)
+            self._apply_conflict()
+        elif isinstance(event, SyncReceived):
             self.clock.sync(event.arrived_us)
         elif isinstance(event, TimeStampReceived):
             self.clock.time_stamp(event.stamp_us)
-        elif isinstance(event, NmtStateChanged) and event.command in RESETS:
-            self.emergencies.after_reset()
+        elif isinstance(event, NmtStateChanged):
+            if self._node.slave.node_id != self._node_id:
+                self._node_id = self._node.slave.node_id
+                self.conflict.end()
+                self._apply_conflict()
+            if event.command in RESETS:
+                self.emergencies.after_reset()
+
+    def _apply_conflict(self) -> None:
+        """Withdraw the contact and hold the node while its id is used by another; release it afterwards."""
+        conflict, slave = self.conflict, self._node.slave
+        self.emergencies.set(
+            Emergency.ID_COLLISION, conflict.is_active, conflict.can_id.to_bytes(2, "little")
+        )
+        if conflict.is_silent and not self._is_held:
+            self._withdraw(self._now_us, "another node has the same node id")
+            slave.hold()
+        elif self._is_held and not conflict.is_silent:
+            slave.release()
+        self._is_held = conflict.is_silent

@@ -55,8 +55,11 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
     """The CAN bus. state: up, bus-off, down. dropped: PDOs dropped by a full transmit queue or a lost bus.
 
     receive_overruns: reports that the controller lost received frames. error_frames: of any kind.
-    foreign_frames: 29-bit and CAN FD frames. Counters are since the start, dropped_lately and overruns_lately
-    of the last minute.
+    foreign_frames: 29-bit and CAN FD frames. own_echoes: frames of this fingertip that it received after the
+    bus was reopened. others_dropped: responses and heartbeats dropped by a full transmit queue. id_conflicts:
+    frames of another node with an identifier of this node. Counters are since the start, dropped_lately and
+    overruns_lately of the last minute. stuck: frames wait and the bus accepts none. conflict: text about
+    another node with this node's id, empty when there is none.
     """
 
     interface: str
@@ -72,6 +75,11 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
     overruns_lately: int = 0
     error_frames: int = 0
     foreign_frames: int = 0
+    own_echoes: int = 0
+    others_dropped: int = 0
+    id_conflicts: int = 0
+    stuck: bool = False
+    conflict: str = ""
 
 
 class ClockHealth(msgspec.Struct, frozen=True, kw_only=True):

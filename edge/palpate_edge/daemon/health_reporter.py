@@ -11,7 +11,9 @@ from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.node.emergencies import Emergency, name_of
 
 REPORT_EVERY_US = 1_000_000
-LOGGED_ELSEWHERE = frozenset(map(name_of, (Emergency.CAMERA_LOST, Emergency.CAMERA_STALLED)))
+LOGGED_ELSEWHERE = frozenset(
+    map(name_of, (Emergency.CAMERA_LOST, Emergency.CAMERA_STALLED, Emergency.ID_COLLISION))
+)
 """The daemon logs these at once, with their reason."""
 
 _log = logging.getLogger("palpate.emergency")

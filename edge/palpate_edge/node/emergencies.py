@@ -14,6 +14,7 @@ class Emergency(IntEnum):
     RECEIVE_OVERRUN = 0x8110
     ERROR_PASSIVE = 0x8120
     BUS_OFF_RECOVERED = 0x8140
+    ID_COLLISION = 0x8150
     CAMERA_LOST = 0xFF01
     CAMERA_STALLED = 0xFF02
     BEADS_LOST = 0xFF03
@@ -27,6 +28,7 @@ REGISTER = {
     Emergency.LED_TOO_HOT: ErrorRegister.TEMPERATURE,
     Emergency.RECEIVE_OVERRUN: ErrorRegister.COMMUNICATION,
     Emergency.ERROR_PASSIVE: ErrorRegister.COMMUNICATION,
+    Emergency.ID_COLLISION: ErrorRegister.COMMUNICATION,
     Emergency.CLOCK_LOST: ErrorRegister.COMMUNICATION,
 }
 """Register bits of the emergencies; the others set the manufacturer bit.
@@ -45,16 +47,16 @@ class ActiveEmergencies:
 
     def __init__(self, producer: EmergencyProducer) -> None:
         self._producer = producer
-        self._active: dict[Emergency, None] = {}
+        self._active: dict[Emergency, bytes] = {}
 
-    def set(self, emergency: Emergency, active: bool) -> None:
-        """Report or clear an emergency if its state changed."""
+    def set(self, emergency: Emergency, active: bool, info: bytes = b"") -> None:
+        """Report or clear an emergency if its state changed. info: manufacturer-specific bytes, five at
+        most."""
         if active and emergency not in self._active:
-            self._active[emergency] = None
+            self._active[emergency] = info
             self._report(emergency)
         elif not active and emergency in self._active:
-            del self._active[emergency]
-            self._producer.clear(emergency)
+            self._producer.clear(emergency, self._active.pop(emergency))
 
     def names(self) -> list[str]:
         """Return the names of the active emergencies, the oldest first."""
@@ -66,4 +68,5 @@ class ActiveEmergencies:
             self._report(emergency)
 
     def _report(self, emergency: Emergency) -> None:
-        self._producer.report(emergency, REGISTER.get(emergency, ErrorRegister.MANUFACTURER))
+        register = REGISTER.get(emergency, ErrorRegister.MANUFACTURER)
+        self._producer.report(emergency, register, self._active[emergency])

@@ -23,7 +23,10 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NodeIdConflict:
-    """Another node has the same id: it sent a frame with an identifier of this node."""
+    """Another node has the same id: it sent a frame with an identifier of this node.
+
+    The application decides what follows: `Slave.hold`, `Slave.release`.
+    """
 
     can_id: int
 

@@ -91,6 +91,7 @@ class Slave:
         self.state = NmtState.INITIALISING
         self._now_us = 0
         self._silent_until_us = 0
+        self._is_held = self._starts_on_release = False
         self._frames: list[CanFrame] = []
         self._events: list[Event] = []
         self._check_write = check_write
@@ -156,6 +157,21 @@ class Slave:
         self.emcy.report(code, ErrorRegister.COMMUNICATION, info)
         self._behave_on_error()
 
+    def hold(self) -> None:
+        """Leave OPERATIONAL for PRE-OPERATIONAL until :meth:`release`; a start command is deferred."""
+        if not self._is_held:
+            self._is_held = True
+            self._starts_on_release = self.state is NmtState.OPERATIONAL
+            if self._starts_on_release:
+                self._enter(NmtState.PRE_OPERATIONAL, None)
+
+    def release(self) -> None:
+        """End :meth:`hold`; enter OPERATIONAL if the node was there, or was started meanwhile."""
+        self._is_held = False
+        if self._starts_on_release:
+            self._starts_on_release = False
+            self._enter(NmtState.OPERATIONAL, None)
+
     def store_finished(self, stored: bool) -> None:
         """Report the result of StoreRequested; the next :meth:`process` sends the response to the master."""
         self._frames += self._keeper.finished(stored)
@@ -209,6 +225,9 @@ class Slave:
         if command is None:
             return
         state = STATE_AFTER[command]
+        if self._is_held:
+            self._starts_on_release = state is NmtState.OPERATIONAL
+            state = NmtState.PRE_OPERATIONAL if self._starts_on_release else state
         if state is NmtState.INITIALISING:
             self._reset(command)
         elif state is not self.state:
@@ -278,6 +297,7 @@ class Slave:
     def _start_over(self, command: NmtCommand | None) -> None:
         """Restart through INITIALISING with the node id that LSS may have assigned."""
         self._store.set_node_id(self._lss.pending_node_id)
+        self._starts_on_release = False
         self._services.restart()
         self._connect()
         if self.node_id == UNCONFIGURED_NODE_ID:

@@ -16,13 +16,15 @@ class Client:
     """State and counters of one connection.
 
     output: bytes to be written to its socket. port: None before HELLO, and for a client that only sends
-    requests. overruns_untold: dropped frames that are not reported to the client yet.
+    requests. process: of the peer, 0 if not known. overruns_untold: dropped frames that are not reported to
+    the client yet.
     """
 
     splitter: protocol.Splitter = field(default_factory=protocol.Splitter)
     output: bytearray = field(default_factory=bytearray)
     name: str = ""
     port: int | None = None
+    process: int = 0
     mode: PortMode = NO_MODE
     credits_owed: int = 0
     overruns_untold: int = 0

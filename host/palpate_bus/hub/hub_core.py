@@ -31,6 +31,8 @@ from palpate_edge.common.errors import ConfigError
 MAX_QUEUED_BYTES = 256 * 1024  # for one slow client, about 9,000 frames: seconds of a busy bus
 MAX_UNREAD_BYTES = 4 * MAX_QUEUED_BYTES  # including replies and credits, which are never dropped
 
+MAX_LEFT = 64  # ports of disconnected programs that are remembered
+
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 _OWN = int(FrameFlag.OWN)
 _DELIVER_HEADER = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION, Kind.DELIVER, protocol.STAMPED.size)
@@ -49,6 +51,7 @@ class HubCore:
         self.garbled_clients = 0
         self._started_us = now_us
         self._by_port: dict[int, Client] = {}
+        self._left: dict[int, tuple[int, str]] = {}  # port -> process and name of a program that disconnected
         self._held: list[tuple[int, int, int, CanFrame, bool]] = []  # release us, order, port, frame, copy
         self._held_count = 0
 
@@ -57,6 +60,7 @@ class HubCore:
         if client.port is not None:
             self.wire.detach(client.port)
             del self._by_port[client.port]
+            self._remember(client.port, client)
             self._held = [held for held in self._held if held[2] != client.port]
             heapq.heapify(self._held)
             client.port = None
@@ -193,8 +197,19 @@ class HubCore:
         for port in delivery.receivers:
             client = self._by_port.get(port)
             if client is not None:  # it may have disconnected while the frame was on the wire
-                own = port == delivery.sender
+                own = port == delivery.sender or self._is_former_port(client, delivery.sender)
                 self._output_frame(client, _deliver_message(delivery, _OWN) if own else record)
+
+    def _remember(self, port: int, client: Client) -> None:
+        """Remember who had a port: its queued frames are its own to the same program's next port."""
+        if client.process:
+            self._left[port] = (client.process, client.name)
+        while len(self._left) > MAX_LEFT:
+            del self._left[next(iter(self._left))]
+
+    def _is_former_port(self, client: Client, port: int) -> bool:
+        """Return whether the client's program had this port before it reconnected."""
+        return bool(self._left) and self._left.get(port) == (client.process, client.name)
 
     def _output_frame(self, client: Client, record: bytes) -> None:
         if len(client.output) > MAX_QUEUED_BYTES:

@@ -20,6 +20,9 @@ Header (8 bytes, little endian): magic U16, version U8, kind U8, payload length 
 Flow control: WELCOME grants `transmit queue length` credits, each frame sent takes one, CREDIT returns them
 when frames are transmitted. A client without credit refuses the frame at once (ENOBUFS), so that the sender
 learns of every frame that is not sent.
+
+Own frames: those of the same connection, and those that a connection of the same process and name had queued
+before it was closed (the hub still transmits them).
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from palpate_bus.hub.control import AskStatistics, ClearFaults, Inject, Statisti
 from palpate_bus.hub.faults import FaultKind, FaultRule
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import read_log
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 
@@ -365,3 +366,22 @@ def test_thirty_two_ports_at_once(hub, open_port):
     ports = [open_port(f"p{number}") for number in range(32)]
     ports[0].send(message(0x42))
     assert [port.recv(PATIENCE_S).arbitration_id for port in ports[1:]] == [0x42] * 31
+
+
+def test_frames_queued_before_a_reopening_are_own_frames_to_the_same_program_only(start_hub):
+    """At 10 kbit/s they wait for 0.1 s: the new connections are there before the frames are sent."""
+    hub = start_hub("--bitrate", "10000", "--txqueuelen", "16")
+    config = BusConfig(interface="palpate", channel=str(hub.path), bitrate=10_000)
+    frames = [CanFrame(0x190, bytes([number])) for number in range(8)]
+    before = open_bus(config, "finger-1")
+    before.send(frames)
+    before.close()
+    with open_bus(config, "finger-1") as after, open_bus(config, "finger-2") as other:
+        heard = [frame for _, frame in receive_count(other, 6)]
+        assert set(heard) <= set(frames)
+        other.send([frames[-1]])
+        arrived = []
+        while not arrived:
+            arrived = after.receive(PATIENCE_S)
+        assert [frame for _, frame in arrived] == [frames[-1]]
+        assert after.counters.own_echoes >= len(heard)

@@ -46,12 +46,14 @@ def error_frame(kind, status=0):
     return can.Message(arbitration_id=kind, is_error_frame=True, data=bytes([0, status]) + bytes(6))
 
 
-def message(can_id):
-    return can.Message(arbitration_id=can_id, is_extended_id=False)
+def message(can_id, data=b"", **marks):
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **marks)
 
 
 class Rig:
     """A link and the drivers it has opened; None in `to_open` refuses to open."""
+
+    interface = "socketcan"
 
     def __init__(self, *to_open):
         self.opened_at = []
@@ -66,7 +68,7 @@ class Rig:
         if driver is None:
             raise BusError("no such device")
         self.drivers.append(driver)
-        return Bus(driver, BusConfig(), "finger-1")
+        return Bus(driver, BusConfig(interface=self.interface), "finger-1")
 
     def turn(self, at_us, *frames):
         self.now_us = at_us
@@ -246,3 +248,66 @@ def test_counters_add_up_over_all_openings_of_the_bus(rig):
     assert (counters.received, counters.sent, counters.error_frames) == (3, 2, 2)
     assert rig.link.receive_overruns == counters.receive_overruns == 2
     assert rig.link.activity - before == 3
+
+
+def test_a_bus_that_accepts_nothing_keeps_its_socket_and_is_told(rig):
+    """20,000 answers and no one who takes them: before, the 257th closed the bus and opened it again."""
+    driver = rig.drivers[0]
+    driver.refuses = errno.ENOBUFS
+    for number in range(200):
+        rig.turn(10_000 * number, *[SDO] * 100, *([EMCY] if number == 0 else []))
+    assert rig.link.state is BusState.UP and rig.link.changes() == []
+    assert rig.link.is_stuck(2_000_000)
+    assert not Rig().link.is_stuck(2_000_000)
+    driver.refuses = None
+    rig.turn(2_000_000)
+    assert rig.opened_at == [0]
+    assert driver.sent.count(0x090) == 1
+    assert driver.sent.count(0x590) + rig.link.others_dropped == 20_000
+    assert not rig.link.is_stuck(2_000_000)
+
+
+OWN, OTHER = CanFrame(0x190, b"\x01"), CanFrame(0x190, b"\x02")
+
+
+def reopened(interface="socketcan"):
+    """A link that sent OWN twice, was lost and is open again at 200 ms; the driver behind it."""
+    rig = Rig()
+    rig.interface = interface
+    rig.turn(0, OWN, OWN)
+    rig.drivers[0].arriving = [gone()]
+    rig.turn(1_000)
+    rig.turn(200_000)
+    assert rig.link.state is BusState.UP
+    return rig, rig.drivers[-1]
+
+
+@pytest.mark.parametrize("interface", ["socketcan", "slcan"])
+def test_frames_of_the_former_socket_are_no_strangers_each_once(interface):
+    """SocketCAN marks what this machine sent; slcan marks nothing."""
+    rig, driver = reopened(interface)
+    marks = {"is_rx": False} if interface == "socketcan" else {}
+    driver.arriving = [message(0x190, b"\x01", **marks) for _ in range(3)] + [
+        message(0x190, b"\x02", **marks)
+    ]
+    assert rig.turn(210_000) == [0x190, 0x190]
+    assert rig.link.counters.own_echoes == 2
+
+
+def test_what_came_over_the_wire_is_never_an_own_frame():
+    rig, driver = reopened()
+    driver.arriving = [message(0x190, b"\x01")]
+    assert rig.turn(210_000) == [0x190]
+
+
+def test_an_own_frame_does_not_come_back_after_seconds():
+    rig, driver = reopened()
+    driver.arriving = [message(0x190, b"\x01", is_rx=False)]
+    assert rig.turn(2_300_000) == [0x190]
+
+
+def test_without_a_loss_no_frame_is_taken_for_an_own_one(rig):
+    """A second node's heartbeat is the same frame as our own."""
+    rig.turn(0, CanFrame(0x710, b"\x05"))
+    rig.drivers[0].arriving = [message(0x710, b"\x05", is_rx=False)]
+    assert rig.turn(1_000) == [0x710]

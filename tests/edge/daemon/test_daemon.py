@@ -56,6 +56,45 @@ def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
     rig.until(lambda: rig.feeds(back_s) >= 2)
 
 
+def test_a_spoofed_frame_a_second_interrupts_the_contacts_and_ends_nothing(rig, effort):
+    """Contacts are back within a second after the last one; the limit on a busy machine is the watchdog's."""
+
+    def valid(data):
+        return flags(data) & 0x04
+
+    bus = rig.listen()
+    rig.heard(bus, TPDO_2, valid)
+    rig.until((rig.folder / "finger.health").exists)
+    for _ in range(effort(2, 60)):
+        bus.send([CanFrame(0x190, bytes(8))])
+        rig.heard(bus, TPDO_2, lambda data: flags(data) == 0)
+        rig.heard(bus, TPDO_2, valid)
+        time.sleep(0.3)
+    emergencies = [struct.unpack_from("<H", data)[0] for data in rig._heard.get(EMCY, ())]
+    assert emergencies == [0x8150]
+    rig.until(lambda: json.loads((rig.folder / "finger.health").read_bytes())["bus"]["id_conflicts"])
+    done = rig.edge("check")
+    assert done.returncode == 1
+    assert "node id 0x10 is used twice: a frame 0x190 came from another node" in done.stdout
+    assert (rig.folder / "stderr").read_text().count("node id 0x10 is used twice") == 1
+    assert rig.process.poll() is None
+
+
+def test_sdo_reads_without_a_pause_keep_the_connection(rig, effort):
+    bus = rig.listen()
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    read = CanFrame(0x610, bytes.fromhex("4000100000000000"))
+    for _ in range(effort(20, 200)):
+        bus.send([read] * 100)
+        bus.receive(0)
+    rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
+    written_at = json.loads((rig.folder / "finger.health").read_bytes())["written_at"]
+    rig.until(lambda: json.loads((rig.folder / "finger.health").read_bytes())["written_at"] > written_at)
+    health = json.loads((rig.folder / "finger.health").read_bytes())["bus"]
+    assert (health["restarts"], health["id_conflicts"]) == (0, 0)
+    assert rig.process.poll() is None
+
+
 def test_lost_beads_are_logged_when_they_begin_and_when_they_are_over(rig):
     def log():
         return (rig.folder / "stderr").read_text()

@@ -10,11 +10,12 @@ import pytest
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
 from palpate_edge.common.contact import Contact, refused_contact
-from palpate_edge.common.errors import BusError, CameraLostError, CameraStalledError
+from palpate_edge.common.errors import CameraLostError, CameraStalledError
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import ContactFlag, Health, MethodCode
+from palpate_edge.node.id_conflict import QUIET_US
 from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
@@ -260,9 +261,98 @@ def test_a_clock_that_is_lost_is_told_and_followed_on(rig):
     assert 0x0000 in rig.emergencies()
 
 
-def test_a_node_id_that_is_used_twice_is_refused(rig):
-    with pytest.raises(BusError, match="node id 0x10 is used twice"):
+FOREIGN = CanFrame(0x180 + NODE, bytes(8))
+
+
+def test_a_foreign_frame_withdraws_the_contact_and_tells_once(rig):
+    rig.see(seconds=1)
+    begun = len(rig.sent)
+    rig.hear(FOREIGN)
+    rig.until(rig.now_us + 1)
+    sent = [frame for _, frame in rig.sent[begun:]]
+    assert [frame.can_id - NODE for frame in sent] == [0x180, 0x280, 0x300, 0x380, 0x080]
+    assert rig.flags()[-1][1] == 0
+    assert sent[-1].data == bytes.fromhex("5081119001000000")  # 8150h, generic and communication, 0x190
+    assert rig.core.state is NmtState.PRE_OPERATIONAL
+    assert "node id 0x10 is used twice: a frame 0x190 came from another node" in rig.core.conflict_problem
+    assert rig.core.emergencies.names() == ["id collision"]
+
+
+def test_contacts_return_by_themselves_when_the_stranger_is_silent(rig):
+    rig.see(seconds=1)
+    rig.hear(FOREIGN)
+    begun_us, begun = rig.now_us, len(rig.flags())
+    rig.see(seconds=1)
+    at_us, flags = rig.flags()[begun]
+    assert flags == VALID_TOUCH
+    assert QUIET_US <= at_us - begun_us <= QUIET_US + PERIOD_US
+    assert rig.core.state is NmtState.OPERATIONAL
+    rig.see(seconds=10)
+    assert rig.emergencies() == [0x8150, 0x0000]
+    assert rig.core.conflict_problem == ""
+    assert rig.core.conflict.frames == 1
+
+
+def test_a_stranger_once_a_second_for_a_minute(rig):
+    """One EMCY in all; no contact is valid within the quiet time after a foreign frame."""
+    for _ in range(60):
+        rig.see(seconds=1)
+        rig.hear(FOREIGN)
+    last_us = rig.now_us
+    rig.see(seconds=1)
+    assert rig.emergencies() == [0x8150]
+    valid_us = [at_us for at_us, flags in rig.flags() if flags]
+    assert not any(last_us < at_us < last_us + QUIET_US for at_us in valid_us)
+    assert last_us < valid_us[-1] <= last_us + 1_000_000
+    assert rig.core.conflict.frames == 60
+
+
+def test_a_second_node_that_stays_keeps_this_one_silent_and_answering(rig):
+    rig.see(seconds=1)
+    rig.hear(FOREIGN)
+    begun = len(rig.sent)
+    for _ in range(100):
+        rig.see(seconds=0.1)
         rig.hear(CanFrame(0x700 + NODE, b"\x05"))
+    ids = {frame.can_id for _, frame in rig.sent[begun:]}
+    assert ids <= {EMCY, 0x700 + NODE}
+    rig.hear(CanFrame(0x600 + NODE, bytes.fromhex("4000100000000000")))
+    assert rig.sent[-1][1].can_id == SDO_ANSWER
+    assert rig.emergencies() == [0x8150]
+
+
+@pytest.mark.parametrize(
+    ("commands", "state"),
+    [
+        ([], NmtState.OPERATIONAL),
+        ([0x80], NmtState.PRE_OPERATIONAL),
+        ([0x02], NmtState.STOPPED),
+        ([0x80, 0x01], NmtState.OPERATIONAL),
+        ([0x02, 0x01], NmtState.OPERATIONAL),
+        ([0x81], NmtState.PRE_OPERATIONAL),
+        ([0x82, 0x01], NmtState.OPERATIONAL),
+    ],
+)
+def test_nmt_commands_meanwhile_count_when_the_node_returns(rig, commands, state):
+    rig.hear(FOREIGN)
+    for command in commands:
+        rig.hear(CanFrame(0x000, bytes([command, NODE])))
+        assert rig.core.state is not NmtState.OPERATIONAL
+    rig.wait(0.8)
+    assert rig.core.state is state
+
+
+def test_a_new_node_id_by_lss_ends_the_conflict(rig):
+    rig.see(seconds=1)
+    rig.hear(FOREIGN)
+    lss = [bytes.fromhex(one) for one in ("0401000000000000", "1121000000000000", "0400000000000000")]
+    rig.hear(*[CanFrame(0x7E5, one) for one in lss])
+    rig.hear(CanFrame(0x000, bytes([0x82, 0])))
+    assert rig.core.conflict_problem == ""
+    rig.hear(CanFrame(0x000, bytes([0x01, 0])))
+    assert rig.core.state is NmtState.OPERATIONAL
+    rig.hear(FOREIGN)  # now another node's
+    assert rig.core.state is NmtState.OPERATIONAL
 
 
 @pytest.mark.parametrize(("has_led", "answer"), [(False, 0x0800_0022), (True, None)])
