@@ -47,7 +47,7 @@ from palpate_edge.node.events import (
     ObjectWritten,
     StoreRequested,
 )
-from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip import TARE_IN_CONTACT_SIGNATURE, FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.stored_parameters import NOTHING_STORED
 
@@ -231,7 +231,7 @@ class _Daemon:
                 _parameters_log.error(line)
         for event in events:
             if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
-                self._capture.estimator.tare()
+                self._capture.estimator.tare(accepts_contact=event.value == TARE_IN_CONTACT_SIGNATURE)
             elif isinstance(event, AcceptIdsChanged):
                 self._bus.accept(event.can_ids)
             elif isinstance(event, StoreRequested) and self._parameters is None:

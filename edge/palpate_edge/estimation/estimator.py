@@ -79,8 +79,8 @@ class Estimator:
             record.beads = self._drift.compensate(record.tracked)
             record.motion = self._skin_motion.measure(record.beads)
             check_beads(record)
-            self._tare.collect(record.tracked)
             record.skin = self._classifier.classify(record.beads, record.motion, frame.exposed_at_us)
+            self._tare.collect(record.tracked, is_touched=record.skin is SkinState.TOUCHED)
             if record.skin is SkinState.TOUCHED:
                 record.located = self._locator.locate(record)
             check_blind_spot(record)
@@ -93,9 +93,12 @@ class Estimator:
         contact = record.contact()
         return replace(contact, slip=True) if self._slip.detect(contact) else contact
 
-    def tare(self) -> None:
-        """Take the mean of the next `tare.TARE_FRAMES` plausible frames as the untouched sensor."""
-        self._tare.begin()
+    def tare(self, *, accepts_contact: bool = True) -> None:
+        """Take the mean of the next `tare.TARE_FRAMES` plausible frames as the untouched sensor.
+
+        accepts_contact: False cancels the tare when one of them shows a contact.
+        """
+        self._tare.begin(accepts_contact=accepts_contact)
 
     @property
     def outputs(self) -> SensorOutputs:

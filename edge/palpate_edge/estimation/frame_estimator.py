@@ -59,6 +59,9 @@ class FrameEstimator(Protocol):
         """Return the contact of the next frame; a rejected frame gives `valid` False and the reason."""
         ...
 
-    def tare(self) -> None:
-        """Take the next frames as the untouched sensor, where the method has such a reference."""
+    def tare(self, *, accepts_contact: bool) -> None:
+        """Take the next frames as the untouched sensor, where the method has such a reference.
+
+        accepts_contact: False cancels the tare when one of them shows a contact.
+        """
         ...

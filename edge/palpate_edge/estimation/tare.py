@@ -21,19 +21,26 @@ class Tare:
         self._reference = reference
         self._on_completed = on_completed
         self._frames_left = 0
+        self._accepts_contact = True
         self._restart_sums()
 
-    def begin(self) -> None:
-        """Take the next `TARE_FRAMES` plausible frames; a tare in progress starts again."""
+    def begin(self, *, accepts_contact: bool = True) -> None:
+        """Take the next `TARE_FRAMES` plausible frames; a tare in progress starts again.
+
+        accepts_contact: False cancels the tare when one of them shows a contact; the reference then stays.
+        """
+        self._accepts_contact = accepts_contact
         self._frames_left = TARE_FRAMES
         self._restart_sums()
 
-    def collect(self, tracked: Beads) -> None:
+    def collect(self, tracked: Beads, *, is_touched: bool) -> None:
         """Add a frame's beads, before drift compensation, while a tare is in progress.
 
         Raises FrameRejectedError then: these frames give no contact. A bead that none of them shows keeps its
         reference place.
         """
+        if is_touched and not self._accepts_contact:
+            self._frames_left = 0
         if not self._frames_left:
             return
         self._sum_px[tracked.found] += tracked.position_px[tracked.found]

@@ -41,7 +41,7 @@ class UncalibratedEstimator:
             frame.sequence, frame.exposed_at_us, NO_CALIBRATION, self.picture.blobs, self._beads_expected
         )
 
-    def tare(self) -> None:
+    def tare(self, *, accepts_contact: bool) -> None:
         """Do nothing: there is no reference to renew."""
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from functools import partial
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import ClockState
@@ -47,6 +46,8 @@ from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
 AUTOZERO_SIGNATURE = int.from_bytes(b"zero", "little")
+TARE_IN_CONTACT_SIGNATURE = int.from_bytes(b"ZERO", "little")
+"""Values of 6125h. The second one tares in spite of a contact: a dent that remains when nothing touches."""
 HASH_DIGITS = 16
 LOCATION_CHARACTERS = 64
 SERIAL_NUMBER = (0x1018, 4)
@@ -80,7 +81,9 @@ class FingertipNode:
         od = load_eds(FINGERTIP_EDS, node_id)
         if outputs.pose:
             od = with_tpdos_enabled(od, POSE_TPDOS)
-        self.slave = Slave(od, partial(check_write, has_led, outputs.place), kept)
+        self._is_touched = False
+        self.slave = Slave(od, self._check_write, kept)
+        self._has_led = has_led
         self._outputs = outputs
         self.slave.write(METHOD, 0, int(method))
         self.slave.write(NEVER_GIVEN, 0, never_given_flags(outputs))
@@ -109,6 +112,8 @@ class FingertipNode:
         The next `process` counts it in 2040h and 2041h. sequence, exposed_us: values for the bus; None: those
         of the contact. latency_us: from the exposure until now.
         """
+        if contact.valid:
+            self._is_touched = contact.in_contact
         objects = encode_contact(contact, latency_us, self._outputs)
         if sequence is not None:
             objects[SEQUENCE, 0] = sequence & UINT16_MAX
@@ -136,18 +141,25 @@ class FingertipNode:
         """Set the objects of the bus clock, 2042h."""
         self.slave.write_all(encode_bus_clock(state, drift_ppb, standard_error_us))
 
+    def _check_write(self, entry: Entry, value: Value) -> None:
+        """Raise SdoAbortError for an invalid write to one of the fingertip's own objects.
 
-def check_write(has_led: bool, has_tare: bool, entry: Entry, value: Value) -> None:
-    """Raise SdoAbortError for an invalid write to one of the fingertip's own objects.
+        The location has at most 64 characters; the LED level needs an LED controller.
+        """
+        if entry.index == AI_AUTOZERO:
+            self._check_tare(value)
+        if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:
+            raise SdoAbortError(AbortCode.TOO_LONG)
+        if entry.index == LED_SET_POINT and not self._has_led:
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
 
-    Autozero accepts only its signature, the location at most 64 characters; the LED level needs an LED
-    controller. A pose sensor has no tare: its rest is part of what it learned.
-    """
-    if entry.index == AI_AUTOZERO and not has_tare:
-        raise SdoAbortError(AbortCode.DEVICE_STATE)
-    if entry.index == AI_AUTOZERO and value != AUTOZERO_SIGNATURE:
-        raise SdoAbortError(AbortCode.NOT_STORED)
-    if entry.index == LOCATION and len(str(value)) > LOCATION_CHARACTERS:
-        raise SdoAbortError(AbortCode.TOO_LONG)
-    if entry.index == LED_SET_POINT and not has_led:
-        raise SdoAbortError(AbortCode.DEVICE_STATE)
+    def _check_tare(self, value: Value) -> None:
+        """Raise SdoAbortError for a value that is no signature, and for a tare that would hide a contact.
+
+        The last valid frame decides whether there is one. A pose sensor has no tare: its rest is part of what
+        it learned.
+        """
+        if value not in (AUTOZERO_SIGNATURE, TARE_IN_CONTACT_SIGNATURE):
+            raise SdoAbortError(AbortCode.NOT_STORED)
+        if not self._outputs.place or (self._is_touched and value == AUTOZERO_SIGNATURE):
+            raise SdoAbortError(AbortCode.DEVICE_STATE)

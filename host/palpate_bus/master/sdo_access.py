@@ -19,7 +19,7 @@ from palpate_edge.common.errors import ConfigError
 BLOCK_FROM_BYTES = 128  # for less data, block transfer needs more frames than segmented transfer
 COMMAND_UNKNOWN, NO_OBJECT, NO_SUBINDEX = 0x0504_0001, 0x0602_0000, 0x0609_0011
 _INDEX = re.compile(r"(?:0x)?(?P<index>[0-9a-fA-F]{4})h?(?::(?:0x)?(?P<sub>[0-9a-fA-F]{1,2})h?)?")
-_SIGNATURE = re.compile(r"[a-z]{4}")
+_SIGNATURE = re.compile(r"[a-z]{4}|ZERO")
 
 
 def find_object(device: Device | None, text: str) -> Key:
@@ -81,7 +81,7 @@ def read(client: SdoClient, node_id: int, device: Device | None, key: Key, block
         with client.open(*key, mode="rb", block_transfer=True) as stream:
             return bytes(stream.read())
 
-    with sdo_errors(node_id, what, client.RESPONSE_TIMEOUT):
+    with sdo_errors(node_id, key[0], what, client.RESPONSE_TIMEOUT):
         return _blocks_or(in_blocks, lambda: client.upload(*key)) if large else client.upload(*key)
 
 
@@ -90,7 +90,7 @@ def read_number(client: SdoClient, node_id: int, device: Device, key: Key) -> in
 
     Raises BusError for any other failure.
     """
-    with sdo_errors(node_id, f"reading {device.name_of(key)}", client.RESPONSE_TIMEOUT):
+    with sdo_errors(node_id, key[0], f"reading {device.name_of(key)}", client.RESPONSE_TIMEOUT):
         try:
             return int.from_bytes(client.upload(*key), "little")
         except SdoAbortedError as error:
@@ -111,7 +111,7 @@ def write(client: SdoClient, node_id: int, device: Device | None, key: Key, data
         client.download(*key, data)
         return b""
 
-    with sdo_errors(node_id, f"writing {_name(device, key)}", client.RESPONSE_TIMEOUT):
+    with sdo_errors(node_id, key[0], f"writing {_name(device, key)}", client.RESPONSE_TIMEOUT):
         if block or len(data) >= BLOCK_FROM_BYTES:
             _blocks_or(in_blocks, segmented)
         else:

@@ -15,7 +15,7 @@ import canopen
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate_bus.decode.sdo_abort_text import abort_text
+from palpate_bus.decode.sdo_abort_text import abort_remedy, abort_text
 from palpate_edge.can_bus.bus import BusConfig, open_error
 from palpate_edge.common.errors import BusError
 
@@ -77,14 +77,15 @@ def sdo_client(network: canopen.Network, node_id: int, timeout_s: float) -> SdoC
 
 
 @contextmanager
-def sdo_errors(node_id: int, what: str, timeout_s: float) -> Iterator[None]:
-    """Convert SDO exceptions to BusError with the node, the action `what` and the remedy."""
+def sdo_errors(node_id: int, index: int, what: str, timeout_s: float) -> Iterator[None]:
+    """Convert SDO exceptions to BusError with the node, the action `what` and the remedy. index: of the
+    object."""
     try:
         yield
     except SdoAbortedError as error:
         raise BusError(
             f"node 0x{node_id:02X} aborts {what}: {error.code:08X}h, {abort_text(error.code)}: "
-            "give another object or value"
+            f"{abort_remedy(index, error.code)}"
         ) from error
     except SdoCommunicationError as error:
         reason = str(error).rstrip(".")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -22,6 +23,7 @@ from palpate_bus.master.lss import parse_address
 from palpate_bus.master.sdo_access import encode, find_object
 from palpate_bus.master.session import master
 from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
@@ -187,6 +189,16 @@ def test_refusals_say_why(hub, fingertips, command, error, text):
     with pytest.raises(error, match=re.escape(text)) as caught:
         run(hub, "sdo", *command)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_tare_while_touched_is_refused_and_the_command_says_why(hub, fingertips):
+    touch = Contact(0, 0, True, True, (0.0, 0.0, 30.0), 2.8, None, 1.0, "", 85, 85)
+    fingertips.nodes[0].publish(touch, 4000)
+    with pytest.raises(BusError, match=r"08000022h.*something touches the fingertip.*release it"):
+        run(hub, "sdo", "write", "0x10", "6125:1", "zero")
+    assert run(hub, "sdo", "write", "0x10", "6125:1", "ZERO").exit_code == 0
+    fingertips.nodes[0].publish(dataclasses.replace(touch, in_contact=False), 4000)
+    assert run(hub, "sdo", "write", "0x10", "6125:1", "zero").exit_code == 0
 
 
 def test_the_pdos_of_a_node_are_those_of_its_eds(hub, fingertips, tmp_path):

@@ -13,6 +13,7 @@ from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.errors import CameraLostError, CameraStalledError
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.events import ObjectWritten
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import ContactFlag, Health, MethodCode
 from palpate_edge.node.id_conflict import QUIET_US
@@ -365,6 +366,39 @@ def test_an_led_that_is_not_there_takes_no_level(has_led, answer):
         assert frame.data[0] == 0x60
     else:
         assert frame.data == struct.pack("<BHBI", 0x80, 0x2030, 0, answer)
+
+
+FREE = dataclasses.replace(TOUCH, in_contact=False, position_mm=None, normal_force_N=0.0)
+
+
+@pytest.mark.parametrize(
+    ("contacts", "signature", "code"),
+    [
+        ([], b"zero", None),
+        ([FREE], b"zero", None),
+        ([TOUCH], b"zero", 0x0800_0022),
+        ([TOUCH, FREE], b"zero", None),
+        # A refused frame tells nothing about the touch before it.
+        ([TOUCH, refused_contact(0, 0, "frame is blank", 0, 85)], b"zero", 0x0800_0022),
+        ([FREE, refused_contact(0, 0, "all beads moved together", 85, 85)], b"zero", None),
+        ([TOUCH], b"ZERO", None),
+        ([TOUCH], b"Zero", 0x0800_0020),
+    ],
+)
+def test_a_tare_while_touched_is_refused(rig, contacts, signature, code):
+    """6125h is write only: the answer and the event are all that a tare is in the core."""
+    for contact in contacts:
+        rig.see(contact=contact)
+    rig.core.receive(rig.now_us, [(rig.now_us, CanFrame(0x600 + NODE, b"\x23\x25\x61\x01" + signature))])
+    step = rig.core.poll(rig.now_us)
+    (answer,) = [frame.data for frame in step.frames_out if frame.can_id == SDO_ANSWER]
+    written = [event for event in step.events if isinstance(event, ObjectWritten)]
+    if code is None:
+        assert answer == bytes.fromhex("6025610100000000")
+        assert [event.index for event in written] == [0x6125]
+    else:
+        assert answer == struct.pack("<BHBI", 0x80, 0x6125, 1, code)
+        assert written == []
 
 
 def test_a_hot_led_and_a_lost_controller_are_told_once_and_taken_back(rig):

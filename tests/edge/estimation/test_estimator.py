@@ -159,3 +159,14 @@ def test_a_second_tare_replaces_the_first(estimator, frame_of):
     tared(estimator, frame_of)
     assert not estimator.estimate(frame_of(sequence=50)).in_contact
     assert estimator.estimate(frame_of(PRESS, sequence=51)).in_contact
+
+
+def test_a_contact_cancels_a_tare_that_does_not_accept_it(estimator, frame_of):
+    estimator.tare(accepts_contact=False)
+    for sequence in range(100, 104):
+        assert estimator.estimate(frame_of(sequence=sequence)).reason == "tare in progress"
+    for sequence in range(104, 120):
+        assert estimator.estimate(frame_of(PRESS, sequence=sequence)).in_contact
+    contact = estimator.estimate(frame_of(sequence=120))
+    assert contact.valid
+    assert not contact.in_contact

@@ -88,7 +88,7 @@ class PoseEstimator:
         """Counters since the start."""
         return EstimatorHealth(self._frames, self._refused, self._beads_lost)
 
-    def tare(self) -> None:
+    def tare(self, *, accepts_contact: bool) -> None:
         """Do nothing: the labels were learned with the places of the markers at rest."""
 
     def _estimate(self, frame: Frame) -> Contact:
