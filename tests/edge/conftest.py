@@ -74,7 +74,14 @@ class Camera:
 class Rig:
     """The daemon and what surrounds it."""
 
-    def __init__(self, folder: Path, dataset: Path, calibration: Path | None, stack: ExitStack) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        dataset: Path,
+        calibration: Path | None,
+        stack: ExitStack,
+        program: tuple[str, ...] = ("-m", "palpate_edge.cli.main"),
+    ) -> None:
         """calibration: None for a fingertip that has none."""
         self.folder = folder
         self.config = folder / "finger.toml"
@@ -82,7 +89,7 @@ class Rig:
             f'name = "finger"\nhealth = "{folder / "finger.health"}"\n'
             f'[capture]\nsource = "shared_memory"\npath = "{folder / "ring"}"\n'
             + (f'[estimator]\ncalibration = "{calibration}"\n' if calibration else "")
-            + f"[node]\nid = {NODE}\n"
+            + f'[node]\nid = {NODE}\nparameters = "{folder / "finger.parameters"}"\n'
             f'[bus]\ninterface = "palpate"\nchannel = "{folder / "hub.sock"}"\n'
             f'[record]\nfolder = "{folder / "recordings"}"\n'
         )
@@ -97,7 +104,7 @@ class Rig:
         self.notes: list[tuple[float, str]] = []
         environment = {"NOTIFY_SOCKET": str(folder / "notify"), "WATCHDOG_USEC": str(WATCHDOG_US)}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "palpate_edge.cli.main", "run", "--config", str(self.config)],
+            [sys.executable, *program, "run", "--config", str(self.config)],
             env={**os.environ, **environment},
             stderr=stack.enter_context((folder / "stderr").open("w")),
         )
@@ -176,6 +183,22 @@ class Rig:
 def rig(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path) -> Iterator[Rig]:
     with ExitStack() as stack:
         yield Rig(tmp_path, drawn_dataset, drawn_calibration_file, stack)
+
+
+SLOW_FSYNC = """
+import os, time
+fsync = os.fsync
+os.fsync = lambda descriptor: (time.sleep(1.0), fsync(descriptor))
+from palpate_edge.cli.main import main
+main()
+"""
+
+
+@pytest.fixture
+def slow_rig(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path) -> Iterator[Rig]:
+    """A rig on a card whose every flush takes a second."""
+    with ExitStack() as stack:
+        yield Rig(tmp_path, drawn_dataset, drawn_calibration_file, stack, ("-c", SLOW_FSYNC))
 
 
 @pytest.fixture

@@ -22,10 +22,13 @@ STANDARD_OUTPUT = Path("-")
 
 
 @contextmanager
-def atomic_path(path: Path, error: type[PalpateError], *, sync_folder: bool = True) -> Iterator[Path]:
+def atomic_path(
+    path: Path, error: type[PalpateError], *, sync_folder: bool = True, sync_file: bool = True
+) -> Iterator[Path]:
     """Yield the path to write to; at the end of the block its content is at `path`, unless the block raises.
 
-    sync_folder: False saves a flush for each of many files whose names may be lost with the power. Raises
+    sync_folder: False saves a flush for each of many files whose names may be lost with the power. sync_file:
+    False for a content that may be lost with the power too; no flush can then delay the caller. Raises
     `error` when the file system refuses.
     """
     if _is_direct(path):
@@ -38,7 +41,8 @@ def atomic_path(path: Path, error: type[PalpateError], *, sync_folder: bool = Tr
         with refused_as(path, error):
             temporary.touch()  # refused now, not after the work
             yield temporary
-            _sync(temporary)
+            if sync_file:
+                _sync(temporary)
             temporary.replace(target)
             if sync_folder:
                 _sync(target.parent)
@@ -48,14 +52,16 @@ def atomic_path(path: Path, error: type[PalpateError], *, sync_folder: bool = Tr
 
 
 @contextmanager
-def atomic_file(path: Path, error: type[PalpateError], *, sync_folder: bool = True) -> Iterator[BinaryIO]:
+def atomic_file(
+    path: Path, error: type[PalpateError], *, sync_folder: bool = True, sync_file: bool = True
+) -> Iterator[BinaryIO]:
     """Yield an open binary file, as `atomic_path`; ``-`` is standard output."""
     if path == STANDARD_OUTPUT:
         yield cast(BinaryIO, sys.stdout.buffer)
         sys.stdout.buffer.flush()
         return
     with (
-        atomic_path(path, error, sync_folder=sync_folder) as temporary,
+        atomic_path(path, error, sync_folder=sync_folder, sync_file=sync_file) as temporary,
         refused_as(path, error),
         temporary.open("wb") as file,
     ):
@@ -77,9 +83,16 @@ def atomic_text(path: Path, error: type[PalpateError]) -> Iterator[TextIO]:
         yield file
 
 
-def write_atomically(path: Path, data: bytes, error: type[PalpateError], *, sync_folder: bool = True) -> None:
+def write_atomically(
+    path: Path,
+    data: bytes,
+    error: type[PalpateError],
+    *,
+    sync_folder: bool = True,
+    sync_file: bool = True,
+) -> None:
     """Write `data` as the whole content of `path`, as `atomic_file`."""
-    with atomic_file(path, error, sync_folder=sync_folder) as file:
+    with atomic_file(path, error, sync_folder=sync_folder, sync_file=sync_file) as file:
         file.write(data)
 
 

@@ -33,7 +33,8 @@ from palpate_edge.daemon.estimator_factory import configured_calibration, make_e
 from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
-from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.daemon.parameter_file import ParameterFile
+from palpate_edge.daemon.parameter_store import ParameterStore
 from palpate_edge.daemon.recording_control import RecordingControl
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.frame_estimator import Method
@@ -103,17 +104,18 @@ class _Daemon:
         source = open_source(config, calibration, clock, _camera_log.warning)
         self._recording = stack.enter_context(closing(RecordingControl(config.record)))
         self._capture = stack.enter_context(closing(CaptureThread(source, estimator, self._recording.offer)))
-        self._parameters = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
+        file = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         self._node = FingertipNode(
             config.node.id,
             MethodCode.PAPER if estimator.method is None else METHOD_CODES[estimator.method],
             "" if calibration is None else calibration.checksum,
             model_hash=_model_hash(calibration),
             serial_number=config.node.serial_number,
-            kept=self._parameters.load() if self._parameters else NOTHING_STORED,
+            kept=file.load() if file else NOTHING_STORED,
             has_led=config.illumination.i2c_bus is not None,
             outputs=estimator.outputs,
         )
+        self._parameters = None if file is None else stack.enter_context(closing(ParameterStore(file)))
         self._light = _open_light(config, self._node.led_set_point)
         if self._light is not None:
             stack.callback(self._light.close)
@@ -153,6 +155,8 @@ class _Daemon:
             self._light.start()
         with selectors.DefaultSelector() as selector:
             selector.register(self._capture.fileno(), selectors.EVENT_READ)
+            if self._parameters is not None:
+                selector.register(self._parameters.fileno(), selectors.EVENT_READ)
             registered: Descriptor | None = None
             due_us = self._clock.now_us()
             while not stopped.is_set() and not self._capture.finished:
@@ -186,6 +190,7 @@ class _Daemon:
         core.error_passive(bus.error_passive)
         core.receive_overruns(clock.now_us(), bus.receive_overruns)
         self._update_light()
+        self._take_saves()
         now_us = clock.now_us()
         step = core.poll(now_us)
         bus.send(now_us, step.frames_out)
@@ -226,15 +231,14 @@ class _Daemon:
 
     def _handle_events(self, events: tuple[Event, ...]) -> None:
         """Carry out the node's requests: store, tare, receive filter."""
-        if self._parameters is not None:
-            for line in answer_store_requests(self._node.slave, events, self._parameters):
-                _parameters_log.error(line)
         for event in events:
             if isinstance(event, ObjectWritten) and event.index == AI_AUTOZERO:
                 self._capture.estimator.tare(accepts_contact=event.value == TARE_IN_CONTACT_SIGNATURE)
             elif isinstance(event, AcceptIdsChanged):
                 self._bus.accept(event.can_ids)
-            elif isinstance(event, StoreRequested) and self._parameters is None:
+            elif isinstance(event, StoreRequested) and self._parameters is not None:
+                self._parameters.request(event.parameters)
+            elif isinstance(event, StoreRequested):
                 self._node.slave.store_finished(stored=False)
                 _parameters_log.warning("a master wants to store parameters: set node.parameters")
             elif isinstance(event, BitRateActivated):
@@ -242,6 +246,13 @@ class _Daemon:
                     "LSS requests %d kbit/s: the link sets the bit rate, BitRate= in its .network file",
                     event.bit_rate_kbit_s,
                 )
+
+    def _take_saves(self) -> None:
+        """Report finished saves to the node, which responds to the master."""
+        for result in self._parameters.take() if self._parameters is not None else ():
+            self._node.slave.store_finished(result.stored, result.parameters)
+            if result.failure:
+                _parameters_log.error(result.failure)
 
     def _log_bus(self, now_us: int) -> None:
         """Log when another node uses this node's id, when the bus accepts no frame, and when that is over."""

@@ -182,8 +182,9 @@ class HealthFile:
 
 
 def write_health(path: Path, report: HealthReport) -> None:
-    """Write the file in one step. Raises ConfigError when the file system refuses."""
-    write_atomically(path, msgspec.json.encode(report), ConfigError)
+    """Write the file in one step, without a flush. Raises ConfigError when the file system refuses."""
+    content = msgspec.json.encode(report)
+    write_atomically(path, content, ConfigError, sync_folder=False, sync_file=False)
 
 
 def read_health(name: str, configured: str, now_s: float) -> HealthReport | None:

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.events import Event, StoreRequested
 from palpate_edge.node.object_dictionary import Value
-from palpate_edge.node.slave import Slave
 from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
 
 TITLE = b"palpate parameters 1 crc32 "
@@ -124,21 +121,6 @@ class ParameterFile:
         except (OSError, ValueError):
             return False
         return True
-
-
-def answer_store_requests(slave: Slave, events: Iterable[Event], file: ParameterFile) -> list[str]:
-    """Carry out the store requests among the events and answer the slave. Returns a line for each failure."""
-    failures = []
-    for event in events:
-        if isinstance(event, StoreRequested):
-            try:
-                file.save(event.parameters)
-            except ConfigError as refusal:
-                failures.append(str(refusal))
-                slave.store_finished(False)
-            else:
-                slave.store_finished(True)
-    return failures
 
 
 def encode(parameters: StoredParameters) -> bytes:

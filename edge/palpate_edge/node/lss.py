@@ -48,14 +48,15 @@ class LssCommand(IntEnum):
 class LssSlave:
     """The LSS states waiting and configuration, and the pending node id and bit rate.
 
-    store: called to store both; returns False when it is not possible now. activate: called with the new bit
+    store: called to store both; returns True when both are stored already, False when it is not possible now,
+    None when `confirm_store` follows. activate: called with the new bit
     rate in kbit/s and the switch delay in us.
     """
 
     def __init__(
         self,
         objects: ObjectStore,
-        store: Callable[[int, int | None], bool],
+        store: Callable[[int, int | None], bool | None],
         activate: Callable[[int, int], None],
     ) -> None:
         self._objects = objects
@@ -173,8 +174,9 @@ class LssSlave:
                     delay_ms: int = struct.unpack_from("<H", data, 1)[0]
                     self._activate(self.pending_bit_rate_kbit_s, 1000 * delay_ms)
             case LssCommand.STORE:
-                if not self._store(self.pending_node_id, self.pending_bit_rate_kbit_s):
-                    return answer(command, STORAGE_FAILED)
+                stored = self._store(self.pending_node_id, self.pending_bit_rate_kbit_s)
+                if stored is not None:
+                    return answer(command, OK if stored else STORAGE_FAILED)
         return None
 
     def _configure_node_id(self, node_id: int) -> int:

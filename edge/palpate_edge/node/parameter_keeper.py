@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.events import StoreRequested
+from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
@@ -39,29 +40,49 @@ class ParameterKeeper:
         self._store = store
         self._storing: Storing | None = None
 
-    def write(self, now_us: int, entry: Entry, value: Value, confirm: Confirm) -> StoreRequested:
-        """Process a master's write to 1010h or 1011h. Raises SdoAbortError when it is not allowed."""
+    @property
+    def is_storing(self) -> bool:
+        """Return whether a request is in progress."""
+        return self._storing is not None
+
+    def write(
+        self, now_us: int, state: NmtState, entry: Entry, value: Value, confirm: Confirm
+    ) -> StoreRequested | None:
+        """Process a master's write to 1010h or 1011h; return None when nothing changed since the last save.
+
+        Raises SdoAbortError when it is not allowed: for another value than the signature, in OPERATIONAL, and
+        while another request is in progress.
+        """
         parameters = after_write(self._store, self.kept, entry, value)
-        request = self._request(now_us, parameters, confirm)
-        if request is None:
+        if self.is_storing or state is NmtState.OPERATIONAL:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
-        return request
+        return self._request(now_us, parameters, confirm)
 
     def keep_lss(
         self, now_us: int, node_id: int, bit_rate_kbit_s: int | None, confirm: Confirm
     ) -> StoreRequested | None:
-        """Process the store request of LSS; return None while another request is in progress."""
+        """Process the store request of LSS; return None when nothing has changed since the last save.
+
+        `is_storing` must be False.
+        """
         rate = bit_rate_kbit_s or self.kept.bit_rate_kbit_s
         return self._request(now_us, replace(self.kept, node_id=node_id, bit_rate_kbit_s=rate), confirm)
 
-    def finished(self, stored: bool) -> list[CanFrame]:
-        """Process the application's result and return the response to the master."""
-        if self._storing is None:
-            return []
-        storing, self._storing = self._storing, None
-        if stored:
-            self.kept = storing.parameters
+    def finished(self, stored: bool, parameters: StoredParameters | None = None) -> list[CanFrame]:
+        """Process the application's result and return the response to the master.
+
+        parameters: those of the result; None for those of the request in progress. A result that arrives
+        after the time-out has no response, but the parameters are stored.
+        """
+        storing = self._storing
+        if parameters is None and storing is not None:
+            parameters = storing.parameters
+        if stored and parameters is not None:
+            self.kept = parameters
             self._store.saved = self.kept.objects
+        if storing is None or storing.parameters is not parameters:
+            return []
+        self._storing = None
         return storing.confirm(stored)
 
     def poll(self, now_us: int) -> list[CanFrame]:
@@ -70,7 +91,7 @@ class ParameterKeeper:
         return self.finished(False) if late else []
 
     def _request(self, now_us: int, parameters: StoredParameters, confirm: Confirm) -> StoreRequested | None:
-        if self._storing is not None:
+        if parameters == self.kept:
             return None
         self._storing = Storing(parameters, confirm, now_us + STORE_TIMEOUT_US)
         return StoreRequested(parameters)

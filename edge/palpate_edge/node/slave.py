@@ -172,9 +172,12 @@ class Slave:
             self._starts_on_release = False
             self._enter(NmtState.OPERATIONAL, None)
 
-    def store_finished(self, stored: bool) -> None:
-        """Report the result of StoreRequested; the next :meth:`process` sends the response to the master."""
-        self._frames += self._keeper.finished(stored)
+    def store_finished(self, stored: bool, parameters: StoredParameters | None = None) -> None:
+        """Report the result of StoreRequested; the next :meth:`process` sends the response to the master.
+
+        parameters: those of the request; None for the request in progress.
+        """
+        self._frames += self._keeper.finished(stored, parameters)
 
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
@@ -329,8 +332,10 @@ class Slave:
         """
         if entry.index in SIGNATURES:
             confirm = self._services.sdo.confirm
-            self._events.append(self._keeper.write(self._now_us, entry, value, confirm))
-            return False
+            request = self._keeper.write(self._now_us, self.state, entry, value, confirm)
+            if request is not None:
+                self._events.append(request)
+            return request is None
         self._services.check_write(entry, value)
         self._check_write(entry, value)
         self._store.values[entry.key] = value
@@ -340,12 +345,15 @@ class Slave:
             self._connect()
         return True
 
-    def _store_lss(self, node_id: int, bit_rate_kbit_s: int | None) -> bool:
+    def _store_lss(self, node_id: int, bit_rate_kbit_s: int | None) -> bool | None:
+        if self._keeper.is_storing:
+            return False
         confirm = self._lss.confirm_store
         request = self._keeper.keep_lss(self._now_us, node_id, bit_rate_kbit_s, confirm)
-        if request is not None:
-            self._events.append(request)
-        return request is not None
+        if request is None:
+            return True
+        self._events.append(request)
+        return None
 
     def _activate_bit_rate(self, bit_rate_kbit_s: int, delay_us: int) -> None:
         self._silent_until_us = self._now_us + 2 * delay_us

@@ -116,6 +116,7 @@ def sdo() -> None:
       palpate-host bus sdo read 0x10 "Value of contact x"
       palpate-host bus sdo read 0x10 1018:4
       palpate-host bus sdo write 0x10 1017 250ms
+      palpate-host bus nmt preop 0x10
       palpate-host bus sdo write 0x10 1010:1 save
       palpate-host bus sdo check 0x10
     """

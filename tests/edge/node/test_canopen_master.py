@@ -13,9 +13,11 @@ import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
-from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.daemon.parameter_file import ParameterFile
+from palpate_edge.daemon.parameter_store import save
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.emcy import ErrorRegister
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import SlaveOutput
@@ -154,7 +156,9 @@ def test_store_and_restore(
 
     def process(now_us: int, frames: tuple[CanFrame, ...]) -> SlaveOutput:
         output = fingertip.process(now_us, frames)
-        assert answer_store_requests(fingertip.slave, output.events, file) == []
+        for event in output.events:
+            if isinstance(event, StoreRequested):
+                fingertip.slave.store_finished(save(file, event.parameters).stored)
         return output
 
     with canopen_master(process) as network:

@@ -151,6 +151,16 @@ def test_a_disk_that_fails_is_told(slave: Slave) -> None:
     assert slave.process(3, (RESET_NODE,)).frames_out == (CanFrame(0x710, b"\x00"),)
 
 
+def test_what_is_stored_already_is_answered_at_once(slave: Slave) -> None:
+    output = slave.process(
+        1, [CanFrame(0x7E5, bytes.fromhex(one).ljust(8, b"\0")) for one in (CONFIGURATION, "11 20", "17")]
+    )
+    (request,) = (event for event in output.events if isinstance(event, StoreRequested))
+    slave.store_finished(True, request.parameters)
+    slave.process(2, ())
+    assert ask(slave, "17") == ["17 00"]
+
+
 def test_one_storing_at_a_time(slave: Slave) -> None:
     assert ask(slave, CONFIGURATION, "17", "17") == ["17 02"]
 

@@ -9,11 +9,13 @@ import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.daemon.parameter_file import ParameterFile, answer_store_requests
+from palpate_edge.daemon.parameter_file import ParameterFile
+from palpate_edge.daemon.parameter_store import save
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import ObjectDictionary
-from palpate_edge.node.slave import Slave
+from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_parameters import StoredParameters
 
 SAVE, LOAD = 0x65766173, 0x64616F6C
@@ -45,10 +47,17 @@ class Board:
     def slave(self) -> Slave:
         return self.node.slave
 
+    def store(self, output: SlaveOutput) -> list[str]:
+        """Save what is requested, and answer; what failed."""
+        results = [save(self.file, e.parameters) for e in output.events if isinstance(e, StoreRequested)]
+        for result in results:
+            self.slave.store_finished(result.stored, result.parameters)
+        return [result.failure for result in results if result.failure]
+
     def send(self, *frames: CanFrame) -> list[str]:
         """SDO answers, those included that come once the file is written."""
         output = self.node.process(1, frames)
-        assert answer_store_requests(self.slave, output.events, self.file) == []
+        self.store(output)
         frames_out = output.frames_out + self.node.process(2, ()).frames_out
         return [frame.data.hex(" ") for frame in frames_out if frame.can_id == 0x590]
 
@@ -192,7 +201,7 @@ def test_a_full_disk_is_an_abort_and_the_old_parameters_stay(board: Board, tmp_p
     board.send(HEARTBEAT_250, write(0x1010, 1, SAVE))
     (tmp_path / "finger-1.parameters.new").mkdir()  # cannot be written
     output = board.node.process(3, (write(0x1017, 0, 500, "<H"), write(0x1010, 1, SAVE)))
-    (failure,) = answer_store_requests(board.slave, output.events, board.file)
+    (failure,) = board.store(output)
     assert "finger-1.parameters" in failure
     assert [frame.data.hex(" ") for frame in board.node.process(4, ()).frames_out] == [
         "80 10 10 01 00 00 06 06"
@@ -206,3 +215,42 @@ def test_a_drive_without_these_objects_stores_nothing(drive_od: ObjectDictionary
     slave.process(0, ())
     answer = slave.process(1, (write(0x1010, 1, SAVE),)).frames_out
     assert answer == (CanFrame(0x590, bytes.fromhex("80 10 10 01 00 00 02 06")),)
+
+
+@pytest.mark.parametrize("index", [0x1010, 0x1011])
+def test_nothing_is_stored_while_operational(board: Board, index: int) -> None:
+    """A foreign master must stop the contacts before it changes what the node keeps."""
+    signature = SAVE if index == 0x1010 else LOAD
+    board.send(HEARTBEAT_250, CanFrame(0x000, b"\x01\x00"))
+    assert board.send(write(index, 1, signature)) == [f"80 {index & 0xFF:02x} 10 01 22 00 00 08"]
+    assert board.file.load().objects == {}
+    board.node.process(3, (CanFrame(0x000, b"\x80\x00"),))
+    assert board.send(write(index, 1, signature)) == [f"60 {index & 0xFF:02x} 10 01 00 00 00 00"]
+
+
+def test_unchanged_parameters_are_not_written_again(board: Board, tmp_path: Path) -> None:
+    board.send(HEARTBEAT_250, write(0x1010, 1, SAVE))
+    path = tmp_path / "finger-1.parameters"
+    before = path.stat().st_ino
+    assert board.send(write(0x1010, 1, SAVE)) == ["60 10 10 01 00 00 00 00"]
+    assert board.send(write(0x1010, 2, SAVE)) == ["60 10 10 02 00 00 00 00"]
+    assert path.stat().st_ino == before
+    board.send(LED_40)
+    assert board.send(write(0x1010, 1, SAVE)) == ["60 10 10 01 00 00 00 00"]
+    assert path.stat().st_ino != before
+
+
+def test_a_save_that_ends_after_its_time_out_counts_and_answers_nobody(board: Board) -> None:
+    board.send(HEARTBEAT_250)
+    output = board.node.process(1, (write(0x1010, 1, SAVE),))
+    (late,) = (event for event in output.events if isinstance(event, StoreRequested))
+    board.node.process(5_000_001, ())
+    board.node.process(5_000_002, (LED_40,))
+    output = board.node.process(5_000_003, (write(0x1010, 1, SAVE),))
+    (second,) = (event for event in output.events if isinstance(event, StoreRequested))
+    board.slave.store_finished(True, late.parameters)
+    assert board.node.process(5_000_004, ()).frames_out == ()
+    board.slave.store_finished(True, second.parameters)
+    assert board.node.process(5_000_005, ()).frames_out == (
+        CanFrame(0x590, bytes.fromhex("60 10 10 01 00 00 00 00")),
+    )
