@@ -78,12 +78,13 @@ class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The CANopen node. id: 1..127, by convention 0x10-0x1F for fingertips; 255: LSS assigns the id.
 
-    serial_number: 1018h:04, by which LSS distinguishes fingertips. parameters: the file for parameters that a
+    serial_number: 1018h:04, by which LSS distinguishes fingertips; None for one made from the board's own and
+    the fingertip's name. parameters: the file for parameters that a
     master stores (1010h); without one storing is refused.
     """
 
     id: NodeId | Literal[255]
-    serial_number: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)] = 0
+    serial_number: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)] | None = None
     parameters: str = ""
 
 

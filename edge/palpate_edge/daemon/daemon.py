@@ -31,6 +31,7 @@ from palpate_edge.daemon.capture_thread import CaptureThread
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.estimator_factory import configured_calibration, make_estimator
 from palpate_edge.daemon.fingertip_core import FingertipCore
+from palpate_edge.daemon.hardware_serial import hardware_serial
 from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile
@@ -43,7 +44,6 @@ from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightController
 from palpate_edge.node.events import (
     AcceptIdsChanged,
-    BitRateActivated,
     Event,
     ObjectWritten,
     StoreRequested,
@@ -105,16 +105,19 @@ class _Daemon:
         self._recording = stack.enter_context(closing(RecordingControl(config.record)))
         self._capture = stack.enter_context(closing(CaptureThread(source, estimator, self._recording.offer)))
         file = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
+        serial_number = config.node.serial_number
         self._node = FingertipNode(
             config.node.id,
             MethodCode.PAPER if estimator.method is None else METHOD_CODES[estimator.method],
             "" if calibration is None else calibration.checksum,
             model_hash=_model_hash(calibration),
-            serial_number=config.node.serial_number,
+            serial_number=hardware_serial(config.name) if serial_number is None else serial_number,
             kept=file.load() if file else NOTHING_STORED,
             has_led=config.illumination.i2c_bus is not None,
             outputs=estimator.outputs,
         )
+        if self._node.slave.stored_fault is not None:
+            _parameters_log.error(f"{self._node.slave.stored_fault}; the defaults of the EDS apply")
         self._parameters = None if file is None else stack.enter_context(closing(ParameterStore(file)))
         self._light = _open_light(config, self._node.led_set_point)
         if self._light is not None:
@@ -241,11 +244,6 @@ class _Daemon:
             elif isinstance(event, StoreRequested):
                 self._node.slave.store_finished(stored=False)
                 _parameters_log.warning("a master wants to store parameters: set node.parameters")
-            elif isinstance(event, BitRateActivated):
-                _bus_log.warning(
-                    "LSS requests %d kbit/s: the link sets the bit rate, BitRate= in its .network file",
-                    event.bit_rate_kbit_s,
-                )
 
     def _take_saves(self) -> None:
         """Report finished saves to the node, which responds to the master."""

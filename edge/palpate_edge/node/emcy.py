@@ -2,7 +2,8 @@
 
 An error is reported once when it occurs and once when it is cleared (code 0x0000); 1003h keeps the last ones.
 Messages are queued while the node may not send (INITIALISING, STOPPED, 1014h not valid, inhibit time 1015h).
-The queue keeps the newest :data:`LONGEST_QUEUE`.
+The queue keeps the newest :data:`LONGEST_QUEUE`. Without an inhibit time :data:`BURST` messages may follow
+each other, and one every :data:`PACE_US` after them: an error that flickers must not fill the bus.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ COB_ID, INHIBIT_TIME = 0x1014, 0x1015
 ERROR_RESET = 0x0000
 LONGEST_QUEUE = 32
 INFO_BYTES = 5
+BURST, PACE_US = 32, 10_000
 
 
 class EmcyCode(IntEnum):
@@ -64,6 +66,7 @@ class EmergencyProducer:
         self._active: dict[tuple[int, bytes], ErrorRegister] = {}
         self._unsent: deque[bytes] = deque(maxlen=LONGEST_QUEUE)
         self._inhibited_until_us = 0
+        self._paced_until_us = 0
         self._due_us: int | None = None
         self._history_length = sum(index == ERROR_HISTORY for index, _ in store.od.entries) - 1
 
@@ -115,12 +118,19 @@ class EmergencyProducer:
         frames = []
         if now_us >= self._inhibited_until_us:
             inhibit_us = 100 * self._store.optional_number(INHIBIT_TIME)
-            count = 1 if inhibit_us else len(self._unsent)
+            count = 1 if inhibit_us else self._paced(now_us)
             frames = [CanFrame(can_id, self._unsent.popleft()) for _ in range(count)]
             self._inhibited_until_us = now_us + inhibit_us
         if self._unsent:
-            self._due_us = self._inhibited_until_us
+            self._due_us = max(self._inhibited_until_us, self._paced_until_us - (BURST - 1) * PACE_US)
         return frames
+
+    def _paced(self, now_us: int) -> int:
+        """Return how many of the queued messages may be sent now, and take note of them."""
+        from_us = max(now_us, self._paced_until_us)
+        count = min(len(self._unsent), (now_us + BURST * PACE_US - from_us) // PACE_US)
+        self._paced_until_us = from_us + count * PACE_US
+        return count
 
     def _queue(self, code: int, info: bytes) -> None:
         register = self._update_register()

@@ -104,17 +104,6 @@ class StoreRequested:
     parameters: StoredParameters
 
 
-@dataclass(frozen=True, slots=True)
-class BitRateActivated:
-    """LSS activates a bit rate: wait `delay_us`, switch the bus, wait `delay_us` again.
-
-    The node sends nothing in the meantime.
-    """
-
-    bit_rate_kbit_s: int
-    delay_us: int
-
-
 Event = (
     NmtStateChanged
     | NodeIdConflict
@@ -127,5 +116,4 @@ Event = (
     | TimeOfDayReceived
     | HeartbeatLost
     | StoreRequested
-    | BitRateActivated
 )

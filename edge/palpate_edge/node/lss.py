@@ -1,7 +1,8 @@
-"""LSS slave (CiA 305): node id and bit rate configured over the bus; 1018h identifies the node.
+"""LSS slave (CiA 305): the node id configured over the bus; 1018h identifies the node.
 
 A node id takes effect with the next NMT reset communication. A node without an id boots up as soon as it has
-one and LSS returns to the waiting state (switch state global).
+one and LSS returns to the waiting state (switch state global). The bit rate is that of the interface, which
+the node cannot change: a bit timing is refused, and its activation is ignored.
 """
 
 from __future__ import annotations
@@ -18,11 +19,8 @@ MASTER_ID, SLAVE_ID = 0x7E5, 0x7E4
 FRAME_BYTES = 8
 IDENTITY = 0x1018
 
-OK, OUT_OF_RANGE = 0, 1
+OK, OUT_OF_RANGE, BIT_TIMING_NOT_SUPPORTED = 0, 1, 1
 STORAGE_FAILED = 2
-
-BIT_RATES_KBIT_S = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
-"""Bit timing table 0 of CiA 301, in kbit/s by table index; index 5 is reserved."""
 
 FASTSCAN_RESET = 0x80
 HIGHEST_BIT = 31
@@ -34,7 +32,6 @@ class LssCommand(IntEnum):
     SWITCH_GLOBAL = 0x04
     CONFIGURE_NODE_ID = 0x11
     CONFIGURE_BIT_TIMING = 0x13
-    ACTIVATE_BIT_TIMING = 0x15
     STORE = 0x17
     SELECT_FIRST, SELECT_LAST, SELECTED = 0x40, 0x43, 0x44
     IDENTIFY_FIRST, IDENTIFY_LAST = 0x46, 0x4B
@@ -46,24 +43,20 @@ class LssCommand(IntEnum):
 
 
 class LssSlave:
-    """The LSS states waiting and configuration, and the pending node id and bit rate.
+    """The LSS states waiting and configuration, and the pending node id.
 
-    store: called to store both; returns True when both are stored already, False when it is not possible now,
-    None when `confirm_store` follows. activate: called with the new bit
-    rate in kbit/s and the switch delay in us.
+    store: called to store it; returns True when it is stored already, False when it is not possible now, None
+    when `confirm_store` follows.
     """
 
     def __init__(
         self,
         objects: ObjectStore,
-        store: Callable[[int, int | None], bool | None],
-        activate: Callable[[int, int], None],
+        store: Callable[[int], bool | None],
     ) -> None:
         self._objects = objects
         self._store = store
-        self._activate = activate
         self.pending_node_id = objects.od.node_id
-        self.pending_bit_rate_kbit_s: int | None = None
         self.configuring = False
         self._selected = 0
         self._identified = 0
@@ -74,6 +67,11 @@ class LssSlave:
         """True when a node without an id has received one and LSS is waiting again: it may boot up."""
         unconfigured = self._objects.od.node_id == UNCONFIGURED_NODE_ID
         return unconfigured and not self.configuring and self.pending_node_id != UNCONFIGURED_NODE_ID
+
+    def restart(self) -> None:
+        """Return to the waiting state, after an NMT reset."""
+        self.configuring = False
+        self._selected = self._identified = self._fastscan_part = 0
 
     def confirm_store(self, stored: bool) -> list[CanFrame]:
         """Return the response to the store request."""
@@ -168,13 +166,9 @@ class LssSlave:
             case LssCommand.CONFIGURE_NODE_ID:
                 return answer(command, self._configure_node_id(data[1]))
             case LssCommand.CONFIGURE_BIT_TIMING:
-                return answer(command, self._configure_bit_timing(data[1], data[2]))
-            case LssCommand.ACTIVATE_BIT_TIMING:
-                if self.pending_bit_rate_kbit_s is not None:
-                    delay_ms: int = struct.unpack_from("<H", data, 1)[0]
-                    self._activate(self.pending_bit_rate_kbit_s, 1000 * delay_ms)
+                return answer(command, BIT_TIMING_NOT_SUPPORTED)
             case LssCommand.STORE:
-                stored = self._store(self.pending_node_id, self.pending_bit_rate_kbit_s)
+                stored = self._store(self.pending_node_id)
                 if stored is not None:
                     return answer(command, OK if stored else STORAGE_FAILED)
         return None
@@ -183,13 +177,6 @@ class LssSlave:
         if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
             return OUT_OF_RANGE
         self.pending_node_id = node_id
-        return OK
-
-    def _configure_bit_timing(self, table: int, index: int) -> int:
-        bit_rate_kbit_s = BIT_RATES_KBIT_S.get(index)
-        if table != 0 or bit_rate_kbit_s not in self._objects.od.bit_rates_kbit_s:
-            return OUT_OF_RANGE
-        self.pending_bit_rate_kbit_s = bit_rate_kbit_s
         return OK
 
 

@@ -8,6 +8,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 
 NMT_ID = 0x000
 ERROR_CONTROL_ID = 0x700
+HEARTBEAT_BYTES = 1
 
 
 class NmtState(IntEnum):

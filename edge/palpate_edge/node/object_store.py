@@ -112,12 +112,17 @@ def sdo_value(entry: Entry, data: bytes) -> Value:
         return data.decode("ascii")
     check_length(entry, len(data))
     value = entry.decode(data)
+    check_limits(entry, value)
+    return value
+
+
+def check_limits(entry: Entry, value: Value) -> None:
+    """Raise SdoAbortError when a number is beyond the limits of the EDS."""
     if isinstance(value, int):
         if entry.high is not None and value > entry.high:
             raise SdoAbortError(AbortCode.VALUE_TOO_HIGH)
         if entry.low is not None and value < entry.low:
             raise SdoAbortError(AbortCode.VALUE_TOO_LOW)
-    return value
 
 
 def check_length(entry: Entry, length_bytes: int) -> None:

@@ -58,15 +58,12 @@ class ParameterKeeper:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         return self._request(now_us, parameters, confirm)
 
-    def keep_lss(
-        self, now_us: int, node_id: int, bit_rate_kbit_s: int | None, confirm: Confirm
-    ) -> StoreRequested | None:
+    def keep_lss(self, now_us: int, node_id: int, confirm: Confirm) -> StoreRequested | None:
         """Process the store request of LSS; return None when nothing has changed since the last save.
 
         `is_storing` must be False.
         """
-        rate = bit_rate_kbit_s or self.kept.bit_rate_kbit_s
-        return self._request(now_us, replace(self.kept, node_id=node_id, bit_rate_kbit_s=rate), confirm)
+        return self._request(now_us, replace(self.kept, node_id=node_id), confirm)
 
     def finished(self, stored: bool, parameters: StoredParameters | None = None) -> list[CanFrame]:
         """Process the application's result and return the response to the master.

@@ -47,6 +47,11 @@ class PdoParameters:
     layout: PdoLayout
 
     @property
+    def is_sent(self) -> bool:
+        """Return whether the PDO is valid and maps at least one object."""
+        return self.valid and bool(self.layout.keys)
+
+    @property
     def event_driven(self) -> bool:
         """Return whether the transmission type is 254 or 255."""
         return self.transmission_type in EVENT_DRIVEN
@@ -99,16 +104,16 @@ def check_pdo_write(store: ObjectStore, entry: Entry, value: int) -> None:
     """Raise SdoAbortError for an invalid write to a PDO parameter; other objects are not checked."""
     for direction in PdoDirection:
         if 0 <= entry.index - direction.communication_index < MAX_PDOS:
-            _check_communication(store, direction, entry, value)
+            _check_communication(store, entry, value)
         offset = entry.index - direction.mapping_index
         if 0 <= offset < MAX_PDOS:
             _check_mapping(store, direction, offset, entry, value)
 
 
-def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Entry, value: int) -> None:
+def _check_communication(store: ObjectStore, entry: Entry, value: int) -> None:
     cob_id = store.number(entry.index, COB_ID_SUB)
     if entry.subindex == COB_ID_SUB:
-        _check_pdo_cob_id(direction, cob_id, value)
+        _check_pdo_cob_id(cob_id, value)
     elif entry.subindex == TYPE_SUB:
         # 252 and 253 are sent on a remote request only, which this node does not support (no RTR).
         if value > HIGHEST_SYNC_TYPE and value not in EVENT_DRIVEN:
@@ -117,11 +122,11 @@ def _check_communication(store: ObjectStore, direction: PdoDirection, entry: Ent
         raise SdoAbortError(AbortCode.DEVICE_STATE)
 
 
-def _check_pdo_cob_id(direction: PdoDirection, old: int, new: int) -> None:
+def _check_pdo_cob_id(old: int, new: int) -> None:
+    """Raise SdoAbortError for an invalid COB-ID. Bit 30 (no RTR) is free: no remote frame is answered."""
     check_cob_id(new, flags=NOT_VALID | COB_ID_NO_RTR)
-    answers_rtr = direction is PdoDirection.TRANSMIT and not new & COB_ID_NO_RTR
     moves_while_valid = not (old | new) & NOT_VALID and (old ^ new) & CAN_ID_MASK
-    if answers_rtr or moves_while_valid:
+    if moves_while_valid:
         raise SdoAbortError(AbortCode.VALUE_INVALID)
 
 

@@ -108,13 +108,17 @@ COMMAND_OF_PHASE = {
 
 
 class BlockUpload:
-    """A read in progress. block_segments: number of frames that the client accepts without a response."""
+    """A read in progress. block_segments: number of frames that the client accepts without a response.
 
-    def __init__(self, key: ObjectKey, data: bytes, block_segments: int) -> None:
+    with_crc: the client checks a CRC; 0 is sent to another one.
+    """
+
+    def __init__(self, key: ObjectKey, data: bytes, block_segments: int, *, with_crc: bool) -> None:
         self.key = key
         self.finished = False
         self.held = False
         self._data = data
+        self._crc = crc16(data) if with_crc else 0
         self._block_segments = admitted_block(block_segments)
         self._sent = 0
         self._start = 0  # offset of the present block, in bytes
@@ -145,7 +149,7 @@ class BlockUpload:
             return self._block()
         self._phase = Phase.END_ACK
         unused_bytes = -len(self._data) % SEGMENT_BYTES if self._data else SEGMENT_BYTES
-        return [struct.pack("<BH5x", UPLOAD_END | unused_bytes << 2, crc16(self._data))]
+        return [struct.pack("<BH5x", UPLOAD_END | unused_bytes << 2, self._crc)]
 
     def _block(self) -> list[bytes]:
         """Return the next segments; an empty object has one segment without valid bytes."""

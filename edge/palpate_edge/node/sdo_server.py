@@ -163,7 +163,8 @@ class SdoServer:
     def _initiate_block_upload(self, index: int, subindex: int, data: bytes) -> bytes:
         content = self._store.sdo_upload(index, subindex)
         block_segments, switch_threshold_bytes = data[4], data[5]
-        transfer = BlockUpload((index, subindex), content, block_segments)
+        with_crc = bool(data[0] & KNOWS_CRC)
+        transfer = BlockUpload((index, subindex), content, block_segments, with_crc=with_crc)
         if switch_threshold_bytes and len(content) <= switch_threshold_bytes:
             # The client prefers a segmented transfer for short data (protocol switch threshold).
             return self._initiate_upload(index, subindex, content)

@@ -97,7 +97,7 @@ class Services:
         return entry.index in (EMCY_COB_ID, sync.COB_ID, time_stamp.COB_ID)
 
     def _taken_ids(self, index: int) -> set[int | None]:
-        """Return the identifiers that other objects of this node use; RPDOs may share an identifier."""
+        """Return the identifiers that other objects of this node use; RPDOs may share one among them."""
         tpdos = [number for number in self.tpdo.numbers if TPDO_PARAMETERS.start + number - 1 != index]
         taken: set[int | None] = {
             self.sdo.response_id,
@@ -108,7 +108,8 @@ class Services:
             sync.COB_ID: self.sync.can_id,
             time_stamp.COB_ID: self.time.can_id,
         }
-        return taken | {can_id for other, can_id in others.items() if other != index}
+        rpdos = set() if index in RPDO_PARAMETERS else self.rpdo.can_ids()
+        return taken | rpdos | {can_id for other, can_id in others.items() if other != index}
 
     def _check_other(self, entry: Entry, value: int) -> None:
         if entry.index in RPDO_PARAMETERS or entry.index in TPDO_PARAMETERS:

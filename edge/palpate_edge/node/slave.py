@@ -14,7 +14,6 @@ from palpate_edge.node import lss
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
 from palpate_edge.node.events import (
     AcceptIdsChanged,
-    BitRateActivated,
     Event,
     HeartbeatLost,
     NmtStateChanged,
@@ -23,6 +22,7 @@ from palpate_edge.node.events import (
     SyncReceived,
 )
 from palpate_edge.node.nmt import (
+    HEARTBEAT_BYTES,
     NMT_ID,
     SDO_STATES,
     STATE_AFTER,
@@ -42,12 +42,12 @@ from palpate_edge.node.object_dictionary import (
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.parameter_keeper import ParameterKeeper
 from palpate_edge.node.services import Services
+from palpate_edge.node.stored_check import StoredParametersError, check_stored, usable_node_id
 from palpate_edge.node.stored_parameters import (
     COMMUNICATION,
     NOTHING_STORED,
     SIGNATURES,
     StoredParameters,
-    fits,
 )
 
 IDLE_US = 1_000_000
@@ -80,6 +80,7 @@ class Slave:
     """One node. The first call of :meth:`process` sends the boot-up and enters PRE-OPERATIONAL.
 
     A node with id 255 (given or stored by LSS) waits for LSS instead. kept: the stored parameters.
+    stored_fault: why they are not used (EMCY 6300h); the defaults of the EDS then apply.
     """
 
     def __init__(
@@ -90,15 +91,17 @@ class Slave:
     ) -> None:
         self.state = NmtState.INITIALISING
         self._now_us = 0
-        self._silent_until_us = 0
         self._is_held = self._starts_on_release = False
         self._frames: list[CanFrame] = []
         self._events: list[Event] = []
         self._check_write = check_write
         self._store = ObjectStore(od)
-        usable = fits(self._store, kept)
-        if not usable:
-            kept = replace(kept, objects={})
+        self.stored_fault: StoredParametersError | None = None
+        try:
+            check_stored(od, kept)
+        except StoredParametersError as fault:
+            self.stored_fault = fault
+            kept = replace(kept, objects={}, node_id=usable_node_id(kept))
         self._keeper = ParameterKeeper(self._store, kept)
         if kept.node_id is not None:
             self._store.set_node_id(kept.node_id)
@@ -106,10 +109,10 @@ class Slave:
         self._store.saved = kept.objects
         self._store.restore(ALL_OBJECTS)
         self._services = Services(self._store, self._commit)
-        self._lss = lss.LssSlave(self._store, self._store_lss, self._activate_bit_rate)
+        self._lss = lss.LssSlave(self._store, self._store_lss)
         self._handlers: dict[int, Callable[[CanFrame, int], None]] = {}
         self._connect()
-        if not usable:
+        if self.stored_fault is not None:
             self.emcy.report(EmcyCode.DATA_SET, ErrorRegister.GENERIC)
 
     @property
@@ -142,8 +145,7 @@ class Slave:
 
     def due_tpdos(self, now_us: int) -> tuple[CanFrame, ...]:
         """Return the TPDOs that may be sent now, ahead of :meth:`process`."""
-        silent = now_us < self._silent_until_us
-        return () if silent else tuple(self._services.tpdo.poll(now_us))
+        return tuple(self._services.tpdo.poll(now_us))
 
     def accept_ids(self) -> tuple[int, ...]:
         """Return the identifiers for a receive filter: those to process and those of an id conflict."""
@@ -188,8 +190,6 @@ class Slave:
         events of SYNC and time stamps and for the SYNC window.
         """
         self._now_us = now_us
-        if now_us < self._silent_until_us:
-            return SlaveOutput((), min(self._silent_until_us, now_us + IDLE_US), ())
         if self.state is NmtState.INITIALISING and self.node_id != UNCONFIGURED_NODE_ID:
             self._boot_up(None)
         for number, frame in enumerate(frames_in):
@@ -260,7 +260,8 @@ class Slave:
         self._events += self._services.rpdo.receive(self._now_us, arrived_us, frame)
 
     def _on_heartbeat(self, frame: CanFrame, _arrived_us: int) -> None:
-        self._services.watch.receive(self._now_us, frame.can_id)
+        if len(frame.data) == HEARTBEAT_BYTES:
+            self._services.watch.receive(self._now_us, frame.can_id)
 
     def _on_conflict(self, frame: CanFrame, _arrived_us: int) -> None:
         self._events.append(NodeIdConflict(frame.can_id))
@@ -301,6 +302,7 @@ class Slave:
         """Restart through INITIALISING with the node id that LSS may have assigned."""
         self._store.set_node_id(self._lss.pending_node_id)
         self._starts_on_release = False
+        self._lss.restart()
         self._services.restart()
         self._connect()
         if self.node_id == UNCONFIGURED_NODE_ID:
@@ -345,16 +347,12 @@ class Slave:
             self._connect()
         return True
 
-    def _store_lss(self, node_id: int, bit_rate_kbit_s: int | None) -> bool | None:
+    def _store_lss(self, node_id: int) -> bool | None:
         if self._keeper.is_storing:
             return False
         confirm = self._lss.confirm_store
-        request = self._keeper.keep_lss(self._now_us, node_id, bit_rate_kbit_s, confirm)
+        request = self._keeper.keep_lss(self._now_us, node_id, confirm)
         if request is None:
             return True
         self._events.append(request)
         return None
-
-    def _activate_bit_rate(self, bit_rate_kbit_s: int, delay_us: int) -> None:
-        self._silent_until_us = self._now_us + 2 * delay_us
-        self._events.append(BitRateActivated(bit_rate_kbit_s, delay_us))

@@ -31,7 +31,8 @@ NEVER_STORED = frozenset({ERROR_HISTORY, STORE, RESTORE, 0x1013})
 class StoredParameters:
     """Values that a node keeps without power.
 
-    eds_checksum: of the EDS that `objects` belong to. node_id, bit_rate_kbit_s: stored by LSS, None if not.
+    eds_checksum: of the EDS that `objects` belong to. node_id: stored by LSS, None if not. bit_rate_kbit_s:
+    of a file of an earlier version; not used.
     """
 
     eds_checksum: str = ""
@@ -69,8 +70,3 @@ def changed_parameters(store: ObjectStore, group: range) -> dict[ObjectKey, Valu
 def is_parameter(entry: Entry) -> bool:
     """Return whether 1010h stores the object."""
     return entry.access.readable and entry.access.writable and entry.index not in NEVER_STORED
-
-
-def fits(store: ObjectStore, kept: StoredParameters) -> bool:
-    """Return whether the stored objects belong to this EDS; those of another EDS are not used."""
-    return not kept.objects or kept.eds_checksum == store.od.checksum

@@ -45,7 +45,7 @@ class Tpdo:
     def count_sync(self, counter: int | None) -> bool:
         """Count a SYNC; return True when the TPDO has to be sent for it."""
         kind = self.parameters.transmission_type
-        if self.parameters.event_driven or not self.parameters.valid:
+        if self.parameters.event_driven or not self.parameters.is_sent:
             return False
         if kind == 0:
             return self.requested
@@ -89,7 +89,7 @@ class TpdoService:
         counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
         self._tpdos[number] = tpdo = Tpdo(
             parameters,
-            self_triggered=parameters.valid and parameters.event_driven,
+            self_triggered=parameters.is_sent and parameters.event_driven,
             awaits_start=counted and parameters.sync_start != 0,
         )
         tpdo.start_event_timer(now_us)

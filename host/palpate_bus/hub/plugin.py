@@ -63,7 +63,10 @@ class HubBus(can.BusABC):
     ) -> None:
         if fd:
             raise can.CanInitializationError("the CAN hub supports classic CAN only: omit fd")
-        self._path = Path(channel) if channel else default_socket()
+        try:
+            self._path = Path(channel) if channel else default_socket()
+        except BusError as error:
+            raise can.CanInitializationError(str(error)) from error
         self.channel_info = f"palpate hub {self._path}"
         self._name = name or f"process-{os.getpid()}"
         self._splitter = protocol.Splitter()

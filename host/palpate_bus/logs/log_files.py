@@ -21,6 +21,8 @@ from palpate_bus.logs.candump import BusLog, LogError, LogHeader, LogRecord, par
 from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, CanFrame
 
 MAX_LOG_BYTES = 1 << 30
+MAX_GZIP_RATIO = 100  # logs of a bus have 5 to 20
+SMALL_LOG_BYTES = 16 << 20  # a gzipped log of any ratio may have as much
 _RELATIVE_LIMIT_S = 1e6  # time stamps of ASC without a date begin at 0
 EPOCH_OF_RELATIVE_US = 1_700_000_000_000_000
 """Begin of logs whose time stamps begin at 0, so that they have absolute times like other logs."""
@@ -52,11 +54,18 @@ def read_any_log(path: Path) -> BusLog:
 
 
 def _unzipped(path: Path, data: bytes) -> bytes:
+    """Return the plain bytes of a gzipped log; a small file must not fill the memory."""
+    limit = min(MAX_LOG_BYTES, max(SMALL_LOG_BYTES, MAX_GZIP_RATIO * len(data)))
     try:
         opened = zlib.decompressobj(wbits=31)
-        plain = opened.decompress(data, MAX_LOG_BYTES)
+        plain = opened.decompress(data, limit + 1)
     except (gzip.BadGzipFile, zlib.error) as error:
         raise LogError(f"bus log {path}: not a gzip file, or damaged ({error}): compress it again") from error
+    if len(plain) > limit:
+        raise LogError(
+            f"bus log {path}: {len(data)} bytes unpack to more than {limit >> 20} MiB: unpack it with gzip, "
+            "and read the file"
+        )
     if not opened.eof:
         raise LogError(f"bus log {path}: truncated at byte {len(data)}: copy it again")
     return plain

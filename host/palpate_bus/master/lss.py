@@ -52,23 +52,42 @@ def parse_address(text: str) -> LssAddress:
 def find_unconfigured(
     network: canopen.Network, progress: Callable[[LssAddress], None] = lambda _address: None
 ) -> list[LssAddress]:
-    """Return every node without an id, found by repeated fastscan.
+    """Return every node without an id, found by repeated fastscan, each confirmed by its address.
 
-    All are in LSS waiting state afterwards.
+    A found node is in configuration state, where it must not respond to further scans. Some devices respond
+    to every request there (CANopenNode), which looks like a node 0:0:0:0 and hides the nodes that are not
+    found yet: give the found ones an id, and scan again. All nodes are in LSS waiting state afterwards.
     """
     found: list[LssAddress] = []
     with _lss_errors("fastscan"):
         try:
             while len(found) < MAX_NODES:
                 address = _fast_scan(network)
-                # A found node must not respond to further scans; one that does would be found repeatedly.
                 if address is None or address in found:
-                    return found
+                    break
                 found.append(address)
-                progress(address)
         finally:
             network.lss.send_switch_state_global(network.lss.WAITING_STATE)
-    return found
+        confirmed = [address for address in found if _is_there(network, address)]
+    for address in confirmed:
+        progress(address)
+    return confirmed
+
+
+def _is_there(network: canopen.Network, address: LssAddress) -> bool:
+    """Return whether a device responds to its address; all are in LSS waiting state afterwards."""
+    lss = network.lss
+    try:
+        with _timeout(network, COMMAND_TIMEOUT_S):
+            return bool(
+                lss.send_switch_state_selective(
+                    address.vendor, address.product, address.revision, address.serial
+                )
+            )
+    except LssError:  # no response
+        return False
+    finally:
+        lss.send_switch_state_global(lss.WAITING_STATE)
 
 
 def _fast_scan(network: canopen.Network) -> LssAddress | None:

@@ -23,6 +23,7 @@ from palpate_bus.master.lss import parse_address
 from palpate_bus.master.sdo_access import encode, find_object
 from palpate_bus.master.session import master
 from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.fingertip import FingertipNode
@@ -259,6 +260,31 @@ def test_two_fingertips_without_an_id_are_found_and_named(hub):
         assert run(hub, "lss", "set", "0x12", "--address", found[1]).exit_code == 0
         assert run(hub, "lss", "list").stdout.splitlines() == found[:1]
         assert run(hub, "sdo", "read", "0x12", "Serial number").output.endswith("= 0xC0FFEE\n")
+    finally:
+        nodes.stopped.set()
+        nodes.join()
+
+
+class Chatty(FingertipNode):
+    """In LSS configuration state it answers every fastscan request, as CANopenNode does (CO_LSSslave.c)."""
+
+    def process(self, now_us, frames_in, arrived_us=None):
+        output = super().process(now_us, frames_in, arrived_us)
+        asked = any(frame.can_id == 0x7E5 and frame.data[0] == 0x51 for frame in frames_in)
+        answered = any(frame.can_id == 0x7E4 for frame in output.frames_out)
+        if not self.slave._lss.configuring or not asked or answered:
+            return output
+        return dataclasses.replace(
+            output, frames_out=(*output.frames_out, CanFrame(0x7E4, b"\x4f" + bytes(7)))
+        )
+
+
+def test_a_device_that_answers_every_scan_is_found_once_and_no_phantom_with_it(hub):
+    nodes = Nodes(hub.path, ())
+    nodes.nodes = [Chatty(255, MethodCode.PAPER, "", serial_number=7)]
+    nodes.start()
+    try:
+        assert run(hub, "lss", "list").stdout == "0:404:10000:7\n"
     finally:
         nodes.stopped.set()
         nodes.join()

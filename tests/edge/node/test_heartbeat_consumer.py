@@ -142,3 +142,11 @@ def test_a_reset_ends_the_watch(slave: Slave) -> None:
     slave.process(0, (ALIVE, CanFrame(0x000, b"\x82\x10")))
     assert slave.read(0x1016, 1) == 0
     assert emergencies(slave, 900_000) == []
+
+
+@pytest.mark.parametrize("data", [b"", b"\x05\x00", bytes(8)])
+def test_a_message_of_another_length_is_no_heartbeat(slave: Slave, data: bytes) -> None:
+    assert emergencies(slave, 0, ALIVE) == []
+    assert emergencies(slave, 150_000, CanFrame(0x77F, data)) == []
+    assert emergencies(slave, 200_000) == [LOST]
+    assert emergencies(slave, 250_000, CanFrame(0x77F, data)) == []

@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.node.events import BitRateActivated, NmtStateChanged, StoreRequested
+from palpate_edge.node.events import NmtStateChanged, StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.nmt import NmtCommand, NmtState
@@ -133,10 +133,10 @@ def test_a_node_id_that_was_not_stored_is_gone_after_the_reset_node(slave: Slave
 
 
 def test_a_stored_node_id_stays(slave: Slave) -> None:
-    assert ask(slave, CONFIGURATION, "11 20", "13 00 02") == ["11 00", "13 00"]
+    assert ask(slave, CONFIGURATION, "11 20") == ["11 00"]
     output = slave.process(2, (CanFrame(0x7E5, bytes.fromhex("17 00 00 00 00 00 00 00")),))
     (request,) = (event for event in output.events if isinstance(event, StoreRequested))
-    assert (request.parameters.node_id, request.parameters.bit_rate_kbit_s) == (0x20, 500)
+    assert request.parameters.node_id == 0x20
     assert output.frames_out == ()  # the answer waits for the disk
     slave.store_finished(True)
     assert CanFrame(0x7E4, bytes.fromhex("17 00 00 00 00 00 00 00")) in slave.process(3, ()).frames_out
@@ -184,28 +184,31 @@ def test_a_node_id_can_be_taken_away(slave: Slave) -> None:
     assert slave.process(3_000_000, ()).frames_out == ()
 
 
-@pytest.mark.parametrize(
-    ("table", "index", "error"),
-    [(0, 0, 0), (0, 1, 0), (0, 4, 0), (0, 5, 1), (0, 6, 1), (0, 8, 1), (0, 9, 1), (1, 0, 1)],
-)
-def test_bit_rates_are_those_of_the_eds(slave: Slave, table: int, index: int, error: int) -> None:
-    """Table 0: 1000, 800, 500, 250, 125, reserved, 50, 20, 10 kbit/s, auto. The EDS has those from 125 up."""
-    assert ask(slave, CONFIGURATION, f"13 {table:02x} {index:02x}") == [f"13 {error:02x}"]
+@pytest.mark.parametrize(("table", "index"), [(0, 0), (0, 4), (0, 5), (0, 9), (1, 0)])
+def test_a_bit_timing_is_refused_and_its_activation_changes_nothing(
+    slave: Slave, table: int, index: int
+) -> None:
+    """CiA 305: error code 1, bit timing not supported. The link sets the bit rate, the node cannot."""
+    assert ask(slave, CONFIGURATION, f"13 {table:02x} {index:02x}") == ["13 01"]
+    output = slave.process(2, (CanFrame(0x7E5, bytes.fromhex("15 ff ff 00 00 00 00 00")),))
+    assert output.events == ()
+    assert slave.process(100_000, ()).frames_out == (CanFrame(0x710, b"\x7f"),)  # the delay is 131 s
+    assert ask(slave, "5e") == ["5e 10"]
 
 
-def test_the_bus_is_silent_while_the_bit_rate_changes(slave: Slave) -> None:
-    """A delay of 200 ms before the switch and as long after it; a heartbeat is due every 100 ms."""
-    ask(slave, CONFIGURATION, "13 00 03")
-    output = slave.process(1_000, (CanFrame(0x7E5, bytes.fromhex("15 c8 00 00 00 00 00 00")),))
-    assert BitRateActivated(250, 200_000) in output.events
-    for at_us in range(10_000, 401_000, 10_000):
-        assert slave.process(at_us, ()).frames_out == ()
-    assert slave.process(401_000, ()).frames_out == (CanFrame(0x710, b"\x7f"),)
-
-
-def test_no_bit_rate_no_activation(slave: Slave) -> None:
+@pytest.mark.parametrize("reset", [RESET_COMMUNICATION, RESET_NODE])
+def test_a_reset_ends_the_configuration_state(slave: Slave, reset: CanFrame) -> None:
     ask(slave, CONFIGURATION)
-    assert slave.process(2, (CanFrame(0x7E5, bytes.fromhex("15 c8 00 00 00 00 00 00")),)).events == ()
+    slave.process(2, (reset,))
+    assert ask(slave, "5e") == []
+
+
+def test_half_a_selection_is_forgotten_by_a_reset(slave: Slave) -> None:
+    requests = select()
+    ask(slave, *requests[:3])
+    slave.process(2, (RESET_COMMUNICATION,))
+    assert ask(slave, requests[3]) == []
+    assert ask(slave, *requests) == ["44 00"]
 
 
 def fastscan(value: int, bit: int, part: int, next_part: int) -> str:

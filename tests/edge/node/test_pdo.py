@@ -179,3 +179,29 @@ def test_an_emergency_in_stopped_waits(slave: Slave) -> None:
 
 def test_a_write_by_sdo_is_told(slave: Slave) -> None:
     assert slave.process(1, (write(0x6071, 0, "<h", -5),)).events == (ObjectWritten(0x6071, 0, -5),)
+
+
+def test_a_tpdo_without_mapped_objects_is_not_sent(slave: Slave) -> None:
+    """It is valid and maps nothing: before, a frame without data at each event and SYNC."""
+    empty = [
+        frame
+        for number in (0, 1)
+        for frame in (
+            write(0x1800 + number, 1, "<I", 0xC000_0190 + 0x100 * number),
+            write(0x1A00 + number, 0, "<B", 0),
+            write(0x1800 + number, 1, "<I", 0x4000_0190 + 0x100 * number),
+        )
+    ]
+    slave.process(1, (*empty, START))
+    slave.trigger((1, 2))
+    assert sent(slave, 2, SYNC) == []
+    assert sent(slave, 2_000_000, SYNC) == []
+
+
+def test_an_error_that_flickers_does_not_fill_the_bus(slave: Slave) -> None:
+    """1,000 RPDOs in 100 ms, every second one too short: 32 EMCYs at once, then one in 10 ms."""
+    slave.process(1, (START,))
+    frames = [CanFrame(0x210, COMMAND[: 1 + 4 * (number % 2)]) for number in range(1_000)]
+    ids = [can_id for number, frame in enumerate(frames) for can_id in sent(slave, 100 * number, frame)]
+    assert 32 <= ids.count(EMCY) <= 32 + 10
+    assert slave.read(0x1001) in (0, 0x11)

@@ -191,3 +191,12 @@ def test_a_number_goes_as_a_block_too(slave: Slave) -> None:
     ask(slave, "c6 17 10 00 02 00 00 00", *segments(b"\xfa\x00"))
     assert ask(slave, end(b"\xfa\x00")) == ["a1 00 00 00 00 00 00 00"]
     assert slave.read(0x1017) == 250
+
+
+@pytest.mark.parametrize(("initiate", "crc"), [("a4", crc16(NAME)), ("a0", 0)])
+def test_the_crc_of_an_upload_is_for_clients_that_ask_for_it(slave: Slave, initiate: str, crc: int) -> None:
+    assert ask(slave, f"{initiate} 08 10 00 7f 00 00 00") == ["c6 08 10 00 11 00 00 00"]
+    ask(slave, "a3 00 00 00 00 00 00 00")
+    assert ask(slave, "a2 03 7f 00 00 00 00 00") == [
+        (b"\xd1" + crc.to_bytes(2, "little") + bytes(5)).hex(" ")
+    ]

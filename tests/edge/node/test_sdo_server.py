@@ -64,7 +64,14 @@ def test_upload(slave: Slave, sdo: Ask, request_: str, answer: str) -> None:
         ("23 25 61 01 7a 65 72 6f", "60 25 61 01 00 00 00 00"),  # autozero: "zero"
         ("23 25 61 01 6f 72 65 7a", "80 25 61 01 20 00 00 08"),  # autozero: bytes reversed
         ("2f 00 18 02 f1 00 00 00", "80 00 18 02 30 00 09 06"),  # reserved transmission type 241
-        ("23 00 18 01 90 01 00 00", "80 00 18 01 30 00 09 06"),  # RTR allowed, but there is none
+        ("23 00 18 01 90 01 00 00", "60 00 18 01 00 00 00 00"),  # RTR allowed: never answered
+        ("23 00 18 01 90 01 00 80", "60 00 18 01 00 00 00 00"),  # not valid, RTR allowed
+        ("23 00 18 01 90 01 00 20", "80 00 18 01 30 00 09 06"),  # a 29-bit identifier
+        ("23 05 10 00 ff 01 00 00", "80 05 10 00 30 00 09 06"),  # SYNC with the id of RPDO 1
+        ("23 12 10 00 ff 01 00 80", "80 12 10 00 30 00 09 06"),  # TIME with the id of RPDO 1
+        ("23 05 10 00 80 00 00 20", "80 05 10 00 30 00 09 06"),  # SYNC with 29 bits
+        ("23 05 10 00 05 06 00 00", "80 05 10 00 30 00 09 06"),  # SYNC with a restricted id
+        ("23 05 10 00 81 00 00 00", "60 05 10 00 00 00 00 00"),  # SYNC with another id
         ("23 00 18 01 91 01 00 40", "80 00 18 01 30 00 09 06"),  # another id while the PDO is valid
         ("23 00 18 01 01 06 00 c0", "80 00 18 01 30 00 09 06"),  # restricted id 601h
         ("23 00 18 01 90 00 00 c0", "80 00 18 01 30 00 09 06"),  # the id of our EMCY

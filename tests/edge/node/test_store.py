@@ -16,6 +16,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.slave import Slave, SlaveOutput
+from palpate_edge.node.stored_check import StoredParametersError
 from palpate_edge.node.stored_parameters import StoredParameters
 
 SAVE, LOAD = 0x65766173, 0x64616F6C
@@ -254,3 +255,78 @@ def test_a_save_that_ends_after_its_time_out_counts_and_answers_nobody(board: Bo
     assert board.node.process(5_000_005, ()).frames_out == (
         CanFrame(0x590, bytes.fromhex("60 10 10 01 00 00 00 00")),
     )
+
+
+TPDO_1, TPDO_2, RPDO_1 = 0x1800, 0x1801, 0x1400
+XY = {(0x1A00, 1): 0x7130_0210, (0x1A00, 2): 0x7130_0110}  # x and y exchanged
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        {(0x1017, 0): "fast"},
+        {(0x1017, 0): 70_000},
+        {(0x1017, 0): -1},
+        {(0x2003, 0): 7},
+        {(0x2003, 0): "d\u00f4me"},
+        {(0x1000, 0): 5},  # a constant
+        {(0x7130, 1): 5},  # not a parameter
+        {(0x1010, 1): SAVE},
+        {(0x5FFF, 0): 1},
+        {(0x1029, 1): 3},  # above HighLimit
+        {(TPDO_1, 1): 0x4000_0000},  # NMT
+        {(TPDO_1, 1): 0x4000_0601},
+        {(TPDO_1, 1): 0x6000_0190},  # 29 bits
+        {(TPDO_1, 1): 0x4000_0290},  # of TPDO 2
+        {(TPDO_1, 1): 0x4000_0123 + 0x80, (TPDO_2, 1): 0x4000_0123 + 0x80},
+        {(TPDO_1, 2): 241},
+        {(RPDO_1, 1): 0x190},
+        {(0x1005, 0): 0x1FF},
+        {(0x1014, 0): 0x190},
+        {(0x1016, 1): 0x0080_0000 + 100, (0x1016, 2): 0x0180_0000},
+        {(0x1A00, 1): 0x7130_0120},  # 32 of 16 bits
+        {(0x1A00, 0): 5},  # the fifth entry is empty
+        {(0x1A00, 1): 0x1008_0008},  # a text
+        {(0x1019, 0): 1},
+    ],
+)
+def test_parameters_that_no_master_could_write_are_not_used(
+    board: Board, objects: dict[tuple[int, int], int | str]
+) -> None:
+    """The checksum of the file is right: someone else made it."""
+    checksum = board.slave._store.od.checksum
+    board.file.save(StoredParameters(checksum, None, None, {(0x2030, 0): 40} | objects))
+    board.switch_on()
+    fault = board.slave.stored_fault
+    assert isinstance(fault, StoredParametersError)
+    assert any(f"{index:04X}h" in str(fault) for index, _ in objects)
+    assert (board.slave.node_id, board.slave.read(0x2030)) == (0x10, 255)
+    assert board.slave.emcy._active == {(0x6300, b""): 0x01}
+
+
+@pytest.mark.parametrize("node_id", [0, 128, 254, 300, -1])
+def test_a_stored_node_id_out_of_range_is_not_used(board: Board, node_id: int) -> None:
+    board.file.save(StoredParameters("", node_id, None, {}))
+    board.switch_on()
+    assert board.slave.node_id == 0x10
+    assert str(board.slave.stored_fault) == f"the stored node id is {node_id}: 1 to 127 or 255 is allowed"
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        XY,
+        {(TPDO_1, 3): 100},  # the inhibit time of a valid TPDO: a master disables it first
+        {(TPDO_1, 1): 0x290, (TPDO_2, 1): 0x190},  # exchanged, without bit 30
+        {(TPDO_1, 1): 0xC000_0190, (0x1A00, 0): 0},
+        {(TPDO_1, 1): 0x4000_01B0, (0x1A00, 0): 1, (0x1A00, 1): 0x2013_0010},
+        {(0x1014, 0): 0x0F0},
+        {(0x1005, 0): 0x0F1},
+        {(0x1016, 1): 0x007F_0064, (0x1017, 0): 250, (0x2003, 0): "thumb"},
+    ],
+)
+def test_what_a_master_can_store_is_used(board: Board, objects: dict[tuple[int, int], int | str]) -> None:
+    board.file.save(StoredParameters(board.slave._store.od.checksum, None, None, objects))
+    board.switch_on()
+    assert board.slave.stored_fault is None
+    assert {key: board.slave.read(*key) for key in objects} == objects
