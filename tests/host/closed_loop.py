@@ -102,6 +102,8 @@ def make_closed_loop(
             self.largest_order_ratio = 0.0
             self._torque_limit_Nm = np.array([joint.torque_limit_Nm for joint in config.joints])
             self.torque_trace: list[tuple[int, np.ndarray]] = []
+            self._is_braked = True  # gear and detent torque hold the start pose, as in DrivenHand
+            self.engine.brake(np.ones(len(self.motors), dtype=bool))
 
         def pose(self) -> HandPose:
             return self.hand.pose(self.engine.q_rad)
@@ -135,6 +137,9 @@ def make_closed_loop(
             for one, drive in zip(self.motors, self.drives, strict=True) if self.silent else ():
                 if drive.slave.node_id in self.silent:
                     one.order(self.now_us, JointCommand(DriveGoal.OFF))  # a drive without power
+            if self._is_braked and all(one.command.goal not in STANDING for one in self.motors):
+                self._is_braked = False
+                engine.brake(np.zeros(len(self.motors), dtype=bool))
             engine.step(np.array([one.joint_torque_Nm for one in self.motors]))
             self._watch()
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate_bus.master.scan import FoundNode
 
 DIFFERS = 1
+BOOT_S = 10.0
 FILE = click.Path(path_type=Path, dir_okay=False)
 TIMEOUT = click.option(
     "--timeout",
@@ -119,6 +120,7 @@ def sdo() -> None:
       palpate-host bus nmt preop 0x10
       palpate-host bus sdo write 0x10 1010:1 save
       palpate-host bus sdo check 0x10
+      palpate-host bus sdo restore 0x10
     """
 
 
@@ -224,17 +226,54 @@ def check(node: int, timeout_s: float, eds_path: Path | None, **bus: Any) -> Non
     from palpate_bus.master.sdo_access import read_number  # noqa: PLC0415
     from palpate_bus.master.session import master, sdo_client  # noqa: PLC0415
 
-    device = _device(node, eds_path)
-    if device is None:
-        raise ConfigError(f"no EDS is known for node 0x{node:02X}: give --eds FILE")
+    device = _described(node, eds_path)
     with master(chosen_bus(**bus), "sdo") as network:
         client = sdo_client(network, node, timeout_s)
         found = list(differences(device, lambda key: read_number(client, node, device, key)))
+    _report(device, found)
+
+
+@sdo.command()
+@click.argument("node", type=NODE)
+@BUS_OPTIONS
+@TIMEOUT
+@EDS
+def restore(node: int, timeout_s: float, eds_path: Path | None, **bus: Any) -> None:
+    """Restore the communication parameters of NODE to its EDS.
+
+    Writes "load" to 1011h:02, resets the node's communication and compares its PDOs with the EDS. Other
+    parameters are kept. A running hand does not use the node until it has read it again.
+
+    Exit status: 0 equal, 1 they differ, 6 the node aborts or does not respond.
+
+    \b
+    Example:
+      palpate-host bus sdo restore 0x10
+    """
+    from palpate_bus.master.node_restore import restore as restore_node  # noqa: PLC0415
+    from palpate_bus.master.session import master  # noqa: PLC0415
+
+    device = _described(node, eds_path)
+    with master(chosen_bus(**bus), "sdo") as network:
+        found = restore_node(network, device, timeout_s, BOOT_S)
+    _report(device, found)
+
+
+def _report(device: Device, found: list[str]) -> None:
+    """Print the differences from the EDS; exit with DIFFERS if there are any."""
     for difference in found:
         click.echo(difference)
-    click.echo(f"node 0x{node:02X}: {len(device.pdos)} PDOs, {len(found)} differences from {device.eds.name}")
+    count = f"{len(device.pdos)} PDOs, {len(found)} differences"
+    click.echo(f"node 0x{device.node_id:02X}: {count} from {device.eds.name}")
     if found:
         sys.exit(DIFFERS)
+
+
+def _described(node: int, eds_path: Path | None) -> Device:
+    device = _device(node, eds_path)
+    if device is None:
+        raise ConfigError(f"no EDS is known for node 0x{node:02X}: give --eds FILE")
+    return device
 
 
 def _shown(device: Device | None, key: tuple[int, int], data: bytes) -> str:

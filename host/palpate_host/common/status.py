@@ -22,7 +22,8 @@ class FingerStatus(OptionalQuantities):
     contact; lost_frames: gaps in the sequence; unpaired: contacts whose exposure met no known joint angles.
     extra_tpdos: TPDO 5 to 9 taken with their contact; extra_missing, extra_mixed: contacts refused because
     one of these was lost or belongs to another frame. resynchronised: restarts of the sequence numbers.
-    flat_pose: of a flat object; None without contact or when the sensor gives no pose.
+    flat_pose: of a flat object; None without contact or when the sensor gives no pose. unverified: TPDOs
+    that were ignored because the node had not been read since its boot (boot_check.py).
     """
 
     name: str
@@ -49,6 +50,7 @@ class FingerStatus(OptionalQuantities):
     extra_mixed: int = 0
     resynchronised: int = 0
     flat_pose: FlatPose | None = None
+    unverified: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,9 @@ NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Name = Annotated[str, msgspec.Meta(pattern=r"^\S+$", description="one word in quotes, without spaces")]
 """Names stand in log headers and option lists."""
+CalibrationHash = Annotated[
+    str, msgspec.Meta(pattern="^[0-9a-f]{16}$", description="16 digits 0-9, a-f in quotes, as in 2001h")
+]
 Milliseconds = Annotated[int, msgspec.Meta(ge=1, le=600_000)]
 
 
@@ -70,11 +73,16 @@ class JointConfig(Strict, frozen=True):
 
 
 class FingerConfig(Strict, frozen=True):
-    """A finger: its fingertip's node and its joints from the base outwards."""
+    """A finger: its fingertip's node and its joints from the base outwards.
+
+    calibration, serial: 2001h and 1018h:04 of its fingertip; another fingertip is refused.
+    """
 
     name: Name
     fingertip_node: NodeId
     joints: Annotated[tuple[JointConfig, ...], msgspec.Meta(min_length=1)]
+    calibration: CalibrationHash | None = None
+    serial: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)] | None = None
 
 
 class ControlConfig(Strict, frozen=True):

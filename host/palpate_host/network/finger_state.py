@@ -7,6 +7,8 @@ from collections import deque
 from palpate_edge.common.contact_quantities import ATTRIBUTES
 from palpate_host.common.status import FingerStatus
 from palpate_host.common.tip_contact import TipContact
+from palpate_host.network.boot_check import BootCheck
+from palpate_host.network.fingertip_contract import fingertip_contract
 from palpate_host.network.fingertips import Fingertip
 from palpate_host.safety.supervisor import FingerHealth
 
@@ -17,11 +19,27 @@ RATE_SAMPLES = 256
 class FingerRecord:
     """One finger's fingertip with the ages for the supervisor and the figures for the status."""
 
-    def __init__(self, name: str, node_id: int, *, poses: bool = True) -> None:
-        """poses: see :class:`Fingertip`."""
+    def __init__(
+        self,
+        name: str,
+        node_id: int,
+        *,
+        poses: bool = True,
+        serial: int | None = None,
+        calibration: str | None = None,
+        verifies: bool = True,
+    ) -> None:
+        """poses: see :class:`Fingertip`. serial, calibration: of the fingertip that hand.toml names.
+
+        verifies: read the fingertip before its contacts are used.
+        """
         self.node_id = node_id
         self.tip = Fingertip(node_id, name, poses=poses)
+        contract = fingertip_contract(node_id, poses=poses, serial=serial, calibration=calibration)
+        who = f"fingertip of {name} (node 0x{node_id:02X})"
+        self.boot = BootCheck(node_id, who, contract if verifies else ())
         self.unpaired = 0
+        self.unverified = 0  # TPDOs that came before the node was verified
         self.is_calibrated = True
         self.name = name
         self._last: TipContact | None = None
@@ -54,6 +72,7 @@ class FingerRecord:
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,
             heartbeat_timed_out=heartbeat_timed_out,
+            unverified="" if self.boot.is_verified else self.boot.problem or f"reading {self.boot.name}",
         )
 
     def status(self, now_us: int) -> FingerStatus:
@@ -84,6 +103,7 @@ class FingerRecord:
             extra_missing=counters.extra_missing,
             extra_mixed=counters.extra_mixed,
             resynchronised=counters.resynchronised,
+            unverified=self.unverified,
         )
 
 

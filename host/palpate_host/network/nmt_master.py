@@ -77,6 +77,7 @@ class Network:
         self._state: dict[int, int] = {}
         self._reset_us: dict[int, int] = {}
         self._started_us: dict[int, int] = {}
+        self._woken_us: dict[int, int] = {}
         self._next_heartbeat_us: int | None = None
 
     def receive(self, stamp_us: int, frame: CanFrame) -> int | None:
@@ -95,7 +96,10 @@ class Network:
         return node_id
 
     def due(self, now_us: int, ready: Collection[int]) -> list[CanFrame]:
-        """Return the host's heartbeat, resets of nodes without one, and starts of those in `ready`."""
+        """Return the host's heartbeat, resets of nodes without one, and starts of those in `ready`.
+
+        A stopped node that is not ready becomes pre-operational, since it answers no SDO request.
+        """
         frames: list[CanFrame] = []
         if self._next_heartbeat_us is None or now_us >= self._next_heartbeat_us:
             self._next_heartbeat_us = now_us + self._heartbeat_us
@@ -108,11 +112,19 @@ class Network:
             elif node_id in ready and not self.operates(node_id) and self._may_start(node_id, now_us):
                 self._started_us[node_id] = now_us
                 frames.append(nmt(NmtCommand.START, node_id))
+            elif node_id not in ready and self._is_stopped(node_id) and self._may_wake(node_id, now_us):
+                self._woken_us[node_id] = now_us
+                frames.append(nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node_id))
         return frames
 
     def _may_start(self, node_id: int, now_us: int) -> bool:
-        started_us = self._started_us.get(node_id)
-        return started_us is None or now_us >= started_us + START_AGAIN_US
+        return now_us >= self._started_us.get(node_id, now_us - START_AGAIN_US) + START_AGAIN_US
+
+    def _may_wake(self, node_id: int, now_us: int) -> bool:
+        return now_us >= self._woken_us.get(node_id, now_us - START_AGAIN_US) + START_AGAIN_US
+
+    def _is_stopped(self, node_id: int) -> bool:
+        return self._state.get(node_id) == NmtState.STOPPED
 
     def stop_all(self) -> list[CanFrame]:
         """Return NMT stop for each node of the hand, one by one: the bus may have other nodes."""
@@ -128,7 +140,14 @@ class Network:
 
     def restart(self) -> None:
         """Reset and start every node again."""
-        for known in (self._last_heartbeat_us, self._state, self._reset_us, self._started_us):
+        known_of_nodes = (
+            self._last_heartbeat_us,
+            self._state,
+            self._reset_us,
+            self._started_us,
+            self._woken_us,
+        )
+        for known in known_of_nodes:
             known.clear()
 
     def missing(self) -> list[str]:
@@ -144,6 +163,6 @@ class Network:
         """Return name and id of a node for messages."""
         return f"{self._names[node_id]} (node 0x{node_id:02X})"
 
-    def not_operating(self) -> list[str]:
-        """Return the names of the nodes that are not operational yet."""
-        return [self.name(node_id) for node_id in self._names if not self.operates(node_id)]
+    def not_operating(self) -> list[int]:
+        """Return the nodes that are not operational yet."""
+        return [node_id for node_id in self._names if not self.operates(node_id)]

@@ -14,6 +14,7 @@ from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
 from palpate_edge.node.emergencies import Emergency
+from palpate_edge.node.nmt import NmtCommand
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
 from palpate_host.common.tip_contact import TipContact
@@ -31,6 +32,8 @@ from palpate_host.network.nmt_master import (
     TimeStampProducer,
     foreign_stop,
 )
+from palpate_host.network.node_contract import changes_contract
+from palpate_host.network.sdo_upload import SDO_REQUEST_ID
 from palpate_host.safety import runaway
 
 EXPOSURE_AHEAD_LIMIT_US = 50_000
@@ -50,7 +53,8 @@ class PairedContact:
 class Nodes:
     """Drives, fingertips and NMT of one hand; `receive` takes the identifiers `accept_ids`."""
 
-    def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics, *, verifies: bool = True) -> None:
+        """verifies: read fingertips before their contacts are used."""
         network = config.network
         self._config = config
         self._hand = hand
@@ -68,9 +72,14 @@ class Nodes:
                 finger.name,
                 finger.fingertip_node,
                 poses=finger.fingertip_node + POSE_NODE_OFFSET not in config.node_names,
+                serial=finger.serial,
+                calibration=finger.calibration,
+                verifies=verifies,
             )
             for finger in config.fingers
         ]
+        self._finger_of_node = {finger.node_id: finger for finger in self.fingers}
+        self._boot_by_reply_id = {finger.boot.reply_id: finger.boot for finger in self.fingers}
         self._finger_by_id = {
             can_id: i for i, finger in enumerate(self.fingers) for can_id in finger.tip.receive_ids
         }
@@ -89,7 +98,8 @@ class Nodes:
         nodes = self._config.node_names
         beats = [HEARTBEAT_ID + node for node in nodes]
         emergencies = [EMCY_ID + node for node in nodes]
-        others = [NMT_ID, SYNC.can_id, *beats, *emergencies]
+        transfers = [*self._boot_by_reply_id, *(SDO_REQUEST_ID + finger.node_id for finger in self.fingers)]
+        others = [NMT_ID, SYNC.can_id, *beats, *emergencies, *transfers]
         return tuple(sorted([*others, *self.drives.receive_ids, *self._finger_by_id]))
 
     def receive(self, stamp_us: int, frame: CanFrame) -> PairedContact | None:
@@ -111,9 +121,23 @@ class Nodes:
                 self._history.add(asked_us, angles[0])
         self._last_sync_us = tick_us
         is_up = [not drive.uses_nmt or self.network.is_up(drive.node_id) for drive in drives.drives]
-        ready = [*drives.identified(), *(finger.node_id for finger in self.fingers)]
-        frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, ready)]
-        return [*frames, *drives.requests(tick_us, is_up), SYNC]
+        reads = self._boot_requests(tick_us)
+        verified = [finger.node_id for finger in self.fingers if finger.boot.is_verified]
+        frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, drives.identified() + verified)]
+        return [*frames, *drives.requests(tick_us, is_up), *reads, SYNC]
+
+    def _boot_requests(self, tick_us: int) -> list[CanFrame]:
+        """Return the reads of fingertips that are up and not verified.
+
+        A node whose heartbeat has timed out is read again when it is back: it may be another one.
+        """
+        frames = []
+        for finger in self.fingers:
+            if self.network.heartbeat_timed_out(finger.node_id, tick_us):
+                finger.boot.restart()
+            elif self.network.is_up(finger.node_id):
+                frames.append(finger.boot.due(tick_us))
+        return [frame for frame in frames if frame is not None]
 
     def fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
         """Return why the hand has to stop in a mode that moves joints, or an empty text; do a homing step."""
@@ -169,36 +193,64 @@ class Nodes:
         elif frame.can_id == NMT_ID:
             if foreign_stop(frame, self._config.network.host_node):
                 self.stop = self.stop or NMT_STOP
+            self._left_operation(frame)
         elif frame.can_id in self._finger_by_id:
             return self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
         elif frame.can_id in self.drives.receive_ids:
             self.drives.receive(stamp_us, frame)
+        elif frame.can_id in self._boot_by_reply_id:
+            self._boot_by_reply_id[frame.can_id].receive(frame)
+        elif frame.can_id == SDO_REQUEST_ID + node_id and node_id in self._finger_of_node:
+            if changes_contract(frame.data):
+                self._finger_of_node[node_id].boot.restart()
         elif frame.can_id == HEARTBEAT_ID + node_id and node_id in self._config.node_names:
-            if self.network.receive(stamp_us, frame) is not None:
-                self._booted(node_id)
+            self._receive_heartbeat(node_id, stamp_us, frame)
         elif frame.can_id == EMCY_ID + node_id and node_id in self._config.node_names:
             self._receive_emergency(node_id, frame)
         else:
             self.counters.foreign_frames += 1
         return None
 
+    def _receive_heartbeat(self, node_id: int, stamp_us: int, frame: CanFrame) -> None:
+        was_operating = self.network.operates(node_id)
+        if self.network.receive(stamp_us, frame) is not None:
+            self._booted(node_id)
+        elif was_operating and not self.network.operates(node_id):
+            self._unverify(node_id)
+
     def _booted(self, node_id: int) -> None:
         self.drives.booted(node_id)
-        for finger in self.fingers:
-            if finger.node_id == node_id:
-                finger.tip.forget()
-                finger.is_calibrated = True  # until an emergency says otherwise
+        finger = self._finger_of_node.get(node_id)
+        if finger is not None:
+            finger.tip.forget()
+            finger.boot.restart()
+            finger.is_calibrated = True  # until an emergency says otherwise
 
-    def uncalibrated(self) -> list[str]:
-        """Return the fingers whose fingertip has no calibration: none of its contacts is ever valid."""
-        return [
-            f"a calibration of {finger.name} (palpate-edge calibrate)"
-            for finger in self.fingers
-            if not finger.is_calibrated
-        ]
+    def _unverify(self, node_id: int) -> None:
+        """Read a fingertip again: while it was not operational its PDOs may have changed."""
+        if node_id in self._finger_of_node:
+            self._finger_of_node[node_id].boot.restart()
 
-    def _finger_of(self, node_id: int) -> FingerRecord | None:
-        return next((finger for finger in self.fingers if finger.node_id == node_id), None)
+    def _left_operation(self, frame: CanFrame) -> None:
+        """Take an NMT command to one node. The host itself sends only START to a verified node."""
+        if len(frame.data) == 2 and frame.data[0] != NmtCommand.START:
+            finger = self._finger_of_node.get(frame.data[1])
+            if finger is not None and finger.boot.is_verified:
+                finger.boot.restart()
+
+    def unchecked(self, *, needs_contacts: bool) -> list[str]:
+        """Return what the start waits for: nodes that are not operational or not verified, with the problem
+        that was found, and calibrations, if `needs_contacts`, without which no contact is ever valid."""
+        waiting = set(self.network.not_operating())
+        names = []
+        for node_id in self._config.node_names:
+            finger = self._finger_of_node.get(node_id)
+            if finger is not None and not finger.boot.is_verified:
+                names.append(finger.boot.problem or finger.boot.name)
+            elif node_id in waiting:
+                names.append(self.network.name(node_id))
+        uncalibrated = [finger.name for finger in self.fingers if needs_contacts and not finger.is_calibrated]
+        return names + [f"a calibration of {name} (palpate-edge calibrate)" for name in uncalibrated]
 
     def _receive_emergency(self, node_id: int, frame: CanFrame) -> None:
         """Count an emergency; a drive's temperature is a fault in every mode, even if the drive goes on.
@@ -208,8 +260,8 @@ class Nodes:
         self.counters.emergencies += 1
         code = int.from_bytes(frame.data[:2], "little")
         name = self.network.name(node_id)
-        if code == Emergency.NO_CALIBRATION and (finger := self._finger_of(node_id)) is not None:
-            finger.is_calibrated = False
+        if code == Emergency.NO_CALIBRATION and node_id in self._finger_of_node:
+            self._finger_of_node[node_id].is_calibrated = False
         self.last_emergency = f"{name}: EMCY {code:04X}h"
         if is_temperature(code) and self.drives.has(node_id):
             reason = f"{name}: temperature beyond its limit (EMCY {code:04X}h): let it cool, then recover"
@@ -217,6 +269,9 @@ class Nodes:
 
     def _receive_contact(self, index: int, stamp_us: int, frame: CanFrame) -> PairedContact | None:
         finger = self.fingers[index]
+        if not finger.boot.is_verified:
+            finger.unverified += 1
+            return None
         contact = finger.tip.receive(stamp_us, frame)
         if contact is None:
             return None

@@ -51,7 +51,8 @@ class Tiers:
 class FingerHealth:
     """One fingertip: ages of its last valid frame and of its last contact, None when there was none.
 
-    gives_no_place, gives_no_force: its calibration knows no contact places or no newtons.
+    gives_no_place, gives_no_force: its calibration knows no contact places or no newtons. unverified: why
+    its contacts are not used, empty once its parameters have been read and agree.
     """
 
     name: str
@@ -61,6 +62,7 @@ class FingerHealth:
     heartbeat_timed_out: bool
     gives_no_place: bool = False
     gives_no_force: bool = False
+    unverified: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +141,19 @@ def _starting(last: Mode, inputs: Inputs) -> tuple[Mode, str]:
             return Mode.CHECK, f"waiting for {inputs.unchecked}"
         if inputs.homing:
             return Mode.HOME, f"homing {inputs.homing}"
-    waiting = inputs.drives_waiting or _first_frame_missing(inputs)
+    waiting = inputs.drives_waiting or _first_unverified(inputs) or _first_frame_missing(inputs)
     blocked = f"waiting for {waiting}" if waiting else _force_not_known(inputs)
     if blocked:
         return Mode.READY, blocked
     if inputs.goal is Goal.NOTHING:
         return Mode.READY, "waiting for a command: palpate-host command grasp"
     return Mode.GRASP, "grasping"
+
+
+def _first_unverified(inputs: Inputs) -> str:
+    if inputs.blind_by_choice:
+        return ""
+    return next((finger.unverified for finger in inputs.fingers if finger.unverified), "")
 
 
 def _first_frame_missing(inputs: Inputs) -> str:
@@ -200,7 +208,8 @@ def _first(
 
 def _frame_fault(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
-        return f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms"
+        why = f" ({finger.unverified})" if finger.unverified else ""
+        return f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms{why}"
     return ""
 
 
@@ -233,6 +242,8 @@ def _object_lost(last: Decision, inputs: Inputs, tiers: Tiers) -> str:
 def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.heartbeat_timed_out:
         return f"{finger.name}: heartbeat lost"
+    if finger.unverified:
+        return finger.unverified
     if finger.contact_age_us is None or finger.contact_age_us > tiers.hold_us:
         return f"{finger.name}: no contact for more than {tiers.hold_us // 1000} ms"
     return ""

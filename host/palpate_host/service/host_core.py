@@ -53,16 +53,19 @@ class HostOutput:
 class HostCore:
     """The pure host: `process` takes frames and times, and returns the frames to send."""
 
-    def __init__(self, config: HandConfig, hand: HandKinematics) -> None:
+    def __init__(self, config: HandConfig, hand: HandKinematics, *, verifies: bool = True) -> None:
         """Raises FrameError when the fingers are numbered clockwise with every joint in the middle of its
-        range."""
+        range.
+
+        verifies: read every node's parameters before its contacts are used; False only replays older logs.
+        """
         middle = np.array([(joint.min_rad + joint.max_rad) / 2 for joint in config.joints])
         check_numbering(hand.pose(middle).tip_centre_m)
         self._config = config
         self._hand = hand
         self._tick_us = 1_000_000 // config.control.tick_Hz
         self._schedule = TickSchedule(self._tick_us)
-        self._nodes = Nodes(config, hand)
+        self._nodes = Nodes(config, hand, verifies=verifies)
         s = config.staleness
         self._tiers = Tiers(
             warn_us=s.warn_ms * 1000,
@@ -252,13 +255,12 @@ class HostCore:
         last, nodes = self._decision, self._nodes
         orientation = self._control.orientation
         is_blind = self._config.control.mode is ControlMode.BLIND
-        unchecked = [*nodes.network.not_operating(), *([] if is_blind else nodes.uncalibrated())]
         inputs = Inputs(
             now_us=tick_us,
             stop=self._stop_reason,
             fault=nodes.fault or nodes.fault_now(tick_us, last.mode, qdot_rad_s),
             missing=", ".join(nodes.network.missing()),
-            unchecked=", ".join(unchecked),
+            unchecked=", ".join(nodes.unchecked(needs_contacts=not is_blind)),
             homing=nodes.drives.homing.waiting,
             drives_waiting=nodes.drives.waiting(),
             no_virtual_frame=no_virtual_frame,

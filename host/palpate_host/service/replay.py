@@ -27,6 +27,8 @@ from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
+from palpate_host.network.node_contract import reads_contract
+from palpate_host.network.sdo_upload import SDO_REQUEST_ID
 from palpate_host.service.host_core import HostCore, HostOutput
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
@@ -175,9 +177,11 @@ def steps(
     """Yield the host's calls, from its first frame in the log to the log's last frame.
 
     Frames before the host's first heartbeat are not passed to it; a log without a host is replayed from its
-    beginning. before: called with the time of each call, before it.
+    beginning. before: called with the time of each call, before it. The host verifies the fingertips if the
+    recorded one did.
     """
-    core = core or HostCore(config.starting(StartMode.AUTO), hand)  # a log holds no operator's commands
+    # A log holds no operator's commands.
+    core = core or HostCore(config.starting(StartMode.AUTO), hand, verifies=has_reads(records, config))
     wanted = set(core.accept_ids)
     begin_us = first_beat_us(records, config)
     now_us = records[0].stamp_us if begin_us is None else begin_us
@@ -196,6 +200,12 @@ def steps(
         if output.finished or output.next_due_us > end_us:
             return
         now_us = _or_after_its_stall(output.next_due_us, stalls)
+
+
+def has_reads(records: Iterable[LogRecord], config: HandConfig) -> bool:
+    """Return whether the recorded host read the PDO parameters of a fingertip: those before 0.2 did not."""
+    request_ids = {SDO_REQUEST_ID + finger.fingertip_node for finger in config.fingers}
+    return any(r.frame.can_id in request_ids and reads_contract(r.frame.data) for r in records)
 
 
 def first_beat_us(records: Iterable[LogRecord], config: HandConfig) -> int | None:

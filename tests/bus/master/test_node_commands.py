@@ -26,9 +26,12 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import BusError, ConfigError
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
+from palpate_edge.node.stored_parameters import StoredParameters
 
 
 class Nodes(threading.Thread):
@@ -39,6 +42,7 @@ class Nodes(threading.Thread):
         self.nodes = [FingertipNode(node_id, MethodCode.PAPER, "0123456789abcdef") for node_id in node_ids]
         self.bus = open_bus(BusConfig(interface="palpate", channel=str(path)), "nodes")
         self.stopped = threading.Event()
+        self.stores = True
 
     def run(self):
         with self.bus:
@@ -46,7 +50,18 @@ class Nodes(threading.Thread):
                 frames = [frame for _, frame in self.bus.receive(0.01)]
                 now_us = time.monotonic_ns() // 1000
                 for node in self.nodes:
-                    self.bus.send(node.process(now_us, frames).frames_out)
+                    output = node.process(now_us, frames)
+                    self.bus.send(output.frames_out)
+                    if any(isinstance(event, StoreRequested) for event in output.events):
+                        node.slave.store_finished(self.stores)
+
+
+def swapped_and_saved(node_id):
+    """A fingertip that has stored TPDO 1 with y before x, and a location."""
+    checksum = load_eds(FINGERTIP_EDS, node_id).checksum
+    swapped = {(0x1A00, 1): 0x7130_0210, (0x1A00, 2): 0x7130_0110, (0x2003, 0): "left hand"}
+    kept = StoredParameters(eds_checksum=checksum, objects=swapped)
+    return FingertipNode(node_id, MethodCode.PAPER, "0123456789abcdef", kept=kept)
 
 
 @pytest.fixture
@@ -209,6 +224,29 @@ def test_the_pdos_of_a_node_are_those_of_its_eds(hub, fingertips, tmp_path):
     said = run(hub, "sdo", "check", "0x10", "--eds", eds)
     assert said.exit_code == 1
     assert "Mapped object 3: 0x20140010 in the node, 0x20110008 in the EDS" in said.output
+
+
+def test_a_stored_remap_is_restored_by_one_command(hub, fingertips):
+    """x and y of TPDO 1 swapped and saved; the application's own parameters are kept."""
+    node = fingertips.nodes[0] = swapped_and_saved(0x10)
+    differing = run(hub, "sdo", "check", "0x10")
+    assert differing.exit_code == 1 and "1A00h:01" in differing.output and "2 differences" in differing.output
+    said = run(hub, "sdo", "restore", "0x10")
+    assert (said.exit_code, said.output) == (0, "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n")
+    assert run(hub, "sdo", "read", "0x10", "Location").output.endswith("= 'left hand'\n")
+    assert node.slave.read(0x1A00, 1) == 0x7130_0110
+
+
+def test_a_node_that_stores_nothing_is_restored_by_its_reset(hub, fingertips):
+    fingertips.stores = False
+    assert run(hub, "sdo", "write", "0x10", "1804:1", "0xC0000310").exit_code == 0
+    said = run(hub, "sdo", "restore", "0x10")
+    assert (said.exit_code, said.output) == (0, "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n")
+
+
+def test_restoring_a_node_that_is_not_there_says_so(hub, fingertips):
+    with pytest.raises(BusError, match=r"node 0x13, reading 1000h:00 .* within 0.1 s: it may be off"):
+        run(hub, "sdo", "restore", "0x13", "--timeout", 0.1)
 
 
 def test_large_objects_go_in_blocks_and_come_back(hub, foreign_node, tmp_path):

@@ -25,7 +25,7 @@ def test_every_rate_turns_the_target_in_the_same_time(bench, table_4, tick_Hz):
     config, hand = table_4
     config = msgspec.structs.replace(config, control=msgspec.structs.replace(config.control, tick_Hz=tick_Hz))
     rig = bench.VirtualBench(config, hand)
-    rig.run(1.0)
+    rig.run(1.3)
     began = next(status for status in rig.statuses if status.mode is Mode.MANIPULATE)
     status = rig.run((began.time_us + 1_300_000 - rig.now_us) * 1e-6)
     assert status.mode is Mode.MANIPULATE

@@ -237,7 +237,7 @@ def test_network_resets_starts_and_notices_silence():
     assert network.due(80_000, (1,)) == [CanFrame(0, b"\x01\x01")]
     assert network.due(90_000, (1,)) == []
     assert network.receive(95_000, CanFrame(0x701, b"\x05")) is None
-    assert network.operates(1) and network.not_operating() == ["b (node 0x02)"]
+    assert network.operates(1) and network.not_operating() == [2]
     assert CanFrame(0, b"\x82\x02") in network.due(1_000_000, (1,))  # the unheard one is asked again
     assert not network.heartbeat_timed_out(1, 595_000) and network.heartbeat_timed_out(1, 595_001)
     assert not network.heartbeat_timed_out(2, 10_000_000)

@@ -236,13 +236,13 @@ class WeakMotor(closed_loop.EngineMotor):
 
 
 def grasped_N(bench, hand_of_commands, force_law, motor):
-    """Contact force of each finger after 2 s of grasp, (3,) N."""
+    """Contact force of each finger 2.5 s after the command, (3,) N: the first frame starts the grasp."""
     config, hand = hand_of_commands
     config = changed(config, "control", force_law=force_law)
     rig = closed_loop.make_closed_loop(bench, config, hand, motor)
     until(rig, Mode.READY)
     rig.core.command(Grasp())
-    rig.run(2.0)
+    rig.run(2.5)
     assert rig.statuses[-1].mode in (Mode.GRASP, Mode.MANIPULATE), rig.statuses[-1].reason
     check_limits(rig)
     return np.array([touch.normal_force_N for touch in rig.engine.tip_contacts()])

@@ -174,7 +174,7 @@ def test_the_loop_turns_the_desired_frame_against_what_the_object_does(bench, ta
     config = changed(config, "control", contact_filter_s=0.0)
     config = changed(config, "target", rpy_deg=(0.0, 0.0, 0.0))
     rig = bench.VirtualBench(config, hand, feel=RigidObject(2.0, bench.START_US))
-    rig.run(1.0)
+    rig.run(1.5)
     before = rig.statuses[-1]
     after = rig.run(1.0)
     wanted = Rotation.from_matrix(np.array(after.R_d_vir) @ np.array(before.R_d_vir).T).as_rotvec(

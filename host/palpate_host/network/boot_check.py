@@ -1,0 +1,115 @@
+"""Verified boot: reading of a node's objects over SDO until they agree with what the host decodes. Pure.
+
+In the manner of CiA 302-2, where the NMT master compares identity and configuration of a slave before it
+starts it. One request at a time, due with the host's ticks; every difference is a problem of one line with
+object, value found, value wanted and remedy. A node with a problem is read again once a second, so that a
+node that was mended on the bus is accepted without a command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.node.sdo_abort import AbortCode
+from palpate_host.network.node_contract import Wanted
+from palpate_host.network.sdo_upload import SDO_REPLY_ID, SdoUpload
+
+RETRY_US = 200_000
+"""Time after which a request without a response is sent again."""
+NO_RESPONSE_US = 1_000_000
+"""Time without a response after which the node has a problem."""
+READ_AGAIN_US = 1_000_000
+"""Time after which a node with a problem is read again."""
+
+_MISSING = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
+
+
+class BootCheck:
+    """The reading of one node. problem: one line, empty for none. is_verified: every object agrees."""
+
+    def __init__(self, node_id: int, name: str, wanted: Iterable[Wanted]) -> None:
+        """wanted: the objects in the order of reading; with none, the node is taken as it is."""
+        self.node_id = node_id
+        self.reply_id = SDO_REPLY_ID + node_id
+        self.name = name
+        self._wanted = tuple(wanted)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again: the node has booted, or its parameters may have changed."""
+        self.is_verified = not self._wanted
+        self.problem = ""
+        self._again_us: int | None = None  # set by a difference, at the tick that finds it
+        if not self.is_verified:
+            self._begin()
+
+    def _begin(self) -> None:
+        self._differs = False
+        self._place = 0
+        self._upload = SdoUpload(self.node_id, self._wanted[0].key)
+        self._requested_us: int | None = None
+        self._silent_since_us: int | None = None
+        self._disabled_pdo = ""
+
+    def due(self, now_us: int) -> CanFrame | None:
+        """Return the next request, or the last transfer's first one after RETRY_US without a response."""
+        if self.is_verified:
+            return None
+        if self._differs:
+            self._again_us = now_us + READ_AGAIN_US if self._again_us is None else self._again_us
+            if now_us < self._again_us:
+                return None
+            self._again_us = None
+            self._begin()
+        if self._requested_us is not None:
+            if now_us < self._requested_us + RETRY_US:
+                return None
+            self._upload.restart()
+        self._silent_since_us = now_us if self._silent_since_us is None else self._silent_since_us
+        if now_us >= self._silent_since_us + NO_RESPONSE_US:
+            self.problem = self._no_response()
+        self._requested_us = now_us
+        return self._upload.request()
+
+    def receive(self, frame: CanFrame) -> None:
+        """Take a frame with `reply_id`. Responses to other clients' requests are ignored."""
+        if self.is_verified or self._differs or self._requested_us is None:
+            return
+        if not self._upload.receive(frame.data):
+            return
+        self._requested_us = self._silent_since_us = None
+        if self._upload.finished:
+            self._compare(self._wanted[self._place])
+
+    def _compare(self, wanted: Wanted) -> None:
+        upload = self._upload
+        if upload.abort is not None and upload.abort not in _MISSING:
+            problem = (
+                f"{wanted.key[0]:04X}h:{wanted.key[1]:02X} cannot be read (abort {upload.abort:08X}h):"
+                f" {wanted.remedy}"
+            )
+        else:
+            problem = wanted.problem(upload.data)
+        if problem:
+            self.problem, self._differs = f"{self.name}: {problem}", True
+            return
+        if wanted.is_disabled(upload.data):
+            self._disabled_pdo = wanted.pdo
+        self._place += 1
+        while self._place < len(self._wanted) and self._is_of_disabled_pdo(self._wanted[self._place]):
+            self._place += 1
+        if self._place == len(self._wanted):
+            self.problem, self.is_verified = "", True
+        else:
+            self._upload = SdoUpload(self.node_id, self._wanted[self._place].key)
+
+    def _is_of_disabled_pdo(self, wanted: Wanted) -> bool:
+        return bool(wanted.pdo) and wanted.pdo == self._disabled_pdo
+
+    def _no_response(self) -> str:
+        index, subindex = self._wanted[self._place].key
+        return (
+            f"{self.name}: no SDO response to a read of {index:04X}h:{subindex:02X} for"
+            f" {NO_RESPONSE_US // 1_000_000} s: check the node, palpate-host bus scan"
+        )

@@ -1,0 +1,268 @@
+"""Verified boot: no contact of a fingertip counts before the host has read what it decodes with."""
+
+import itertools
+
+import msgspec
+import pytest
+
+from palpate_bus.logs.candump import LogRecord
+from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fingertip import FingertipNode
+from palpate_edge.node.fingertip_objects import MethodCode
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
+from palpate_edge.node.stored_parameters import StoredParameters
+from palpate_host.common.mode import Mode
+from palpate_host.network.fingertip_contract import fingertip_contract
+from palpate_host.service.replay import replay
+
+TIP = 0x10
+SWAPPED = {(0x1A00, 1): 0x7130_0210, (0x1A00, 2): 0x7130_0110}  # y before x, as long as before
+PLACE_MM = (5.0, -8.0, 28.5)
+READ_S = 0.6  # 43 ticks of 10 ms to read a fingertip, and its first frame
+
+
+def stored(objects):
+    """What a node has after these objects were written and saved."""
+    od = load_eds(FINGERTIP_EDS, TIP)
+    return StoredParameters(eds_checksum=od.checksum, objects=objects)
+
+
+def tip_with(objects, calibration="0" * 16, serial=0):
+    kept = stored(objects)
+    return FingertipNode(TIP, MethodCode.CORRECTED, calibration, serial_number=serial, kept=kept)
+
+
+def with_finger(config, **values):
+    first = msgspec.structs.replace(config.fingers[0], **values)
+    return msgspec.structs.replace(config, fingers=(first, *config.fingers[1:]))
+
+
+@pytest.fixture
+def rig(bench, table_4):
+    return bench.VirtualBench(*table_4, feel=lambda *_: PLACE_MM)
+
+
+def sdo_write(rig, key, value, size, heard=True):
+    """A request of another SDO client reaches the fingertip and, if `heard`, the host."""
+    command = {1: 0x2F, 4: 0x23}[size]
+    data = bytes((command, *key[0].to_bytes(2, "little"), key[1])) + value.to_bytes(4, "little")
+    frame = CanFrame(0x600 + TIP, data)
+    rig._to_nodes.append(frame)
+    if heard:
+        rig.host_queue.append((rig.now_us, frame))
+
+
+def nmt(rig, command):
+    frame = CanFrame(0, bytes((command, TIP)))
+    rig._to_nodes.append(frame)
+    rig.host_queue.append((rig.now_us, frame))
+
+
+def remap(rig, words, heard=True):
+    """Map TPDO 1 in the steps of CiA 301."""
+    for key, value, size in (
+        ((0x1800, 1), 0xC000_0190, 4),
+        ((0x1A00, 0), 0, 1),
+        *((key, word, 4) for key, word in words.items()),
+        ((0x1A00, 0), 4, 1),
+        ((0x1800, 1), 0x4000_0190, 4),
+    ):
+        sdo_write(rig, key, value, size, heard)
+        rig.run(0.002)
+
+
+def positions(rig):
+    return {s.fingers[0].position_mm for s in rig.statuses if s.fingers[0].position_mm is not None}
+
+
+def test_a_stored_remap_stays_in_check_with_the_object_named(rig):
+    rig.tips[0] = tip_with(SWAPPED)
+    status = rig.run(2.5)
+    assert status.mode is Mode.CHECK
+    assert status.reason == (
+        "waiting for fingertip of finger-1 (node 0x10): 1A00h:01 is 0x71300210, expected 0x71300110:"
+        " palpate-host bus sdo restore 0x10"
+    )
+    assert not positions(rig)
+    assert all(joint.command_Nm == 0.0 for joint in status.joints)
+
+
+def test_a_remap_that_another_client_undoes_is_accepted_without_a_command(rig):
+    rig.tips[0] = tip_with(SWAPPED)
+    assert rig.run(1.0).mode is Mode.CHECK
+    remap(rig, {(0x1A00, 1): 0x7130_0110, (0x1A00, 2): 0x7130_0210})
+    assert rig.run(2.0).mode is Mode.MANIPULATE
+    assert positions(rig) == {PLACE_MM}
+
+
+@pytest.mark.parametrize(
+    ("objects", "named"),
+    [
+        ({(0x1800, 1): 0xC000_0190}, "1800h:01 is 0xC0000190, expected 0x40000190"),
+        ({(0x1802, 1): 0x4000_03A1}, "1802h:01 is 0x400003A1, expected 0x40000390"),
+        ({(0x1801, 2): 1}, "1801h:02 is 0x1, expected 0xFE"),
+        ({(0x1803, 1): 0x4000_0190}, "1803h:01 is 0x40000190, expected 0x40000490"),
+        ({(0x1A01, 0): 4}, "1A01h:00 is 0x4, expected 0x5"),
+        ({(0x1A04, 2): 0x7130_0910, (0x1A04, 3): 0x7130_0810}, "1A04h:02 is 0x71300910"),
+        ({(0x1400, 1): 0x1FE}, "1400h:01 is 0x1FE, expected 0x1FF"),
+        ({(0x1805, 1): 0x4000_01B0, (0x1A05, 2): 0x7130_0C10}, "1A05h:02 is 0x71300C10"),
+    ],
+)
+def test_every_parameter_of_a_pdo_that_the_host_uses_is_named(rig, objects, named):
+    rig.tips[0] = tip_with(objects)
+    status = rig.run(1.0)
+    assert status.mode is Mode.CHECK
+    assert f"fingertip of finger-1 (node 0x10): {named}" in status.reason
+    assert "palpate-host bus sdo restore 0x10" in status.reason
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [{(0x1804, 1): 0xC000_0310}, {(0x1800, 2): 255}, {(0x1800, 3): 10}, {(0x1017, 0): 200}],
+    ids=["TPDO 5 disabled", "event type of the profile", "inhibit time", "heartbeat"],
+)
+def test_what_a_person_may_change_is_accepted(rig, objects):
+    rig.tips[0] = tip_with(objects)
+    assert rig.run(2.0).mode is Mode.MANIPULATE
+
+
+def test_another_software_version_is_named(rig, bench):
+    tip = bench.make_tip(TIP)
+    tip.slave.write(0x100A, 0, "0.0.9 of another make")
+    rig.tips[0] = tip
+    status = rig.run(1.0)
+    assert status.mode is Mode.CHECK
+    version = load_eds(FINGERTIP_EDS, TIP).entry(0x100A).default
+    assert f"100Ah:00 is '0.0.9 of another make', expected '{version}': install palpate" in status.reason
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        (
+            {"calibration": "0123456789abcdef"},
+            "2001h:00 is 'fedcba9876543210', expected '0123456789abcdef': start it with that calibration",
+        ),
+        ({"serial": 0x2B}, "1018h:04 is 0x2A, expected 0x2B: connect that fingertip"),
+        ({"calibration": "fedcba9876543210", "serial": 0x2A}, ""),
+    ],
+    ids=["calibration", "serial", "both right"],
+)
+def test_another_fingertip_than_hand_toml_names(bench, table_4, values, reason):
+    config, hand = table_4
+    rig = bench.VirtualBench(with_finger(config, **values), hand)
+    rig.tips[0] = tip_with({}, calibration="fedcba9876543210", serial=0x2A)
+    status = rig.run(2.0)
+    assert status.mode is (Mode.CHECK if reason else Mode.MANIPULATE)
+    assert reason in status.reason
+
+
+def test_a_fingertip_that_boots_while_the_hand_turns_is_read_before_its_contacts_count(rig):
+    assert rig.run(1.5).mode is Mode.MANIPULATE
+    rig.tips[0] = tip_with(SWAPPED)
+    rig.wake(TIP)
+    began = len(rig.statuses)
+    status = rig.run(2.0)
+    assert positions(rig) == {PLACE_MM}
+    assert status.mode is Mode.HOLD and "1A00h:01 is 0x71300210" in status.reason
+    assert Mode.MANIPULATE not in {s.mode for s in rig.statuses[began + 30 :]}
+    rig.run(4.0)
+    assert rig.output.finished
+    assert (
+        "no valid frame for more than 3000 ms (fingertip of finger-1 (node 0x10): 1A00h" in rig.output.failure
+    )
+
+
+def test_an_equal_fingertip_that_boots_while_the_hand_turns_is_taken_into_use_again(rig, bench):
+    rig.run(1.5)
+    rig.tips[0] = bench.make_tip(TIP)
+    rig.wake(TIP)
+    rig.run(0.1)
+    taken = rig.statuses[-1].fingers[0].complete
+    rig.run(0.2)
+    assert rig.statuses[-1].fingers[0].complete == taken
+    assert rig.run(READ_S).fingers[0].complete > taken
+
+
+def test_a_remap_of_a_running_fingertip_is_found(rig):
+    """Another client writes 1A00h while the fingertip is operational: its next contacts are swapped."""
+    rig.run(1.5)
+    remap(rig, SWAPPED)
+    status = rig.run(1.0)
+    assert positions(rig) == {PLACE_MM}
+    assert status.fingers[0].unverified > 0
+    assert "1A00h:01 is 0x71300210" in status.reason
+
+
+def test_a_remap_in_pre_operational_by_another_master_is_found(rig):
+    rig.run(1.5)
+    nmt(rig, 0x80)
+    rig.run(0.002)
+    remap(rig, SWAPPED, heard=False)
+    nmt(rig, 0x01)
+    status = rig.run(1.0)
+    assert positions(rig) == {PLACE_MM}
+    assert "1A00h:01 is 0x71300210" in status.reason
+
+
+def test_a_stopped_fingertip_is_made_to_answer(rig):
+    rig.run(1.5)
+    nmt(rig, 0x02)
+    assert rig.run(2.0).mode is Mode.MANIPULATE
+    assert CanFrame(0, bytes((0x80, TIP))) in [frame for _, frame in rig.log]
+
+
+def test_a_fingertip_that_answers_no_sdo_request_is_named_within_a_second(bench, table_4):
+    def deaf(stamp_us, frame):
+        return [] if frame.can_id == 0x580 + TIP else [(stamp_us, frame)]
+
+    rig = bench.VirtualBench(*table_4, to_host=deaf)
+    rig.run(0.9)
+    assert rig.statuses[-1].reason == "waiting for fingertip of finger-1 (node 0x10)"
+    status = rig.run(0.2)
+    assert status.mode is Mode.CHECK
+    assert status.reason == (
+        "waiting for fingertip of finger-1 (node 0x10): no SDO response to a read of 1000h:00 for 1 s:"
+        " check the node, palpate-host bus scan"
+    )
+    rig.to_host = bench.same
+    assert rig.run(2.0).mode is Mode.MANIPULATE
+
+
+def test_lost_responses_are_asked_for_again(bench, table_4):
+    answers = itertools.count()
+
+    def every_tenth(stamp_us, frame):
+        is_lost = frame.can_id == 0x580 + TIP and next(answers) % 10 == 0
+        return [] if is_lost else [(stamp_us, frame)]
+
+    rig = bench.VirtualBench(*table_4, to_host=every_tenth)
+    assert rig.run(2.6).mode is Mode.MANIPULATE
+
+
+def test_a_log_of_a_host_that_reads_is_replayed_and_one_of_a_host_that_does_not(rig, table_4):
+    rig.run(1.5)
+    records = [LogRecord(*entry) for entry in rig.log]
+    sent = [record.frame for record in records if record.frame.can_id == 0x600 + TIP]
+    result = replay(records, *table_4)
+    assert result.modes[-1] is Mode.MANIPULATE
+    assert [r.frame for r in result.records if r.frame.can_id == 0x600 + TIP] == sent
+    transfers = {base + tip for base in (0x580, 0x600) for tip in (0x10, 0x11, 0x12)}
+    older = [record for record in records if record.frame.can_id not in transfers]
+    result = replay(older, *table_4)
+    assert result.modes[-1] is Mode.MANIPULATE
+    assert not [r for r in result.records if r.frame.can_id in transfers]
+
+
+def test_reading_takes_no_more_than_a_request_a_tick(rig):
+    rig.run(1.0)
+    requests = [stamp for stamp, frame in rig.log if frame.can_id == 0x600 + TIP]
+    assert len(set(requests)) == len(requests)
+    assert len(requests) == 43
+
+
+def test_the_objects_of_the_contract_are_in_the_eds():
+    od = load_eds(FINGERTIP_EDS, TIP)
+    for wanted in fingertip_contract(TIP, serial=1, calibration="0" * 16):
+        assert wanted.key in od.entries
