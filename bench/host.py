@@ -17,7 +17,7 @@ from palpate_edge.common.gc_freeze import long_lived
 from palpate_host.config.hand_config import StartMode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
-from palpate_host.service.replay import replay
+from palpate_host.service.replay import has_reads, replay
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "tests" / "replay" / "demo.log.gz"
@@ -51,7 +51,7 @@ def rows() -> list[Row]:
         path = Path(folder) / "demo.log"
         path.write_bytes(gzip.decompress(LOG.read_bytes()))
         records = read_log(path).records
-    replay(records, config, hand, core=TimedCore(config, hand))
+    replay(records, config, hand, core=TimedCore(config, hand, verifies=has_reads(records, config)))
     angles = np.random.default_rng(0).uniform(-0.3, 0.3, (500, hand.joint_count))
     full_s = time_each(lambda _: gc.collect(), range(COLLECTIONS))
     with long_lived():

@@ -7,7 +7,7 @@ The values are the defaults of the EDS that the host decodes with, so both sides
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from palpate_edge.node.cob_ids import NOT_VALID
@@ -97,11 +97,13 @@ def pdos_of(
     used: Collection[int],
     required: Collection[int],
     remedy: str,
+    *,
+    types: bool = True,
 ) -> Iterator[Wanted]:
     """Yield COB-ID, transmission type and mapping of the PDOs in `used`, of all others their COB-ID.
 
     A PDO that the host does not use may be disabled; with another COB-ID it could pass for one that is used.
-    required: those of `used` that must be enabled.
+    required: those that must be enabled. types: compare transmission types.
     """
     for number in pdo_numbers(od, direction):
         pdo = f"{direction.label} {number}"
@@ -112,12 +114,19 @@ def pdos_of(
         yield Wanted((communication, COB_ID_SUB), cob_id, remedy, COB_ID_BITS, need, pdo)
         if number not in used:
             continue
-        kind = od.default_number(communication, TYPE_SUB)
-        mask = EITHER_EVENT_TYPE if kind in EVENT_DRIVEN else ALL_BITS
-        yield Wanted((communication, TYPE_SUB), kind, remedy, mask, pdo=pdo)
-        count = od.default_number(mapping, 0)
-        for subindex in range(count + 1):
-            yield Wanted((mapping, subindex), od.default_number(mapping, subindex), remedy, pdo=pdo)
+        if types:
+            kind = od.default_number(communication, TYPE_SUB)
+            mask = EITHER_EVENT_TYPE if kind in EVENT_DRIVEN else ALL_BITS
+            yield Wanted((communication, TYPE_SUB), kind, remedy, mask, pdo=pdo)
+        words = [od.default_number(mapping, 1 + slot) for slot in range(od.default_number(mapping, 0))]
+        yield from mapping_of(direction, number, words, remedy)
+
+
+def mapping_of(direction: PdoDirection, number: int, words: Sequence[int], remedy: str) -> Iterator[Wanted]:
+    """Yield the mapping parameters of one PDO: the number of objects, then their words."""
+    for subindex, value in enumerate((len(words), *words)):
+        key = (direction.mapping_index + number - 1, subindex)
+        yield Wanted(key, value, remedy, pdo=f"{direction.label} {number}")
 
 
 def reads_contract(sdo_request: bytes) -> bool:

@@ -14,13 +14,15 @@ from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
 from palpate_edge.node.emergencies import Emergency
-from palpate_edge.node.nmt import NmtCommand
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.drives.registry import CIA402
+from palpate_host.network.boot_check import BootCheck
+from palpate_host.network.drive_contract import drive_contract
 from palpate_host.network.finger_state import FingerRecord
 from palpate_host.network.joint_history import JointHistory
 from palpate_host.network.nmt_master import (
@@ -32,8 +34,8 @@ from palpate_host.network.nmt_master import (
     TimeStampProducer,
     foreign_stop,
 )
-from palpate_host.network.node_contract import changes_contract
 from palpate_host.network.sdo_upload import SDO_REQUEST_ID
+from palpate_host.network.verified_boot import VerifiedBoot
 from palpate_host.safety import runaway
 
 EXPOSURE_AHEAD_LIMIT_US = 50_000
@@ -79,7 +81,11 @@ class Nodes:
             for finger in config.fingers
         ]
         self._finger_of_node = {finger.node_id: finger for finger in self.fingers}
-        self._boot_by_reply_id = {finger.boot.reply_id: finger.boot for finger in self.fingers}
+        drive_checks = [
+            BootCheck(node, self.network.name(node), drive_contract(node, config.control.drives_follow))
+            for node in (joint.drive_node for joint in config.joints if joint.drive == CIA402 and verifies)
+        ]
+        self._boot = VerifiedBoot([finger.boot for finger in self.fingers] + drive_checks)
         self._finger_by_id = {
             can_id: i for i, finger in enumerate(self.fingers) for can_id in finger.tip.receive_ids
         }
@@ -98,9 +104,9 @@ class Nodes:
         nodes = self._config.node_names
         beats = [HEARTBEAT_ID + node for node in nodes]
         emergencies = [EMCY_ID + node for node in nodes]
-        transfers = [*self._boot_by_reply_id, *(SDO_REQUEST_ID + finger.node_id for finger in self.fingers)]
-        others = [NMT_ID, SYNC.can_id, *beats, *emergencies, *transfers]
-        return tuple(sorted([*others, *self.drives.receive_ids, *self._finger_by_id]))
+        requests = [SDO_REQUEST_ID + finger.node_id for finger in self.fingers]
+        others = {NMT_ID, SYNC.can_id, *beats, *emergencies, *requests, *self._boot.reply_ids}
+        return tuple(sorted(others | self.drives.receive_ids | self._finger_by_id.keys()))
 
     def receive(self, stamp_us: int, frame: CanFrame) -> PairedContact | None:
         """Take a frame; return a contact for the controller. A frame that contradicts its EDS is a fault."""
@@ -122,22 +128,23 @@ class Nodes:
         self._last_sync_us = tick_us
         is_up = [not drive.uses_nmt or self.network.is_up(drive.node_id) for drive in drives.drives]
         reads = self._boot_requests(tick_us)
-        verified = [finger.node_id for finger in self.fingers if finger.boot.is_verified]
-        frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, drives.identified() + verified)]
+        tips = [finger.node_id for finger in self.fingers]
+        ready = self._boot.verified([*drives.identified(), *tips])
+        frames = [*self._time_stamps.due(tick_us), *self.network.due(tick_us, ready)]
         return [*frames, *drives.requests(tick_us, is_up), *reads, SYNC]
 
     def _boot_requests(self, tick_us: int) -> list[CanFrame]:
-        """Return the reads of fingertips that are up and not verified.
+        """Return the reads of the fingertips and identified drives that are up and not verified.
 
         A node whose heartbeat has timed out is read again when it is back: it may be another one.
         """
-        frames = []
-        for finger in self.fingers:
-            if self.network.heartbeat_timed_out(finger.node_id, tick_us):
-                finger.boot.restart()
-            elif self.network.is_up(finger.node_id):
-                frames.append(finger.boot.due(tick_us))
-        return [frame for frame in frames if frame is not None]
+        readable = []
+        for node_id in [*self.drives.identified(), *self._finger_of_node]:
+            if self.network.heartbeat_timed_out(node_id, tick_us):
+                self._boot.restart(node_id)
+            elif self.network.is_up(node_id):
+                readable.append(node_id)
+        return self._boot.requests(tick_us, readable)
 
     def fault_now(self, tick_us: int, mode: Mode, qdot_rad_s: Array | None) -> str:
         """Return why the hand has to stop in a mode that moves joints, or an empty text; do a homing step."""
@@ -193,16 +200,17 @@ class Nodes:
         elif frame.can_id == NMT_ID:
             if foreign_stop(frame, self._config.network.host_node):
                 self.stop = self.stop or NMT_STOP
-            self._left_operation(frame)
+            self._boot.receive_nmt(frame)
         elif frame.can_id in self._finger_by_id:
             return self._receive_contact(self._finger_by_id[frame.can_id], stamp_us, frame)
         elif frame.can_id in self.drives.receive_ids:
             self.drives.receive(stamp_us, frame)
-        elif frame.can_id in self._boot_by_reply_id:
-            self._boot_by_reply_id[frame.can_id].receive(frame)
+            if frame.can_id in self._boot.reply_ids:
+                self._boot.receive(frame)
+        elif frame.can_id in self._boot.reply_ids:
+            self._boot.receive(frame)
         elif frame.can_id == SDO_REQUEST_ID + node_id and node_id in self._finger_of_node:
-            if changes_contract(frame.data):
-                self._finger_of_node[node_id].boot.restart()
+            self._boot.receive_request(node_id, frame)
         elif frame.can_id == HEARTBEAT_ID + node_id and node_id in self._config.node_names:
             self._receive_heartbeat(node_id, stamp_us, frame)
         elif frame.can_id == EMCY_ID + node_id and node_id in self._config.node_names:
@@ -216,39 +224,25 @@ class Nodes:
         if self.network.receive(stamp_us, frame) is not None:
             self._booted(node_id)
         elif was_operating and not self.network.operates(node_id):
-            self._unverify(node_id)
+            self._boot.restart(node_id)  # its PDOs may change while it is not operational
 
     def _booted(self, node_id: int) -> None:
         self.drives.booted(node_id)
+        self._boot.restart(node_id)
         finger = self._finger_of_node.get(node_id)
         if finger is not None:
             finger.tip.forget()
-            finger.boot.restart()
             finger.is_calibrated = True  # until an emergency says otherwise
-
-    def _unverify(self, node_id: int) -> None:
-        """Read a fingertip again: while it was not operational its PDOs may have changed."""
-        if node_id in self._finger_of_node:
-            self._finger_of_node[node_id].boot.restart()
-
-    def _left_operation(self, frame: CanFrame) -> None:
-        """Take an NMT command to one node. The host itself sends only START to a verified node."""
-        if len(frame.data) == 2 and frame.data[0] != NmtCommand.START:
-            finger = self._finger_of_node.get(frame.data[1])
-            if finger is not None and finger.boot.is_verified:
-                finger.boot.restart()
 
     def unchecked(self, *, needs_contacts: bool) -> list[str]:
         """Return what the start waits for: nodes that are not operational or not verified, with the problem
         that was found, and calibrations, if `needs_contacts`, without which no contact is ever valid."""
         waiting = set(self.network.not_operating())
-        names = []
-        for node_id in self._config.node_names:
-            finger = self._finger_of_node.get(node_id)
-            if finger is not None and not finger.boot.is_verified:
-                names.append(finger.boot.problem or finger.boot.name)
-            elif node_id in waiting:
-                names.append(self.network.name(node_id))
+        names = [
+            self._boot.problem(node_id) or self.network.name(node_id)
+            for node_id in self._config.node_names
+            if node_id in waiting or not self._boot.is_verified(node_id)
+        ]
         uncalibrated = [finger.name for finger in self.fingers if needs_contacts and not finger.is_calibrated]
         return names + [f"a calibration of {name} (palpate-edge calibrate)" for name in uncalibrated]
 

@@ -30,7 +30,7 @@ from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive import needs_of
 from palpate_host.service.host_core import HostCore
-from palpate_host.service.replay import first_beat_us, steps
+from palpate_host.service.replay import first_beat_us, has_reads, steps
 from palpate_twin.demo.distribution import Distribution, distribution
 from palpate_twin.demo.programme import SentCommand
 
@@ -131,7 +131,7 @@ def replay_modes(
     """
     if first_beat_us(records, config) is None:
         raise ConfigError("the log has no heartbeat of the host: record a run from its start")
-    core = HostCore(config, hand)
+    core = HostCore(config, hand, verifies=has_reads(records, config))
     stop_us = _operator_stop_us(records, config)
     commands = deque(sent)
 

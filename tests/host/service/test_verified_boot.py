@@ -266,3 +266,34 @@ def test_the_objects_of_the_contract_are_in_the_eds():
     od = load_eds(FINGERTIP_EDS, TIP)
     for wanted in fingertip_contract(TIP, serial=1, calibration="0" * 16):
         assert wanted.key in od.entries
+
+
+DRIVE_MAPPINGS = [
+    ({(0x1A00, 1): 0x606C_0020, (0x1A00, 2): 0x6064_0020}, "1A00h:01 is 0x606C0020, expected 0x60640020"),
+    ({(0x1A01, 1): 0x6077_0010, (0x1A01, 3): 0x6041_0010}, "1A01h:01 is 0x60770010, expected 0x60410010"),
+    ({(0x1600, 3): 0x6042_0010}, "1600h:03 is 0x60420010, expected 0x60710010"),
+    ({(0x1400, 1): 0x203}, "1400h:01 is 0x203, expected 0x202"),
+]
+
+
+@pytest.mark.parametrize(("objects", "named"), DRIVE_MAPPINGS)
+def test_a_remapped_drive_is_not_started(rig, objects, named):
+    """Position and velocity of TPDO 1 exchanged, for one: both have 4 bytes."""
+    rig.drives[1].slave.write_all(objects)
+    rig.drives[1].slave._store.saved = objects  # as a drive that keeps them through the host's reset
+    status = rig.run(1.0)
+    assert status.mode is Mode.CHECK
+    assert f"drive of flexion_1 (node 0x02): {named}: palpate-host bus sdo restore 0x02" in status.reason
+    assert CanFrame(0, b"\x01\x02") not in [frame for _, frame in rig.log]
+
+
+def test_drives_are_read_in_the_time_of_a_fingertip(rig):
+    rig.run(1.0)
+    first = next(status.time_us for status in rig.statuses if status.mode is Mode.READY)
+    assert first - rig.statuses[0].time_us <= 520_000  # 43 ticks, the node's start, its heartbeat
+    reads = [
+        f
+        for _, f in rig.log
+        if f.can_id == 0x602 and f.data[0] == 0x40 and f.data[2] in (0x14, 0x16, 0x18, 0x1A)
+    ]
+    assert len(reads) == 14
