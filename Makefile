@@ -122,7 +122,7 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## install the apt packages that some tests use: tshark, user-mode Linux, qemu, gcc-avr (needs root or sudo)
+system-deps:  ## install the apt packages that some tests use: tshark, user-mode Linux, qemu, gcc-avr, chromium (needs root or sudo)
 	sh requirements/system-deps.sh
 	@rm -f $(VENV)/firmware.stamp
 

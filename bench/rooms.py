@@ -43,7 +43,7 @@ WAY = (
 
 RULE = (
     "A room may import from lower floors of its column. The twin may use the host, the host the bus tools;",
-    "both may use common, can_bus and node of palpate_edge.",
+    "both may use common, can_bus, node and web of palpate_edge.",
 )
 WIDTH, FLOOR, BOX, GAP, TOP = 300, 58, 40, 14, 64
 

@@ -90,10 +90,13 @@ class RingFrame:
 class RingWriter:
     """Makes and fills the file. The file gets its name when it is ready; `close` removes it."""
 
-    def __init__(self, path: Path, form: RingFormat) -> None:
-        """Raises CaptureError when the file cannot be written."""
+    def __init__(self, path: Path, form: RingFormat, *, mode: int | None = None) -> None:
+        """mode: of the file, by default that of the process's umask. Raises CaptureError when the file cannot
+        be written."""
         self._path, self._form = path, form
         with atomic_path(path, CaptureError, sync_folder=False) as fresh, fresh.open("wb+") as file:
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
             os.posix_fallocate(file.fileno(), 0, form.file_bytes)  # else a full disk is a SIGBUS later
             self._map = mmap.mmap(file.fileno(), form.file_bytes)
             self._inode = os.fstat(file.fileno()).st_ino
@@ -129,10 +132,11 @@ class RingWriter:
 
 
 class RingReader:
-    """Reads the newest frame of a ring; frames written before it was opened are not returned."""
+    """Reads the newest frame of a ring; by default none that was written before it was opened."""
 
-    def __init__(self, path: Path) -> None:
-        """Raises FileNotFoundError, or CaptureError for a file that is not a ring."""
+    def __init__(self, path: Path, *, newest_unread: bool = False) -> None:
+        """newest_unread: the newest frame before now is returned too. Raises FileNotFoundError, or
+        CaptureError for a file that is not a ring."""
         try:
             with path.open("rb") as file:
                 size = os.fstat(file.fileno()).st_size
@@ -152,7 +156,7 @@ class RingReader:
             self._map.close()
             raise
         self._slots = [_pixels(self._map, self.format, slot) for slot in range(self.format.slots)]
-        self._seen = self._count()
+        self._seen = 0 if newest_unread else self._count()
 
     def newest(self) -> RingFrame | None:
         """Return the newest frame; None when it was returned before, or overwritten during `TRIES` copies."""

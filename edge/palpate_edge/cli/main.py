@@ -19,6 +19,7 @@ from palpate_edge.cli.record import record
 from palpate_edge.cli.run import run
 from palpate_edge.cli.setup import setup
 from palpate_edge.cli.train import train
+from palpate_edge.cli.watch import watch
 from palpate_edge.common.entry_point import run_cli
 
 
@@ -49,7 +50,20 @@ def _quieten_libraries() -> None:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
-for command in (setup, calibrate, train, estimate, evaluate, run, inspect, follow, check, record, identify):
+for command in (
+    setup,
+    calibrate,
+    train,
+    estimate,
+    evaluate,
+    run,
+    inspect,
+    follow,
+    check,
+    watch,
+    record,
+    identify,
+):
     cli.add_command(command)
 
 

@@ -25,7 +25,8 @@ class CaptureThread(threading.Thread):
     """Reads a source to its end; `fileno()` polls readable when :meth:`take` has outcomes.
 
     A lost or stalled camera is read again with back-off. on_frame: called with each frame before it is
-    estimated, to record it.
+    estimated, to record it. on_estimated: called after its contact is in `take`; returns whether to wake the
+    bus loop once more.
     """
 
     def __init__(
@@ -33,11 +34,12 @@ class CaptureThread(threading.Thread):
         source: Source,
         estimator: FrameEstimator,
         on_frame: Callable[[Frame], None] = lambda _frame: None,
+        on_estimated: Callable[[Frame, Contact], bool] = lambda _frame, _contact: False,
     ) -> None:
         super().__init__(name="capture", daemon=True)
         self.source = source
         self.estimator = estimator
-        self._on_frame = on_frame
+        self._on_frame, self._on_estimated = on_frame, on_estimated
         self._outcomes: deque[Outcome] = deque()
         self._event_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._stop_requested = threading.Event()
@@ -63,7 +65,10 @@ class CaptureThread(threading.Thread):
                     break
                 back_off.reset()
                 self._on_frame(frame)
-                self._put(self.estimator.estimate(frame))
+                contact = self.estimator.estimate(frame)
+                self._put(contact)
+                if self._on_estimated(frame, contact):
+                    os.eventfd_write(self._event_fd, 1)
         except Exception as error:  # noqa: BLE001 - not swallowed: take() raises it in the bus loop
             self._failure = error
         self._ended = True

@@ -21,7 +21,7 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange, ReconnectingBus
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.contact_quantities import AI_AUTOZERO
-from palpate_edge.common.errors import CaptureError, PalpateError
+from palpate_edge.common.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.sd_notify import Notifier, WatchdogGate
@@ -37,6 +37,21 @@ from palpate_edge.daemon.health_reporter import HealthReporter
 from palpate_edge.daemon.parameter_file import ParameterFile
 from palpate_edge.daemon.parameter_store import ParameterStore
 from palpate_edge.daemon.recording_control import RecordingControl
+from palpate_edge.daemon.watching.view_tap import ViewTap
+from palpate_edge.daemon.watching.watch_messages import (
+    WatchedHealth,
+    WatchRefusedError,
+    WatchRequest,
+    watch_paths,
+)
+from palpate_edge.daemon.watching.watch_socket import WatchSocket
+from palpate_edge.daemon.watching.watched_fingertip import (
+    TARE_TEXT,
+    describe,
+    needed_light,
+    refuse_blinking,
+    refuse_tare,
+)
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
@@ -60,6 +75,7 @@ METHOD_CODES = {
 }
 
 _fingertip_log = logging.getLogger("palpate.fingertip")
+_console_log = logging.getLogger("palpate.console")
 _camera_log = logging.getLogger("palpate.camera")
 _bus_log = logging.getLogger("palpate.bus")
 _parameters_log = logging.getLogger("palpate.parameters")
@@ -103,9 +119,14 @@ class _Daemon:
             _fingertip_log.warning(NO_CALIBRATION)
         source = open_source(config, calibration, clock, _camera_log.warning)
         self._recording = stack.enter_context(closing(RecordingControl(config.record)))
-        self._capture = stack.enter_context(closing(CaptureThread(source, estimator, self._recording.offer)))
         file = ParameterFile(Path(config.node.parameters)) if config.node.parameters else None
         serial_number = config.node.serial_number
+        watch_path = watch_paths(config.name, config.health)[0]
+        self._tap = ViewTap(watch_path.with_suffix(".pictures"), clock, lambda: estimator.beads)
+        stack.callback(self._tap.close)
+        self._capture = stack.enter_context(
+            closing(CaptureThread(source, estimator, self._recording.offer, self._tap.offer))
+        )
         self._node = FingertipNode(
             config.node.id,
             MethodCode.PAPER if estimator.method is None else METHOD_CODES[estimator.method],
@@ -142,6 +163,14 @@ class _Daemon:
         self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
         self._camera_problem = self._conflict_problem = ""
         self._is_stuck = False
+        self._watch: WatchSocket | None = None
+        self._watched = describe(config.name, calibration, estimator, self._light, self._tap.path)
+        try:
+            self._watch = stack.enter_context(
+                closing(WatchSocket(watch_path, self._watched, self._execute_watcher))
+            )
+        except ConfigError as error:
+            _console_log.warning("no console: %s", error)
 
     def signal_handlers(self) -> dict[signal.Signals, Callable[[], None]]:
         """Return the handlers of the signals that `palpate-edge record` and `identify` send."""
@@ -160,6 +189,8 @@ class _Daemon:
             selector.register(self._capture.fileno(), selectors.EVENT_READ)
             if self._parameters is not None:
                 selector.register(self._parameters.fileno(), selectors.EVENT_READ)
+            if self._watch is not None:
+                selector.register(self._watch.fileno(), selectors.EVENT_READ)
             registered: Descriptor | None = None
             due_us = self._clock.now_us()
             while not stopped.is_set() and not self._capture.finished:
@@ -184,6 +215,7 @@ class _Daemon:
         """Serve capture, bus and deadlines once; return the local time in us of the next deadline."""
         core, bus, clock = self._core, self._bus, self._clock
         self._publish_contacts()
+        self._serve_watchers()
         bus.poll(clock.now_us())
         frames = bus.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
@@ -202,7 +234,8 @@ class _Daemon:
         if self._gate.may_feed(now_us, core.monitor.frames, bus.activity):
             self._notifier.feed_watchdog()
         self._recording.update()
-        self._reporter.update(now_us)
+        if self._reporter.update(now_us) and self._watch is not None and self._reporter.latest is not None:
+            self._watch.send(WatchedHealth(self._reporter.latest))
         due = [step.next_due_us, self._reporter.due_us, bus.due_us, self._gate.due_us]
         return min(one for one in due if one is not None)
 
@@ -224,6 +257,41 @@ class _Daemon:
                 self._bus.send(now_us, self._core.contact(now_us, outcome))
                 self._core.frame_seen(now_us, outcome, board_health(self._parts))
                 self._log_camera("")
+
+    def _serve_watchers(self) -> None:
+        """Answer the console's requests and send it the newest picture that it wants."""
+        if self._watch is None:
+            return
+        self._watch.serve()
+        self._tap.is_watched = self._watch.is_watched
+        frame = self._tap.take()
+        if frame is not None:
+            self._watch.send(frame)
+
+    def _execute_watcher(self, request: WatchRequest) -> str:
+        """Carry out a console's request as a signal or a bus master would. Raises WatchRefusedError."""
+        self._reporter.due_us = 0  # the next report shows the effect
+        match request.command:
+            case "record":
+                self._recording.request(True)
+                return f"recording under {self._parts.config.record.folder}"
+            case "record_no_more":
+                self._recording.request(False)
+                return "recording ends"
+            case "tare":
+                refuse_tare(self._watched)
+                self._capture.estimator.tare(accepts_contact=False)
+                return TARE_TEXT
+            case "light":
+                needed_light(self._light)
+                self._node.set_led(request.level)
+                return f"LED level {request.level}"
+            case "identify":
+                light = needed_light(self._light)
+                refuse_blinking(self._core.state)
+                light.blink()
+                return "the LED ring blinks for 10 s"
+        raise WatchRefusedError(f"unknown command {request.command}")
 
     def _update_light(self) -> None:
         """Pass the level of 2030h to the controller, and the controller's problems to the node."""

@@ -22,20 +22,21 @@ _log = logging.getLogger("palpate.emergency")
 class HealthReporter:
     """Reports the parts of a running fingertip; the file is removed by `close`.
 
-    due_us: when `update` reports next.
+    due_us: when `update` reports next. latest: the last report.
     """
 
     def __init__(self, parts: FingertipParts, notifier: Notifier) -> None:
         self.due_us = 0
+        self.latest: HealthReport | None = None
         self._parts, self._notifier = parts, notifier
         self._file = HealthFile(health_path(parts.config.name, parts.config.health))
         self._dropped_frames, self._lately = DroppedFrames(), SlidingWindow()
         self._emergencies: set[str] = set()
 
-    def update(self, now_us: int) -> None:
-        """Report when it is due. now_us: local time."""
+    def update(self, now_us: int) -> bool:
+        """Report when it is due; return whether it was. now_us: local time."""
         if now_us < self.due_us:
-            return
+            return False
         self.due_us = now_us + REPORT_EVERY_US
         parts = self._parts
         dropped_share = self._dropped_frames.share(
@@ -45,10 +46,12 @@ class HealthReporter:
             now_us, (parts.bus.dropped, parts.bus.receive_overruns)
         )
         report = health_report(parts, dropped_share, pdos_lately, overruns_lately, now_us)
+        self.latest = report
         self._notifier.status(_status_line(report))
         self._log_emergencies(set(report.emergencies) - LOGGED_ELSEWHERE)
         self._file.write(report)
         parts.core.report_health(board_health(parts))
+        return True
 
     def close(self) -> None:
         """Remove the health file."""

@@ -16,7 +16,7 @@ from palpate_edge.estimation.contact_validation import ContactValidation
 from palpate_edge.estimation.corrected_method import CorrectedMethod, load_model
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.drift import Drift
-from palpate_edge.estimation.frame_estimator import EstimatorHealth, Method
+from palpate_edge.estimation.frame_estimator import BeadsInView, EstimatorHealth, Method
 from palpate_edge.estimation.frame_record import FrameRecord, FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.paper_method import PaperMethod
@@ -64,11 +64,12 @@ class Estimator:
         self._validation = ContactValidation(calibration)
         self._slip = SlipDetector()
         self._refused = 0
+        self._last: FrameRecord | None = None
         self._use_reference(reference)
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of the next frame; a rejected frame gives `valid` False and the reason."""
-        record = FrameRecord(frame)
+        record = self._last = FrameRecord(frame)
         try:
             self._image_check.check_image(frame.image)
             record.tracked = self._tracker.follow(
@@ -116,8 +117,20 @@ class Estimator:
             counters.frames, self._refused, counters.beads_lost, counters.searches, self._drift.total_px
         )
 
+    @property
+    def beads(self) -> BeadsInView | None:
+        """The beads of the last frame; rest: of the untouched skin, moved by the drift."""
+        record = self._last
+        tracked = getattr(record, "tracked", None)
+        if record is None or tracked is None:
+            return None
+        beads = getattr(record, "beads", tracked)  # a frame may be rejected before the drift is known
+        rest_px = self._rest_px + tracked.position_px - beads.position_px
+        return BeadsInView(tracked.position_px, rest_px, tracked.found)
+
     def _use_reference(self, reference: Reference) -> None:
         """Measure motion, drift and contacts from `reference` on."""
+        self._rest_px = reference.position_px
         calibration = self._calibration
         threshold_px, sensor = calibration.contact_threshold_px, calibration.sensor
         self._skin_motion = SkinMotion(reference)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
+from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.frame import Frame
@@ -36,11 +37,25 @@ class EstimatorHealth:
     drift_px: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class BeadsInView:
+    """The beads of a frame in its pixels, to look at.
+
+    position_px (n, 2): measured where `found` (n,), else predicted; rest_px (n, 2): the same without contact,
+    so that the difference is the displacement by the contact.
+    """
+
+    position_px: Array
+    rest_px: Array
+    found: Mask
+
+
 class FrameEstimator(Protocol):
     """Interface of an estimator.
 
     method: None without a calibration; outputs: parts of a contact that the calibration gives; picture:
-    measures of a recent frame, None where they are not taken.
+    measures of a recent frame, None where they are not taken; beads: of the last frame, None where they were
+    not tracked.
     """
 
     @property
@@ -54,6 +69,9 @@ class FrameEstimator(Protocol):
 
     @property
     def health(self) -> EstimatorHealth: ...
+
+    @property
+    def beads(self) -> BeadsInView | None: ...
 
     def estimate(self, frame: Frame) -> Contact:
         """Return the contact of the next frame; a rejected frame gives `valid` False and the reason."""

@@ -23,6 +23,7 @@ class UncalibratedEstimator:
 
     method = None
     outputs = SensorOutputs()
+    beads = None
 
     def __init__(self, beads_expected: int = 0) -> None:
         """beads_expected: of the sensor's description; 0 when it is unknown."""

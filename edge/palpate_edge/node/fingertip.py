@@ -97,6 +97,10 @@ class FingertipNode:
         """The LED level in 2030h."""
         return int(self.slave.read(LED_SET_POINT))
 
+    def set_led(self, level: int) -> None:
+        """Set 2030h, 0 (off) to 255, as a master's write does."""
+        self.slave.write(LED_SET_POINT, 0, level)
+
     def process(
         self, now_us: int, frames_in: Sequence[CanFrame], arrived_us: Sequence[int] | None = None
     ) -> SlaveOutput:

@@ -12,7 +12,7 @@ from palpate_edge.common.arrays import Array, Floats, Image
 from palpate_edge.common.contact import Contact, LabelEstimate, refused_contact
 from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.frame import Frame
-from palpate_edge.estimation.frame_estimator import EstimatorHealth, Method
+from palpate_edge.estimation.frame_estimator import BeadsInView, EstimatorHealth, Method
 from palpate_edge.estimation.frame_record import FrameRejectedError
 from palpate_edge.estimation.image_check import ImageCheck
 from palpate_edge.estimation.plausibility import check_doubt, check_found, check_smooth
@@ -65,6 +65,7 @@ class PoseEstimator:
         self._calibration = calibration
         self._frames = self._refused = self._beads_lost = 0
         self._rest_px = calibration.rest_px()
+        self._match: PairedMarkers | None = None
         self._image_check = ImageCheck(calibration.sensor.image_size_px)
         self._detector = SpotDetector(
             calibration.diameter_px, calibration.weakest_strength, len(self._rest_px)
@@ -88,13 +89,20 @@ class PoseEstimator:
         """Counters since the start."""
         return EstimatorHealth(self._frames, self._refused, self._beads_lost)
 
+    @property
+    def beads(self) -> BeadsInView | None:
+        """The markers of the last frame."""
+        match = self._match
+        return None if match is None else BeadsInView(match.position_px, self._rest_px, match.found)
+
     def tare(self, *, accepts_contact: bool) -> None:
         """Do nothing: the labels were learned with the places of the markers at rest."""
 
     def _estimate(self, frame: Frame) -> Contact:
         expected = len(self._rest_px)
+        self._match = None
         try:
-            match = self.markers(frame.image)
+            match = self._match = self.markers(frame.image)
         except FrameRejectedError as rejection:
             return refused_contact(frame.sequence, frame.exposed_at_us, str(rejection), 0, expected)
         found = int(match.found.sum())

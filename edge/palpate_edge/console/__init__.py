@@ -1,0 +1,14 @@
+"""The console of one fingertip: its page in the browser, and what feeds it.
+
+Belongs here: pictures and health from a running daemon or from the camera, the page's files. May use: web,
+daemon, diagnostics' floor and below.
+"""
+
+from palpate_edge.common.lazy_exports import lazy_exports
+
+__all__ = ["CameraFeed", "DaemonFeed", "serve_console"]
+
+__getattr__ = lazy_exports(
+    __name__,
+    {"camera_feed": "CameraFeed", "daemon_feed": "DaemonFeed", "serve": "serve_console"},
+)

@@ -1,0 +1,150 @@
+"""The page of ``palpate-edge watch`` in a real headless Chromium: every button, a watcher, another origin."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from contextlib import closing
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import cv2
+import pytest
+from tests.browser.headless_browser import PHONE, Browser, missing_tools
+
+pytestmark = pytest.mark.long
+
+LINK, ANSWER = "#link", "#answer"
+ATTACK = """<!doctype html><title>busy</title><script>
+const target = "TARGET", results = {};
+const tries = {
+  simple: () => fetch(target + "/command", {method: "POST", mode: "no-cors", body: '{"command": "record"}'})
+    .then(() => "sent, unread"),
+  command: () => fetch(target + "/command", {method: "POST", body: '{"command": "record"}',
+    headers: {"Content-Type": "application/json", "Authorization": "Bearer TOKEN"}}).then((r) => r.status),
+  page: () => fetch(target + "/").then((r) => r.text()),
+  events: () => new Promise((done) => {
+    const source = new EventSource(target + "/events");
+    source.onmessage = source.onopen = () => done("open");
+    source.onerror = () => done("error");
+  }),
+};
+Promise.all(Object.entries(tries).map(async ([name, attempt]) => {
+  results[name] = await attempt().catch((error) => "error");
+})).then(() => { document.title = JSON.stringify(results); });
+</script>"""
+
+
+@pytest.fixture
+def browser(tmp_path):
+    missing = missing_tools()
+    if missing:
+        pytest.skip(f"{' and '.join(missing)} missing: make system-deps")
+    with closing(Browser(tmp_path)) as browser:
+        yield browser
+
+
+@pytest.fixture
+def watch(rig, start_watch):
+    rig.until((rig.folder / "finger.watch").exists)
+    return start_watch(rig.config)
+
+
+def is_live(browser):
+    return browser.text(LINK) == "live, from the daemon"
+
+
+def answers(browser, text):
+    browser.until(lambda: text in browser.text(ANSWER), text)
+
+
+def sequence(browser):
+    return int(browser.run("return document.querySelector('#camera').dataset.sequence || 0"))
+
+
+def test_every_button_and_the_loss_of_daemon_and_console(rig, watch, browser):
+    browser.open(watch.url)
+    browser.until(lambda: is_live(browser) and sequence(browser) > 0, "no picture")
+    assert "token" not in browser.run("return location.href")
+    begin = sequence(browser)
+    browser.until(lambda: sequence(browser) > begin + 6, "the picture stands still")
+    rows = "return document.querySelectorAll('#health tr').length"
+    browser.until(lambda: browser.run(rows) > 8, "no health")
+    assert browser.run("return document.querySelectorAll('#side .skin, #top .skin').length") == 2
+
+    browser.click("#record")
+    answers(browser, "recording under")
+    browser.until(lambda: browser.text("#record") == "Stop recording", "no recording")
+    browser.click("#record")
+    answers(browser, "recording ends")
+    browser.until(lambda: browser.text("#record") == "Record", "recording goes on")
+    assert list((rig.folder / "recordings").glob("2*/frames.csv"))
+    browser.click("[data-command=snapshot]")
+    answers(browser, "snapshot ")
+    assert cv2.imread(browser.text(ANSWER).removeprefix("snapshot ")).shape == (240, 320, 3)
+    browser.click("[data-command=tare]")
+    answers(browser, "tare: the next frames")
+    browser.click("[data-command=identify]")
+    answers(browser, "no LED ring")
+    browser.press_keys("#level", "\ue012")  # arrow left
+    answers(browser, "no LED ring: set illumination.i2c_bus")
+
+    browser.resize(PHONE)
+    assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
+    browser.click("[data-command=tare]")
+    answers(browser, "tare: the next frames")
+    assert all("409 (Conflict)" in entry for entry in browser.console_errors())  # the LEDs' refusals
+
+    rig.process.kill()
+    rig.process.wait()
+    browser.until(lambda: not is_live(browser), "the end of the daemon is not shown")
+    command = [sys.executable, "-m", "palpate_edge.cli.main", "run", "--config", str(rig.config)]
+    again = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        browser.until(lambda: is_live(browser), "the page does not reconnect")
+        watch.process.kill()
+        watch.process.wait()
+        browser.until(lambda: "no answer from palpate-edge watch" in browser.text(LINK), "not shown")
+    finally:
+        again.terminate()
+        again.wait()
+
+
+def test_a_watcher_sees_all_and_cannot_command(rig, watch, browser):
+    browser.open(watch.url.split("#")[0])
+    browser.until(lambda: is_live(browser) and sequence(browser) > 0, "no picture")
+    assert browser.text("#permission").startswith("Watching only.")
+    disabled = "return [...document.querySelectorAll('button, input')].filter((one) => !one.disabled).length"
+    assert browser.run(disabled) == 0
+    browser.run("document.querySelector('#record').disabled = false")  # a page may be changed by its reader
+    browser.click("#record")
+    answers(browser, "watching only")
+    assert not (rig.folder / "recordings").exists()
+
+
+def test_a_page_of_another_origin_gets_nothing_and_commands_nothing(rig, watch, browser):
+    page = ATTACK.replace("TARGET", f"http://127.0.0.1:{watch.port}").replace("TOKEN", watch.token)
+
+    class Attacker(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(page.encode())
+
+        def log_message(self, *_):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Attacker)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        browser.open(f"http://localhost:{server.server_address[1]}/")
+        browser.until(lambda: browser.run("return document.title") != "busy", "no result")
+    finally:
+        server.shutdown()
+        server.server_close()
+    results = json.loads(browser.run("return document.title"))
+    assert results == dict.fromkeys(("simple", "command", "page", "events"), "error")
+    report = json.loads((rig.folder / "finger.health").read_bytes())
+    assert not report["recording"] and not (rig.folder / "recordings").exists()
