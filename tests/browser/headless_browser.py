@@ -27,10 +27,13 @@ class Browser:
     """One chromedriver with one window."""
 
     def __init__(self, folder: Path, size: tuple[int, int] = DESKTOP) -> None:
-        """folder: for the profile and the driver's log."""
+        """folder: for the profile and the driver's log. What the page shows runs at normal priority, the
+        browser at a lower one: it draws without a graphics card."""
         log = folder / "chromedriver.log"
         self._driver = subprocess.Popen(
-            ["chromedriver", "--port=0", f"--log-path={log}"], stdout=subprocess.PIPE, text=True
+            ["nice", "-n", "10", "chromedriver", "--port=0", f"--log-path={log}"],
+            stdout=subprocess.PIPE,
+            text=True,
         )
         assert self._driver.stdout is not None
         line = next(line for line in self._driver.stdout if "started successfully on port" in line)

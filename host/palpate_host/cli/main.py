@@ -13,6 +13,7 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
     "run": ("palpate_host.cli.run:run", "Control the hand on its bus."),
     "check": ("palpate_host.cli.check:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.cli.command:command", "Command a running hand: grasp, rotate, release, stop."),
+    "console": ("palpate_host.cli.console:console", "Show and command a running hand in the browser."),
     "replay": ("palpate_host.cli.replay:replay", "Feed a bus log through the host on a virtual clock."),
     "contract": ("palpate_host.cli.run:contract", "Print the header that binds a bus log to a hand."),
     "record": ("palpate_host.cli.record:record", "Record bus and host status: bus logs and MCAP."),

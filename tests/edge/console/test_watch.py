@@ -126,10 +126,10 @@ def test_without_a_daemon_the_console_takes_the_camera(
     watch.until(lambda: watch.counts.get("frame", 0) >= 3, "no frames")
     assert len(watch.newest["frame"]["beads"]["position_px"]) == 85
     assert watch.command("record")[0] == 200
+    watch.until(lambda: list((tmp_path / "recordings").glob("*/*.png")), "no images")
     watch.until(lambda: watch.newest["health"]["recording"], "no recording")
     assert watch.command("record_no_more")[0] == 200
     watch.until(lambda: not watch.newest["health"]["recording"], "recording goes on")
-    assert list((tmp_path / "recordings").glob("*/*.png"))
     assert watch.command("snapshot")[0] == 200
     assert watch.command("tare")[0] == 200
     parts = {row["part"]: row["verdict"] for row in watch.newest["health"]["rows"]}

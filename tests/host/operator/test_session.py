@@ -7,9 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from tests.host.hand_on_hub import CLI, PATIENCE_S, TIPS, Running, patient, put_on_the_bus
 
 from palpate_edge.common.errors import PalpateError
 from palpate_host import Hand
@@ -18,51 +18,12 @@ from palpate_host.common.mode import Mode
 from palpate_host.operator.client import NoHostError
 from palpate_host.operator.session import HandStoppedError
 
-TIPS = Path(__file__).parents[1] / "touching_fingertips.py"
-CLI = [sys.executable, "-m", "palpate_host.cli.main"]
-PATIENCE_S = 60.0
-
-
-class Running:
-    """Processes that a test starts, by name."""
-
-    def __init__(self):
-        self.processes = {}
-
-    def start(self, name, *command, until):
-        process = subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True)
-        self.processes[name] = process
-        assert until in process.stderr.readline()
-
-    def kill(self, name):
-        process = self.processes.pop(name)
-        process.kill()
-        process.communicate(timeout=PATIENCE_S)
-
-    def stop(self):
-        for process in reversed(self.processes.values()):
-            process.terminate()
-            process.communicate(timeout=PATIENCE_S)
-
 
 @pytest.fixture
 def running():
     made = Running()
     yield made
     made.stop()
-
-
-def patient(text):
-    """Times for a machine that other tests share: what is tested here is who comes back, not when."""
-    for key, patient_ms in (
-        ("freeze_ms = 250", 1000),
-        ("hold_ms = 1000", 2000),
-        ("joint_stop_ms = 100", 2000),
-        ("heartbeat_timeout_ms = 500", 3000),
-    ):
-        assert key in text
-        text = text.replace(key, f"{key.split()[0]} = {patient_ms}")
-    return text.replace("\nstop_ms = 3000", "\nstop_ms = 20000")
 
 
 @pytest.fixture
@@ -74,13 +35,6 @@ def config(tmp_path, running, bench):
     path.write_text(patient(text))
     put_on_the_bus(running, path)
     return path
-
-
-def put_on_the_bus(running, config):
-    hub = config.with_name("hub")
-    running.start("hub", *CLI, "bus", "hub", "--socket", hub, until="hub: listening")
-    running.start("drives", *CLI, "drives", "--config", config, until="simulated drives")
-    running.start("fingertips", sys.executable, TIPS, config, until="on the bus")
 
 
 def command(socket_path, *words):

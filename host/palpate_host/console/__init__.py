@@ -1,0 +1,13 @@
+"""The console of a hand: its page in the browser, fed by the control socket.
+
+Belongs here: the hand drawn from its status, the page's commands, the page's files. May use: operator,
+control and below, and palpate_edge.web.
+"""
+
+from palpate_edge.common.lazy_exports import lazy_exports
+
+__all__ = ["HandFeed", "HandScene", "SceneMaker", "serve_hand"]
+
+__getattr__ = lazy_exports(
+    __name__, {"hand_feed": "HandFeed", "hand_scene": "HandScene SceneMaker", "serve": "serve_hand"}
+)

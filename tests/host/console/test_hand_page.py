@@ -1,0 +1,92 @@
+"""The page of ``palpate-host console`` in a real headless Chromium: every button, and a watcher."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+
+import pytest
+from tests.browser.headless_browser import PHONE, Browser, missing_tools
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def browser(tmp_path):
+    missing = missing_tools()
+    if missing:
+        pytest.skip(f"{' and '.join(missing)} missing: make system-deps")
+    with closing(Browser(tmp_path)) as browser:
+        yield browser
+
+
+def in_mode(browser, *modes):
+    browser.until(lambda: browser.text("#mode") in modes, f"{modes}, but {browser.text('#mode')}")
+
+
+def lead_to(browser, button, *modes):
+    """Press buttons until the hand is in one of the modes; a busy machine may stop it meanwhile."""
+    next_button = {"ready": "[data-command=grasp]", "fault": "[data-command=recover]"}
+
+    def is_there():
+        mode = browser.text("#mode")
+        if mode not in modes:
+            browser.click(next_button.get(mode, button))
+            time.sleep(0.3)
+        return mode in modes
+
+    browser.until(is_there, f"{modes}, but {browser.text('#mode')}")
+
+
+def answers(browser, text):
+    browser.until(lambda: text in browser.text("#answer"), text)
+
+
+def test_every_button_and_the_loss_of_the_host(console, browser):
+    browser.open(console.url)
+    in_mode(browser, "ready")
+    assert browser.run("return document.querySelector('#scene').dataset.fingers") == "3"
+    assert browser.run("return document.querySelectorAll('#joints tr').length") == 9
+    browser.click("#turn")
+    answers(browser, "grasp first")
+    browser.run("document.querySelector('#yaw').value = document.querySelector('#ramp').value = ''")
+    browser.press_keys("#yaw", "5")
+    browser.press_keys("#ramp", "0.5")
+    browser.click("[data-command=grasp]")
+    answers(browser, "grasp: accepted")
+    lead_to(browser, "#turn", "manipulate", "blind")
+    assert "0, 0, 5°" in browser.text("#state")
+    browser.click("[data-command=release]")
+    browser.until(lambda: browser.text("#answer") != "rotate: accepted", "no answer")
+    lead_to(browser, "[data-command=release]", "release", "ready")
+    browser.resize(PHONE)
+    assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
+    browser.click("#stop")
+    answers(browser, "stop: accepted")
+    in_mode(browser, "stop")
+    browser.until(lambda: _recovers(browser), "no recovery")
+    in_mode(browser, "ready")
+    console.kill_host()
+    browser.until(
+        lambda: browser.run("return document.querySelector('#link').dataset.state") == "lost", "lost"
+    )
+    console.start_host()
+    browser.until(lambda: browser.text("#link") == "live, from the host", "no reconnection")
+    assert all("409 (Conflict)" in entry for entry in browser.console_errors())
+
+
+def _recovers(browser):
+    """Recover, which the host refuses while the drives are still stopping."""
+    browser.click("[data-command=recover]")
+    browser.until(lambda: "recover" in browser.text("#answer"), "no answer")
+    return "accepted" in browser.text("#answer")
+
+
+def test_a_watcher_sees_all_and_cannot_command(console, browser):
+    browser.open(console.url.split("#")[0])
+    in_mode(browser, "ready")
+    assert browser.text("#permission").startswith("Watching only.")
+    browser.run("document.querySelector('#stop').disabled = false")
+    browser.click("#stop")
+    answers(browser, "watching only")
+    in_mode(browser, "ready")
