@@ -3,6 +3,8 @@
 #define FULL_LEVEL (255u << 8)
 #define ADC_SHORTED 12   /* above 190 degC */
 #define ADC_OPEN 1011    /* below -52 degC */
+#define READING_STEP 4     /* ADC steps that a temperature follows in one reading: a wild reading shifts it by no more */
+#define BROKEN_READINGS 32 /* net broken readings that make a fault, and net whole ones that end it */
 #define MS_PER_S 1000
 #define WRITE_BYTES 4    /* command, low, high, PEC */
 
@@ -78,14 +80,14 @@ static void follow_level(core_t *core) {
     if (target > allowed) {
         target = allowed;
     }
-    if (core->reg[REG_FAULTS] & FAULTS_DARK) {
+    if (core->reg[REG_PRESENT] & FAULTS_DARK) {
         target = 0;
     }
     if (core->level_now >= target || soft_start == 0) {
         core->level_now = target;
         return;
     }
-    uint16_t step = (FULL_LEVEL + soft_start - 1) / soft_start;
+    uint16_t step = (FULL_LEVEL - 1) / soft_start + 1; /* rounded up without a sum that 16 bits cannot hold */
     core->level_now = target - core->level_now > step ? core->level_now + step : target;
 }
 
@@ -119,20 +121,51 @@ int16_t thermistor_dC(uint16_t adc) {
 
 static bool is_broken(uint16_t adc) { return adc < ADC_SHORTED || adc > ADC_OPEN; }
 
+/* Follows the readings by small steps, so that adc becomes their median; broken readings are only counted. */
+static void follow_reading(thermistor_t *sensor, uint16_t adc) {
+    if (is_broken(adc)) {
+        if (sensor->broken < BROKEN_READINGS) {
+            sensor->broken++;
+        }
+        return;
+    }
+    if (sensor->broken) {
+        sensor->broken--;
+    }
+    if (sensor->adc && adc > sensor->adc + READING_STEP) {
+        adc = sensor->adc + READING_STEP;
+    }
+    if (sensor->adc > adc + READING_STEP) {
+        adc = sensor->adc - READING_STEP;
+    }
+    sensor->adc = adc;
+}
+
+static void set_present(core_t *core, uint16_t fault, bool begins, bool ends) {
+    if (begins) {
+        core->reg[REG_PRESENT] |= fault;
+    }
+    if (ends) {
+        core->reg[REG_PRESENT] &= (uint16_t)~fault;
+    }
+}
+
 void core_temperatures(core_t *core, uint16_t led_adc, uint16_t silicone_adc) {
-    int16_t led = thermistor_dC(led_adc);
-    core->reg[REG_LED_TEMPERATURE] = (uint16_t)led;
-    core->reg[REG_SILICONE_TEMPERATURE] = (uint16_t)thermistor_dC(silicone_adc);
-    if (is_broken(led_adc)) {
-        core->reg[REG_FAULTS] |= FAULT_LED_SENSOR;
+    thermistor_t *led = &core->led, *silicone = &core->silicone;
+    follow_reading(led, led_adc);
+    follow_reading(silicone, silicone_adc);
+    set_present(core, FAULT_LED_SENSOR, led->broken == BROKEN_READINGS, led->broken == 0);
+    set_present(core, FAULT_SILICONE_SENSOR, silicone->broken == BROKEN_READINGS, silicone->broken == 0);
+    if (led->adc) {
+        int16_t temperature = thermistor_dC(led->adc);
+        core->reg[REG_LED_TEMPERATURE] = (uint16_t)temperature;
+        set_present(core, FAULT_OVER_TEMPERATURE, temperature >= (int16_t)core->reg[REG_CUT_OFF],
+                    temperature < (int16_t)core->reg[REG_DERATE_START]);
     }
-    if (is_broken(silicone_adc)) {
-        core->reg[REG_FAULTS] |= FAULT_SILICONE_SENSOR;
+    if (silicone->adc) {
+        core->reg[REG_SILICONE_TEMPERATURE] = (uint16_t)thermistor_dC(silicone->adc);
     }
-    if (led >= (int16_t)core->reg[REG_CUT_OFF]) {
-        core->reg[REG_FAULTS] |= FAULT_OVER_TEMPERATURE;
-    }
-    core->cool = !is_broken(led_adc) && led < (int16_t)core->reg[REG_DERATE_START];
+    core->reg[REG_FAULTS] |= core->reg[REG_PRESENT];
 }
 
 void core_triggers(core_t *core, uint8_t count) {
@@ -140,10 +173,8 @@ void core_triggers(core_t *core, uint8_t count) {
 }
 
 static void clear_faults(core_t *core, uint16_t faults) {
-    if (!core->cool) {
-        faults &= (uint16_t)~FAULTS_DARK;
-    }
     core->reg[REG_FAULTS] &= (uint16_t)~faults;
+    core->reg[REG_FAULTS] |= core->reg[REG_PRESENT];
 }
 
 /* CRC-8 of SMBus: polynomial 07h, start 0. */

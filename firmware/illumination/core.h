@@ -13,11 +13,16 @@
 #define DUTY_MAX 1023
 
 typedef struct {
+    uint16_t adc;   /* the filtered reading; 0 before the first whole one */
+    uint8_t broken; /* net broken readings, 0 to BROKEN_READINGS */
+} thermistor_t;
+
+typedef struct {
     uint16_t reg[REGISTER_COUNT];
     uint16_t level_now;    /* 8.8 fixed point: LEVEL after soft start and derating */
     uint16_t silent_ms;    /* time since the last valid transaction */
     uint16_t ms;           /* part of a second, for UPTIME */
-    bool cool;             /* the LED temperature is known and below DERATE_START */
+    thermistor_t led, silicone;
     /* one SMBus transaction */
     uint8_t received;      /* bytes after the address */
     uint8_t sent;

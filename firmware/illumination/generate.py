@@ -73,7 +73,7 @@ def header(table: dict[str, Any]) -> str:
     lines += [f"#define REGISTER_COUNT {max(r['address'] for r in table['register']) + 1}", ""]
     lines += [f"#define FAULT_{f['name']} 0x{1 << f['bit']:02X}" for f in table["fault"]]
     dark = sum(1 << f["bit"] for f in table["fault"] if f.get("dark"))
-    lines += [f"#define FAULTS_DARK 0x{dark:02X} /* the light is off while one of these is latched */", ""]
+    lines += [f"#define FAULTS_DARK 0x{dark:02X} /* the light is off while one of these is present */", ""]
     lines += ["/* writable registers: register, least and greatest value, value after reset */"]
     rows = [
         f"    X(REG_{r['name']}, {r['min']}, {r['max']}, {r['default']})"

@@ -4,7 +4,7 @@
    PC0 (ADC0)  LED thermistor    PC1 (ADC1)  silicone thermistor
    PC4, PC5    SDA, SCL
 
-   timer 0: 1 ms tick   timer 1: 10-bit PWM, 7.8 kHz   timer 2: strobe, 32 us
+   timer 0: 1 ms tick   timer 1: PWM, 10 bits at 7.8 kHz, 8 bits at 31 kHz for the strobe   timer 2: strobe, 32 us
    Only the strobe works in interrupts. A flash can be delayed by the tick's interrupt (13 cycles) and by the
    ATOMIC_BLOCK (about 20 cycles), by nothing else. The main loop does the rest; the two-wire interface stretches the
    clock until the main loop has served it. */
@@ -25,9 +25,14 @@ FUSES = {
 };
 
 #define TICK_TOP (F_CPU / 64 / 1000 - 1)
+#define STROBE_TOP 255 /* one PWM period is one tick of timer 2, so that each flash has whole periods */
+#define BUS_TIMEOUT 35 /* ms, SMBus 3.1 table 2: the longest clock low time before a target releases the bus */
+#define UNSETTLED_READINGS 2 /* of each input one, after the reference was selected (data sheet, 24.5.2) */
 #define TIMER_START 62 /* cycles from the edge to the timer and from its overflow to the light */
+#define FLASH_START 52 /* cycles from the timer's overflow to the end of the light, and a few, so that no period begins */
 /* An interrupt that calls a function saves every register. */
 #define INLINE static inline __attribute__((always_inline))
+#define BUS_LINES (_BV(PINC4) | _BV(PINC5))
 #define PWM (_BV(WGM11)) /* mode 14 with WGM13 and WGM12: fast PWM, top in ICR1 */
 
 static core_t core;
@@ -50,7 +55,8 @@ INLINE void begin_flash(void) {
     strobe.flashing = true;
     strobe.ticks = strobe.width;
     switch_led();
-    TCNT1 = DUTY_MAX - 1; /* starts a new period, so that the flash begins with the edge and not with the PWM */
+    TCNT1 = STROBE_TOP - 1; /* starts a new period, so that the flash begins with the edge and not with the PWM */
+    TCNT2 = FLASH_START;
 }
 
 ISR(INT0_vect) {
@@ -86,11 +92,14 @@ ISR(TIMER2_OVF_vect) {
 /* Reads the thermistors in turn; returns true when both have been read since the last true. */
 static bool read_temperature(void) {
     static uint16_t led_adc;
+    static uint8_t unsettled = UNSETTLED_READINGS;
     bool both = ADMUX & 1;
     if (ADCSRA & _BV(ADSC)) {
         return false;
     }
-    if (both) {
+    if (unsettled) {
+        unsettled--;
+    } else if (both) {
         core_temperatures(&core, led_adc, ADC);
     } else {
         led_adc = ADC;
@@ -100,25 +109,58 @@ static bool read_temperature(void) {
     return both;
 }
 
+static uint8_t bus_low_ms; /* how long a line of the bus has been low without a byte */
+
+/* Releases the bus when a transaction was cut off in the middle of a byte that holds the data line low. */
+static void watch_bus(void) {
+    if ((PINC & BUS_LINES) != BUS_LINES) {
+        bus_low_ms++;
+    } else {
+        bus_low_ms = 0;
+    }
+    if (bus_low_ms > BUS_TIMEOUT) {
+        bus_low_ms = 0;
+        TWCR = 0;
+        TWCR = _BV(TWEN) | _BV(TWEA);
+    }
+}
+
+/* Sets PWM and width; a new top needs a new start, or the counter would pass it and count to 65535. */
+static void set_light(uint16_t duty, uint8_t width) {
+    bool changed = (width == 0) != (strobe.width == 0);
+    uint16_t top = width ? STROBE_TOP : DUTY_MAX;
+    /* at full duty above the top: no compare match ends the light */
+    uint16_t compare = duty == DUTY_MAX ? DUTY_MAX + 1 : duty;
+    if (width) {
+        compare >>= 2;
+    }
+    ATOMIC_BLOCK(ATOMIC_FORCEON) { /* all 16-bit registers share one temporary byte */
+        if (changed) {
+            ICR1 = top;
+            TCNT1 = 0;
+        }
+        strobe.width = width;
+        strobe.lit = duty != 0;
+        OCR1A = compare;
+        switch_led();
+    }
+}
+
 static void tick(void) {
     if (read_temperature()) {
         wdt_reset();
     }
     core_tick_ms(&core);
     core_triggers(&core, strobe.triggers);
-    uint16_t duty = core.reg[REG_DUTY];
     strobe.delay = (uint8_t)core.reg[REG_STROBE_DELAY];
-    strobe.width = (uint8_t)core.reg[REG_STROBE_WIDTH];
-    strobe.lit = duty != 0;
-    ATOMIC_BLOCK(ATOMIC_FORCEON) { /* all 16-bit registers share one temporary byte */
-        OCR1A = duty;
-        switch_led();
-    }
+    set_light(core.reg[REG_DUTY], (uint8_t)core.reg[REG_STROBE_WIDTH]);
+    watch_bus();
 }
 
 /* Handles one byte of the two-wire interface. */
 static void serve_bus(void) {
     bool acknowledge = true;
+    bus_low_ms = 0;
     switch (TW_STATUS) {
     case TW_SR_SLA_ACK:
         smbus_start(&core, I2C_ADDRESS << 1);

@@ -3,9 +3,9 @@
 #define REGISTERS_H
 
 #define IDENTITY 0x5041
-#define VERSION 0x0001
+#define VERSION 0x0002
 #define I2C_ADDRESS 0x002A
-#define TABLE_CRC 0xA181
+#define TABLE_CRC 0x3268
 
 #define REG_IDENTITY 0x00
 #define REG_VERSION 0x01
@@ -25,7 +25,8 @@
 #define REG_UPTIME 0x15
 #define REG_TRIGGERS 0x16
 #define REG_PEC_ERRORS 0x17
-#define REGISTER_COUNT 24
+#define REG_PRESENT 0x18
+#define REGISTER_COUNT 25
 
 #define FAULT_OVER_TEMPERATURE 0x01
 #define FAULT_LED_SENSOR 0x02
@@ -33,7 +34,7 @@
 #define FAULT_BOARD_SILENT 0x08
 #define FAULT_RESET_WATCHDOG 0x10
 #define FAULT_RESET_BROWN_OUT 0x20
-#define FAULTS_DARK 0x03 /* the light is off while one of these is latched */
+#define FAULTS_DARK 0x03 /* the light is off while one of these is present */
 
 /* writable registers: register, least and greatest value, value after reset */
 #define WRITABLE(X) \
@@ -64,7 +65,8 @@
     X(REG_FAULTS) \
     X(REG_UPTIME) \
     X(REG_TRIGGERS) \
-    X(REG_PEC_ERRORS)
+    X(REG_PEC_ERRORS) \
+    X(REG_PRESENT)
 
 /* 0.1 degC at ADC readings 0, 32, 64, ... */
 #define THERMISTOR_STEP 32

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from firmware_rig.need import need
+from firmware_rig.need import need, need_simulator
 
 if TYPE_CHECKING:
     from firmware_rig.simulated_controller import SimulatedController
@@ -42,8 +41,7 @@ def logic(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def controller(build: Path) -> Iterator[SimulatedController]:
     """The real binary, 20 ms after power-on."""
-    if importlib.util.find_spec("yasimavr") is None:
-        pytest.skip("yasimavr is missing: run make system-deps, then make test, which installs it")
+    need_simulator()
     from firmware_rig.simulated_controller import SimulatedController
 
     simulated = SimulatedController(build / "illumination.elf")

@@ -2,7 +2,7 @@
 
 python tests/firmware/mutate.py [core.c] [main.c]
 
-core.c is asked by the tests of the logic, main.c by those of the real binary on simulated wires. A mutant
+core.c is tested by the properties of the logic, main.c by the real binary on simulated wires. A mutant
 that survives is printed with its line; those that no test can notice stand with their reason in
 equivalent_mutants.toml. Exit status 1 when another one survives.
 """
@@ -34,7 +34,7 @@ class Target:
     name: str
     first_line: str
     tests: str
-    compile: tuple[str, ...]  # in the folder of the sources; {build} is another one
+    compile: tuple[tuple[str, ...], ...]  # in the folder of the sources; {build} is another one
 
 
 TARGETS = (
@@ -42,9 +42,9 @@ TARGETS = (
         "core.c",
         "static const int16_t thermistor",
         "test_logic.py",
-        ("cc", "-fsyntax-only", "-Wall", "-Werror", "core.c"),
+        (("cc", "-fsyntax-only", "-Wall", "-Werror", "core.c"), ("make", "BUILD={build}")),
     ),
-    Target("main.c", "INLINE void switch_led", "test_wire.py", ("make", "BUILD={build}")),
+    Target("main.c", "INLINE void switch_led", "test_wire.py", (("make", "BUILD={build}"),)),
 )
 SWAPS = {
     " < ": " <= ",
@@ -124,10 +124,9 @@ def survives(mutant: Mutant) -> bool | None:
         shutil.copytree(SOURCES, folder, ignore=shutil.ignore_patterns("build"))
         (folder / mutant.target.name).write_text(mutant.text + "\n")
         environment = os.environ | {"PALPATE_FIRMWARE": str(folder)}
-        if not run(
-            [part.format(build=f"{name}/build") for part in mutant.target.compile], environment, folder
-        ):
-            return None
+        for command in mutant.target.compile:
+            if not run([part.format(build=f"{name}/build") for part in command], environment, folder):
+                return None
         tests = HERE / mutant.target.tests
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", str(tests)]
         return run(command, environment, HERE)

@@ -11,6 +11,7 @@ from firmware_rig.need import need
 
 PROJECT = Path(__file__).resolve().parents[2]
 BOARD = PROJECT / "firmware" / "board"
+README = BOARD / "README.md"
 ROLE = PROJECT / "ansible/roles/illumination/defaults/main.yml"
 MAKEFILE = BOARD.parent / "illumination" / "Makefile"
 
@@ -23,6 +24,9 @@ OVERLAYS = {
     "i2c-gpio": {"i2c_gpio_sda", "i2c_gpio_scl", "i2c_gpio_delay_us", "bus"},
     "dwc2": {"dr_mode", "g-np-tx-fifo-size", "g-rx-fifo-size"},
 }
+PULLED_DOWN = set(range(9, 28))  # after reset: BCM2835 ARM peripherals, table 6-31
+PULL_OHM = (33_000, 73_000)  # BCM2711 data sheet, table 95
+SUPPLY_V, RESET_HIGH = 3.3, 0.9  # ATmega328P data sheet, table 29-1: of the supply
 PARAMETERS = {"spi", "i2c_arm", "i2s", "audio"}
 GPIO_PARAMETERS = {"interrupt", "rx_interrupt", "xceiver_enable", "i2c_gpio_sda", "i2c_gpio_scl"}
 CLOCK_HZ = range(1_000_000, 40_000_001)  # what the mcp251xfd driver takes without the chip's PLL
@@ -65,12 +69,12 @@ SPI0 = {7: "CE1", 8: "CE0", 9: "MISO", 10: "MOSI", 11: "SCLK"}
 
 
 def boot_lines() -> list[tuple[str, str, dict[str, str]]]:
-    """(dtoverlay or dtparam, name, parameters) of each line that says something."""
+    """(dtoverlay, dtparam or gpio, name, parameters) of each line without a comment."""
     lines = []
     for line in (BOARD / "config.txt").read_text().splitlines():
         if line and not line.startswith("#"):
             kind, _, rest = line.partition("=")
-            name, *parameters = [rest] if kind == "dtparam" else rest.split(",")
+            name, *parameters = [rest] if kind != "dtoverlay" else rest.split(",")
             lines.append((kind, name, dict(re.match(r"([^=]+)=?(.*)", p).groups() for p in parameters)))
     return lines
 
@@ -94,6 +98,8 @@ def test_the_kernel_knows_every_parameter() -> None:
         if kind == "dtparam":
             assert name.split("=")[0] in PARAMETERS
             assert name.split("=")[1] in {"on", "off"}
+        elif kind == "gpio":
+            assert re.fullmatch(r"\d+=(ip|op|a[0-5]|dh|dl|pu|pd|np|pn)", name)
         else:
             assert set(parameters) <= OVERLAYS[name], name
             assert all(int(parameters[key]) in HEADER for key in GPIO_PARAMETERS & set(parameters))
@@ -126,14 +132,26 @@ def test_pins_of_the_overlays_are_those_of_the_wiring() -> None:
     assert resets == {str(taken["avrdude", "reset"])}
 
 
+def test_reset_is_high_enough_beside_the_pins_pull_resistor() -> None:
+    """RESET's pull-up of 10 kOhm and a pull-down of the board divide the supply."""
+    (reset,) = re.findall(
+        r"^\| (\d+) \| \d+ \| reset \|[^|]*10 kOhm to 3.3 V", README.read_text(), re.MULTILINE
+    )
+    off = ("gpio", f"{reset}=np", {}) in boot_lines()
+    if int(reset) in PULLED_DOWN and not off:
+        assert all(SUPPLY_V * pull / (pull + 10_000) >= RESET_HIGH * SUPPLY_V for pull in PULL_OHM)
+
+
 def test_the_chips_own_i2c_stays_off_the_pins_that_software_clocks() -> None:
     assert ("dtparam", "i2c_arm=on", {}) not in boot_lines()
 
 
 def test_the_playbook_writes_the_same_lines() -> None:
     role = (PROJECT / "ansible" / "roles" / "can" / "defaults" / "main.yml").read_text()
-    written = re.findall(r"^  (dt.+)$", role, re.MULTILINE)
-    assert written == [line for line in (BOARD / "config.txt").read_text().splitlines() if line[:2] == "dt"]
+    written = re.findall(r"^  ((?:dt|gpio).+)$", role, re.MULTILINE)
+    assert written == [
+        line for line in (BOARD / "config.txt").read_text().splitlines() if line and line[0] != "#"
+    ]
     example = (PROJECT / "ansible" / "inventory" / "example" / "group_vars" / "fingertips.yml").read_text()
     assert f"fingertip_i2c_bus: {overlay('i2c-gpio')['bus']}\n" in example
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import errno
+import random
 
 import pytest
-from firmware_rig.simulated_controller import SimulatedController
+from firmware_rig.simulated_controller import CLOCK_HZ, SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
 
 from palpate_edge.common.errors import IlluminationError
@@ -15,6 +16,7 @@ from palpate_edge.illumination.controller_thread import LightController
 from palpate_edge.illumination.registers import Fault
 
 HOT_ADC = 128  # 76 degC
+MS = CLOCK_HZ // 1000  # cycles
 
 
 class Cable(WireSmBus):
@@ -82,7 +84,7 @@ def test_after_a_silence_the_light_comes_back(
 
 def test_heat_is_told(light: LightController, controller: SimulatedController) -> None:
     controller.set_adc(0, HOT_ADC)
-    controller.run_ms(20)
+    controller.run_ms(250)
     light.update()
     assert light.latest.too_hot
     assert light.latest.level == 0
@@ -113,6 +115,54 @@ def test_a_reset_controller_is_lit_again(light: LightController, controller: Sim
     light.update()
     controller.run_ms(250)
     assert controller.led_share(10) > 0.5
+
+
+def dark_ms_after_glitches(light: LightController, controller: SimulatedController, seed: int) -> int:
+    """How long the LEDs stay dark after 0.4 s of random states on every input, while the board polls."""
+    rng = random.Random(seed)
+    controller.disturb(rng, 400)
+    end = controller.cycle + 400 * MS
+    while controller.cycle < end:
+        light.update()
+        controller.run_ms(rng.randrange(50))
+    dark_ms = round((controller.cycle - end) / MS)  # of an update that began before the end
+    for _ in range(40):
+        light.update()
+        for _ in range(25):
+            if controller.led_share(10) > 0.3:
+                return dark_ms
+            dark_ms += 10
+    return dark_ms
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_glitches_on_every_input_leave_it_dark_for_less_than_a_second(
+    light: LightController, controller: SimulatedController, seed: int
+) -> None:
+    assert dark_ms_after_glitches(light, controller, seed) < 1000
+
+
+@pytest.mark.slow
+def test_thirty_seeds_of_glitches_leave_it_dark_for_less_than_a_second(
+    light: LightController, controller: SimulatedController
+) -> None:
+    dark_ms = [dark_ms_after_glitches(light, controller, seed) for seed in range(30)]
+    print(f"dark for at most {max(dark_ms)} ms after the glitches, {sum(dark_ms) / 30:.0f} ms on average")
+    assert max(dark_ms) < 1000
+
+
+def test_the_silicones_temperature_is_back_after_a_glitch(
+    light: LightController, controller: SimulatedController
+) -> None:
+    controller.set_adc(1, 0)
+    controller.run_ms(200)
+    light.update()
+    assert light.latest.temperature_degC is None
+    controller.set_adc(1, 512)
+    controller.run_ms(200)
+    light.update()
+    assert light.latest.temperature_degC == pytest.approx(25.0, abs=0.3)
+    assert light_health(light.latest).faults == "silicone sensor"
 
 
 def shares_of_ten_seconds(light: LightController, controller: SimulatedController) -> list[float]:

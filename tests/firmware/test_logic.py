@@ -1,13 +1,15 @@
-"""core.c compiled for this machine: properties of level, temperatures, faults and SMBus bytes."""
+"""core.c on this machine and on the simulated chip: level, temperatures, faults and SMBus bytes."""
 
 from __future__ import annotations
 
-import ctypes
 import math
+import random
 from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 import pytest
+from firmware_rig.firmware_calls import ChipCalls, FirmwareCalls, HostCalls
+from firmware_rig.need import need_simulator
 from firmware_rig.smbus_adapter import crc8
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,47 +24,52 @@ from palpate_edge.illumination.registers import (
     LightRegister,
 )
 
-REGISTERS = 0x18
 WRITE, READ = I2C_ADDRESS << 1, I2C_ADDRESS << 1 | 1
 ROOM, HOT = 512, 128  # ADC readings: 25 and 76 degC by the B equation
-
-
-class Core(ctypes.Structure):
-    """core_t of core.h."""
-
-    _fields_ = [
-        ("reg", ctypes.c_uint16 * REGISTERS),
-        ("level_now", ctypes.c_uint16),
-        ("silent_ms", ctypes.c_uint16),
-        ("ms", ctypes.c_uint16),
-        ("cool", ctypes.c_bool),
-        ("received", ctypes.c_uint8),
-        ("sent", ctypes.c_uint8),
-        ("crc", ctypes.c_uint8),
-        ("command", ctypes.c_uint8),
-        ("value", ctypes.c_uint16),
-    ]
+STEP = 4  # ADC steps that a temperature follows in one reading
+BROKEN = 32  # readings
 
 
 class Logic:
     """One controller's logic; `ms` lets time pass with both thermistors at a reading."""
 
-    def __init__(self, library: ctypes.CDLL, reset_faults: int = 0) -> None:
-        self.c = library
-        self.core = Core()
-        self._p = ctypes.byref(self.core)
-        self.c.core_init(self._p, reset_faults)
+    def __init__(self, firmware: FirmwareCalls, reset_faults: int = 0) -> None:
+        self.firmware = firmware
+        self._p = firmware.new()
+        self._call("core_init", reset_faults)
+
+    def _call(self, name: str, *arguments: int) -> int:
+        return self.firmware.call(name, self._p, *arguments)
+
+    @property
+    def core(self) -> Any:
+        """The present content of core_t."""
+        return self.firmware.core(self._p)
+
+    def dC(self, adc: int) -> int:
+        """The firmware's temperature at a reading, in 0.1 degC."""
+        value = self.firmware.call("thermistor_dC", adc)
+        return value - 0x10000 if value & 0x8000 else value
 
     def ms(self, count: int, led: int = ROOM, silicone: int = ROOM) -> None:
         for _ in range(count):
-            self.c.core_temperatures(self._p, led, silicone)
-            self.c.core_tick_ms(self._p)
+            self.reading(led, silicone)
+            self.tick()
+
+    def reading(self, led: int = ROOM, silicone: int = ROOM) -> None:
+        """One reading of each thermistor; no time passes."""
+        self._call("core_temperatures", led, silicone)
+
+    def settle(self, led: int = ROOM, silicone: int = ROOM) -> None:
+        """Readings until the temperatures have followed."""
+        for _ in range(1024 // STEP):
+            self.reading(led, silicone)
 
     def bytes_in(self, data: bytes) -> list[bool]:
         """A write with these bytes after the address, and a stop; the acknowledge asked after each."""
-        self.c.smbus_start(self._p, WRITE)
-        asked = [bool(self.c.smbus_write(self._p, byte)) for byte in data]
-        self.c.smbus_stop(self._p)
+        self._call("smbus_start", WRITE)
+        asked = [bool(self._call("smbus_write", byte) & 0xFF) for byte in data]
+        self._call("smbus_stop")
         return asked
 
     def write(self, register: int, value: int) -> None:
@@ -71,44 +78,49 @@ class Logic:
 
     def read(self, register: int) -> tuple[int, bool]:
         """Value, and whether its PEC is right."""
-        self.c.smbus_start(self._p, WRITE)
-        self.c.smbus_write(self._p, register)
-        self.c.smbus_stop(self._p)
-        self.c.smbus_start(self._p, READ)
-        low, high, pec = (self.c.smbus_read(self._p) for _ in range(3))
-        self.c.smbus_stop(self._p)
+        self._call("smbus_start", WRITE)
+        self._call("smbus_write", register)
+        self._call("smbus_stop")
+        self._call("smbus_start", READ)
+        low, high, pec = (self._call("smbus_read") & 0xFF for _ in range(3))
+        self._call("smbus_stop")
         return low | high << 8, pec == crc8(bytes([WRITE, register, READ, low, high]))
 
     def bare_read(self) -> bytes:
         """Three bytes asked for without a command first."""
-        self.c.smbus_start(self._p, READ)
-        return bytes(self.c.smbus_read(self._p) for _ in range(3))
+        self._call("smbus_start", READ)
+        return bytes(self._call("smbus_read") & 0xFF for _ in range(3))
 
     def tick(self) -> None:
         """One ms without a reading of the thermistors."""
-        self.c.core_tick_ms(self._p)
+        self._call("core_tick_ms")
 
     def stop(self) -> None:
-        self.c.smbus_stop(self._p)
+        self._call("smbus_stop")
 
     def triggers(self, count: int) -> None:
-        self.c.core_triggers(self._p, count)
+        self._call("core_triggers", count)
 
     def duty(self) -> int:
         return int(self.core.reg[LightRegister.DUTY])
+
+    def present(self) -> Fault:
+        return Fault(self.core.reg[LightRegister.PRESENT])
 
     def faults(self) -> Fault:
         return Fault(self.core.reg[LightRegister.FAULTS])
 
 
-@pytest.fixture(scope="module")
-def new(logic: Path) -> Callable[[int], Logic]:
-    library = ctypes.CDLL(str(logic))
-    library.core_duty.restype = ctypes.c_uint16
-    library.smbus_write.restype = ctypes.c_bool
-    library.smbus_read.restype = ctypes.c_uint8
-    library.thermistor_dC.restype = ctypes.c_int16
-    return lambda reset_faults=0: Logic(library, reset_faults)
+@pytest.fixture(scope="module", params=["PC", "AVR"])
+def new(request: pytest.FixtureRequest) -> Callable[..., Logic]:
+    """Controllers' logic, in a library for this machine and in the binary on the simulated chip."""
+    firmware: FirmwareCalls
+    if request.param == "PC":
+        firmware = HostCalls(request.getfixturevalue("logic"))
+    else:
+        need_simulator()
+        firmware = ChipCalls(request.getfixturevalue("build") / "illumination.elf")
+    return lambda reset_faults=0: Logic(firmware, reset_faults)
 
 
 def test_check_value_of_the_crc() -> None:
@@ -123,7 +135,7 @@ def test_temperature_is_the_b_equation(
     """-11 to 89 degC, and up to 103 degC."""
     for adc in range(first, last + 1):
         kelvin = 1 / (1 / 298.15 + math.log(adc / (1024 - adc)) / 3950)
-        assert new().c.thermistor_dC(adc) / 10 == pytest.approx(kelvin - 273.15, abs=within_degC)
+        assert new().dC(adc) / 10 == pytest.approx(kelvin - 273.15, abs=within_degC)
 
 
 @given(st.integers(0, 255))
@@ -158,14 +170,14 @@ def test_dark_comes_at_once(new: Callable[[], Logic]) -> None:
 
 
 @given(st.integers(13, 1010), st.integers(0, 255))
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_heat_never_brightens_and_the_cut_off_is_dark(new: Callable[[], Logic], led: int, level: int) -> None:
     core, cooler = new(), new()
     for each, adc in ((core, led), (cooler, min(led + 5, 1010))):
         each.write(LightRegister.LEVEL, level)
         each.ms(300, led=adc)
     assert core.duty() <= cooler.duty()
-    degC = core.c.thermistor_dC(led) / 10
+    degC = core.dC(led) / 10
     assert (Fault.OVER_TEMPERATURE in core.faults()) == (degC >= 75.0)
     if degC >= 75.0:
         assert core.duty() == 0
@@ -174,30 +186,124 @@ def test_heat_never_brightens_and_the_cut_off_is_dark(new: Callable[[], Logic], 
 def test_half_way_between_start_and_cut_off_half_the_level_is_left(new: Callable[[], Logic]) -> None:
     core = new()
     core.write(LightRegister.LEVEL, 255)
-    adc = next(a for a in range(1, 1024) if core.c.thermistor_dC(a) <= 675)
+    adc = next(a for a in range(1, 1024) if core.dC(a) <= 675)
     core.ms(300, led=adc)
     assert core.core.level_now / (255 << 8) == pytest.approx(0.5, abs=0.05)
 
 
-def test_over_temperature_stays_until_it_is_cool_and_cleared(new: Callable[[], Logic]) -> None:
+def test_over_temperature_ends_below_the_start_of_derating_and_stays_recorded(
+    new: Callable[[], Logic],
+) -> None:
     core = new()
     core.write(LightRegister.WATCHDOG, 10_000)
     core.write(LightRegister.LEVEL, 255)
     core.ms(10, led=HOT)
     core.write(LightRegister.FAULT_CLEAR, 0xFF)
-    assert Fault.OVER_TEMPERATURE in core.faults()
-    core.ms(500)
+    assert core.faults() == core.present() == Fault.OVER_TEMPERATURE
+    between = next(a for a in range(HOT, ROOM) if core.dC(a) <= 675)
+    core.settle(led=between)
+    core.ms(500, led=between)
+    assert core.present() == Fault.OVER_TEMPERATURE
     assert core.duty() == 0
-    core.write(LightRegister.FAULT_CLEAR, 0xFF)
+    core.settle()
     core.ms(500)
-    assert core.faults() == Fault(0)
+    assert core.present() == Fault(0)
+    assert core.faults() == Fault.OVER_TEMPERATURE
     assert core.duty() == 1023
+    core.write(LightRegister.FAULT_CLEAR, int(Fault.LED_SENSOR))
+    assert core.faults() == Fault.OVER_TEMPERATURE
+    core.write(LightRegister.FAULT_CLEAR, 0xFF)
+    assert core.faults() == Fault(0)
+
+
+@pytest.mark.parametrize("wild", [0, 13, HOT, 1010, 1023])
+def test_one_wild_reading_neither_dims_nor_is_a_fault(new: Callable[[], Logic], wild: int) -> None:
+    core = new()
+    core.write(LightRegister.LEVEL, 255)
+    core.ms(300)
+    core.ms(1, led=wild, silicone=wild)
+    assert (core.duty(), core.faults()) == (1023, Fault(0))
+    core.ms(1)
+    assert (core.duty(), core.faults()) == (1023, Fault(0))
+
+
+@given(
+    st.integers(0, 2**32), st.integers(1, 2000), st.sampled_from(["random", "hot", "short", "open", "mixed"])
+)
+@settings(max_examples=15, deadline=None)
+def test_light_is_back_within_a_second_after_wild_readings(
+    new: Callable[[], Logic], seed: int, wild_readings: int, kind: str
+) -> None:
+    """A reading takes 2 ms on the chip."""
+    core, rng = new(), random.Random(seed)
+    values = {"random": range(1024), "hot": range(13, 129), "short": range(12), "open": range(1012, 1024)}
+    values["mixed"] = [0, 1, 13, HOT, ROOM, 1010, 1023]
+    core.write(LightRegister.WATCHDOG, 10_000)
+    for _ in range(wild_readings):
+        core.reading(led=rng.choice(values[kind]), silicone=rng.choice(values[kind]))
+    core.write(LightRegister.LEVEL, 255)
+    for _ in range(500):
+        core.tick()
+        core.tick()
+        core.reading()
+    assert core.present() == Fault(0)
+    assert core.duty() == 1023
+    assert core.core.reg[LightRegister.LED_TEMPERATURE] == core.core.reg[LightRegister.SILICONE_TEMPERATURE]
+
+
+@pytest.mark.parametrize("sensor", ["led", "silicone"])
+def test_a_temperature_follows_its_readings_in_steps(new: Callable[[], Logic], sensor: str) -> None:
+    register = LightRegister[f"{sensor.upper()}_TEMPERATURE"]
+    for target in (ROOM - 100, ROOM + 100):
+        core = new()
+        core.reading()
+        sign = 1 if target > ROOM else -1
+        for count in range(1, 100 // STEP + 1):
+            core.reading(**{sensor: target})
+            assert core.core.reg[register] == core.dC(ROOM + sign * STEP * count)
+        core.reading(**{sensor: target + 1})  # less than a step
+        assert core.core.reg[register] == core.dC(target + 1)
+
+
+@pytest.mark.parametrize("sensor", ["led", "silicone"])
+@pytest.mark.parametrize("broken", [0, 1023])
+def test_a_sensor_fault_begins_and_ends_with_32_readings(
+    new: Callable[[], Logic], sensor: str, broken: int
+) -> None:
+    fault = Fault[f"{sensor.upper()}_SENSOR"]
+    core = new()
+    core.reading()
+    for _ in range(BROKEN - 1):
+        core.reading(**{sensor: broken})
+    assert core.present() == Fault(0)
+    for _ in range(10):
+        core.reading(**{sensor: broken})
+    assert core.present() == fault
+    for _ in range(BROKEN - 1):
+        core.reading()
+    assert core.present() == fault
+    core.reading()
+    assert core.present() == Fault(0)
+    assert core.faults() == fault
+
+
+def test_a_broken_sensor_keeps_its_last_temperature(new: Callable[[], Logic]) -> None:
+    core = new()
+    core.reading(led=0, silicone=1023)
+    assert core.core.reg[LightRegister.LED_TEMPERATURE] == 0
+    assert core.core.reg[LightRegister.SILICONE_TEMPERATURE] == 0
+    assert core.present() == Fault(0)
+    core.reading(led=256, silicone=300)
+    for _ in range(100):
+        core.reading(led=0, silicone=1023)
+    assert core.core.reg[LightRegister.LED_TEMPERATURE] == core.dC(256)
+    assert core.core.reg[LightRegister.SILICONE_TEMPERATURE] == core.dC(300)
 
 
 @pytest.mark.parametrize("adc", [12, 1011])
 def test_the_last_readings_of_a_whole_thermistor(new: Callable[[], Logic], adc: int) -> None:
     core = new()
-    core.ms(1, led=adc)
+    core.ms(100, led=adc)
     assert Fault.LED_SENSOR not in core.faults()
 
 
@@ -219,13 +325,15 @@ def test_a_broken_silicone_thermistor_is_told_and_the_light_stays(new: Callable[
 
 
 @given(st.integers(100, 10_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_silence_darkens_after_the_watchdogs_time(new: Callable[[], Logic], watchdog_ms: int) -> None:
     core = new()
     core.write(LightRegister.WATCHDOG, watchdog_ms)
     core.write(LightRegister.SOFT_START, 0)
     core.write(LightRegister.LEVEL, 200)
-    core.ms(watchdog_ms)
+    core.reading()
+    for _ in range(watchdog_ms):
+        core.tick()
     assert core.duty() > 0
     core.ms(1)
     assert core.duty() == 0
@@ -319,14 +427,15 @@ def test_cut_off_stays_above_the_start_of_derating(new: Callable[[], Logic]) -> 
 def test_the_limits_belong_to_the_hot_side(new: Callable[[], Logic]) -> None:
     """At CUT_OFF itself it is too hot, at DERATE_START itself not yet cool."""
     core = new()
-    core.write(LightRegister.CUT_OFF, core.c.thermistor_dC(HOT))
+    core.write(LightRegister.CUT_OFF, core.dC(HOT))
     core.ms(1, led=HOT)
     assert Fault.OVER_TEMPERATURE in core.faults()
-    adc = next(a for a in range(HOT, ROOM) if 300 <= core.c.thermistor_dC(a) <= 600)
-    core.write(LightRegister.DERATE_START, core.c.thermistor_dC(adc))
-    core.ms(1, led=adc)
-    core.write(LightRegister.FAULT_CLEAR, 0xFF)
-    assert Fault.OVER_TEMPERATURE in core.faults()
+    adc = next(a for a in range(HOT, ROOM) if 300 <= core.dC(a) <= 600)
+    core.write(LightRegister.DERATE_START, core.dC(adc))
+    core.settle(led=adc)
+    assert core.present() == Fault.OVER_TEMPERATURE
+    core.settle(led=adc + 1)
+    assert core.present() == Fault(0)
 
 
 def test_a_step_of_the_soft_start_is_no_larger_than_needed(new: Callable[[], Logic]) -> None:

@@ -28,6 +28,7 @@ from palpate_edge.illumination.registers import (
 ATTEMPTS = 3
 PAUSE_S = 0.001
 SCALE_degC = 0.1
+NO_FAULT = Fault(0)
 
 T = TypeVar("T")
 
@@ -46,6 +47,7 @@ class SmBus(Protocol):
 class IlluminationState:
     """Measurements and counters of the controller. duty: 0 to 1.
 
+    faults: since the reset or since they were cleared; present: those whose cause persists.
     triggers: edges of the camera's trigger; pec_errors: writes refused for a wrong PEC; both modulo 2^16,
     since the controller's reset.
     """
@@ -56,6 +58,7 @@ class IlluminationState:
     faults: Fault
     triggers: int = 0
     pec_errors: int = 0
+    present: Fault = NO_FAULT
 
 
 class IlluminationClient:
@@ -136,6 +139,7 @@ class IlluminationClient:
             faults=Fault(self.read(LightRegister.FAULTS)),
             triggers=self.read(LightRegister.TRIGGERS),
             pec_errors=self.read(LightRegister.PEC_ERRORS),
+            present=Fault(self.read(LightRegister.PRESENT)),
         )
 
     def _repeat(self, register: LightRegister, transaction: Callable[[], T]) -> T:

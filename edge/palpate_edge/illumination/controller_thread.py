@@ -39,14 +39,14 @@ class LightState:
     @property
     def temperature_degC(self) -> float | None:
         """The silicone's temperature; None when it is not known."""
-        if self.state is None or Fault.SILICONE_SENSOR in self.state.faults:
+        if self.state is None or Fault.SILICONE_SENSOR in self.state.present:
             return None
         return self.state.silicone_degC
 
     @property
     def too_hot(self) -> bool:
-        """True when the controller turned the LEDs off for over-temperature."""
-        return self.state is not None and Fault.OVER_TEMPERATURE in self.state.faults
+        """True while the controller keeps the LEDs off for over-temperature."""
+        return self.state is not None and Fault.OVER_TEMPERATURE in self.state.present
 
 
 class LightController:

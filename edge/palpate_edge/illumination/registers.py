@@ -8,9 +8,9 @@ from __future__ import annotations
 import enum
 
 IDENTITY = 0x5041
-VERSION = 0x0001
+VERSION = 0x0002
 I2C_ADDRESS = 0x002A
-MAP_CRC = 0xA181
+MAP_CRC = 0x3268
 
 
 class LightRegister(enum.IntEnum):
@@ -34,6 +34,7 @@ class LightRegister(enum.IntEnum):
     UPTIME = 0x15
     TRIGGERS = 0x16
     PEC_ERRORS = 0x17
+    PRESENT = 0x18
 
 
 class Fault(enum.IntFlag):

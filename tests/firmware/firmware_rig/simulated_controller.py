@@ -5,7 +5,9 @@ A rig for tests, not a part of the product. Time is the simulation's own.
 
 from __future__ import annotations
 
+import errno
 import itertools
+import random
 from pathlib import Path
 
 try:
@@ -18,6 +20,8 @@ CLOCK_HZ = 8_000_000
 I2C_HZ = 50_000
 QUARTER_BIT = CLOCK_HZ // I2C_HZ // 4
 BUS_FREE_CYCLES = CLOCK_HZ // 10_000  # what a board's driver needs from one transaction to the next
+LONGEST_GLITCH = CLOCK_HZ // 200
+HOT_ADC = 128  # 76 degC
 STRETCH_LIMIT = 4_000  # quarter bits
 IO = 0x20  # the simulator counts I/O registers from there
 TCCR0B = 0x45 - IO
@@ -46,6 +50,7 @@ class SimulatedController:
         self._trigger.attach(self.device.find_pin("PD2"))
         self._trigger.set_state("L")
         self._trigger_edges: list[tuple[int, str]] = []
+        self._glitches: list[tuple[int, core.Wire, tuple[str, float]]] = []
         self._led: list[tuple[int, bool]] = [(0, False)]
         _, request = self.device.ctlreq(core.IOCTL_TIMER("_", "1"), core.CTLREQ_GET_SIGNAL)
         self._led_hook = core.CallableSignalHook(self._led_changed)
@@ -54,6 +59,11 @@ class SimulatedController:
         for wire, name in zip(self._thermistors, ("PC0", "PC1"), strict=True):
             wire.attach(self.device.find_pin(name))
             wire.set_state("A", 0.5)
+
+    @property
+    def bus_is_free(self) -> bool:
+        """Both lines of the bus are high."""
+        return bool(self._sda.digital_state() and self._scl.digital_state())
 
     @property
     def cycle(self) -> int:
@@ -66,8 +76,9 @@ class SimulatedController:
         end = self.cycle + count
         while self.cycle < end:
             self._drive_trigger()
-            next_edge = self._trigger_edges[0][0] if self._trigger_edges else end
-            self._loop.run(min(QUARTER_BIT, end - self.cycle, next_edge - self.cycle))
+            self._drive_glitches()
+            pending = [edges[0][0] for edges in (self._trigger_edges, self._glitches) if edges]
+            self._loop.run(max(1, min(end, *pending) - self.cycle if pending else end - self.cycle))
             assert self.device.state() is not core.Device.State.Crashed, (
                 f"crash at {self._probe.read_pc():#x}"
             )
@@ -79,6 +90,32 @@ class SimulatedController:
     def trigger_at(self, cycle: int) -> None:
         """A 100 us pulse of the camera, at a cycle to come."""
         self._trigger_edges += [(cycle, "H"), (cycle + CLOCK_HZ // 10_000, "L")]
+
+    def disturb(self, rng: random.Random, duration_ms: float) -> None:
+        """Random states on every input for the next time, up to 5 ms each; the wires are free at the end."""
+        end = self.cycle + round(duration_ms * CLOCK_HZ / 1000)
+        for wire in (self._sda, self._scl, self._trigger, *self._thermistors):
+            cycle = self.cycle + rng.randrange(LONGEST_GLITCH)
+            while cycle < end:
+                self._glitches.append((cycle, wire, self._random_state(wire, rng)))
+                cycle += round(LONGEST_GLITCH * rng.random() ** 4) + 8
+            self._glitches.append((end, wire, self._state_at_rest(wire)))
+        self._glitches.sort(key=lambda glitch: glitch[0])
+
+    def _random_state(self, wire: core.Wire, rng: random.Random) -> tuple[str, float]:
+        if wire in self._thermistors:
+            return "A", rng.choice([0.0, 1.0, rng.random(), (HOT_ADC + 0.5) / 1024])
+        return (rng.choice("LU") if wire in (self._sda, self._scl) else rng.choice("LH")), 0.0
+
+    def _state_at_rest(self, wire: core.Wire) -> tuple[str, float]:
+        if wire in self._thermistors:
+            return "A", 0.5
+        return ("L" if wire is self._trigger else "U"), 0.0
+
+    def _drive_glitches(self) -> None:
+        while self._glitches and self._glitches[0][0] <= self.cycle:
+            _, wire, (state, volts) = self._glitches.pop(0)
+            wire.set_state(state, volts) if state == "A" else wire.set_state(state)
 
     def _drive_trigger(self) -> None:
         while self._trigger_edges and self._trigger_edges[0][0] <= self.cycle:
@@ -128,6 +165,11 @@ class SimulatedController:
     def brown_out(self) -> None:
         self.device.reset(core.Device.ResetFlag.BOD)
 
+    def release(self) -> None:
+        """Let go of both lines of the bus."""
+        self._release(self._sda)
+        self._release(self._scl)
+
     def _release(self, wire: core.Wire) -> None:
         wire.set_state("U")
 
@@ -141,7 +183,7 @@ class SimulatedController:
             self._wait()
             if self._scl.digital_state():
                 return
-        raise TimeoutError("SCL is held low")
+        raise TimeoutError(errno.ETIMEDOUT, "SCL is held low")
 
     def _clock(self) -> bool:
         """One clock pulse; SDA while it is high."""
