@@ -76,15 +76,16 @@ vm-test: $(VENV)/dev.stamp vm-disks  ## run the tests in a virtual machine: Sock
 vm-disks: $(VENV)/pyvenv.cfg  ## build the virtual machine's disks if they are missing (5 minutes, once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks
 
-board-image: $(VENV)/pyvenv.cfg  ## build the bare board that tests provision, if it is missing (2 minutes, once)
+board-image: $(VENV)/pyvenv.cfg  ## build the bare boards that tests provision, if they are missing (4 minutes, once)
 	PYTHONPATH=tests/kernel:tests/deploy $(BIN)/python -m deploy_rig.image
 
-wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards install, for aarch64 and x86-64 (docs/deploying.md)
+wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards install, for aarch64 and x86-64, Python 3.11 and 3.13
 	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
 
 deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
-	@for tier in lint namespace hand foreign booted; do \
-	  begin=$$(date +%s); $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
+	@for tier in lint namespace hand namespace:trixie hand:trixie foreign booted; do \
+	  begin=$$(date +%s); suite=$${tier#*:}; test "$$suite" = "$$tier" && suite=bookworm; \
+	  PALPATE_SUITE=$$suite $(BIN)/pytest tests/deploy -m "deploy_$${tier%:*}" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
 	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.

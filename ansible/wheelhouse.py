@@ -1,7 +1,7 @@
 """Write the wheelhouse, from which boards install without network; every file is checked by its hash.
 
-wheelhouse/RELEASE                  the release's name: version and a digest of its content
-wheelhouse/PART/ARCHITECTURE/       wheels, packages.txt, palpate.txt, SHA256SUMS; PART is edge or host
+wheelhouse/PYTHON/RELEASE             the release's name: version, digest, PYTHON (cp311 or cp313)
+wheelhouse/PYTHON/PART/ARCHITECTURE/  wheels, packages.txt, palpate.txt, SHA256SUMS; PART is edge or host
 packages.txt lists the third-party packages, palpate.txt palpate itself: an update installs only what differs.
 """
 
@@ -20,6 +20,7 @@ from packaging.requirements import Requirement
 PROJECT = Path(__file__).resolve().parents[1]
 ARCHITECTURES = ("aarch64", "x86_64")
 PARTS = ("edge", "host")
+PYTHONS = ("3.11", "3.13")  # Debian 12 and 13
 OLDEST_GLIBC, BOARDS_GLIBC = 17, 36  # manylinux2014; Debian 12
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "--quiet")
 
@@ -69,10 +70,24 @@ def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -
     (folder / "SHA256SUMS").write_text("".join(sums))
 
 
+def release_name(version: str, digest: str, python: str) -> str:
+    """Return the name of a release: boards of two Pythons have different ones of the same sources."""
+    return f"{version}-{digest[:8]}-{tag(python)}"
+
+
+def tag(python: str) -> str:
+    """Return a Python version as wheels name it: cp311 of 3.11."""
+    return f"cp{python.replace('.', '')}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="folder to write; its content is replaced")
-    parser.add_argument("--python", default="3.11", help="the boards' Python (default: %(default)s)")
+    parser.add_argument(
+        "--python",
+        action="append",
+        help=f"a Python of the boards; may be repeated (default: {', '.join(PYTHONS)})",
+    )
     parser.add_argument(
         "--part", choices=PARTS, action="append", help="write only this part; may be repeated"
     )
@@ -80,20 +95,22 @@ def main() -> None:
         "--architecture", choices=ARCHITECTURES, action="append", help="write only this one; may be repeated"
     )
     wanted = parser.parse_args()
+    parts = wanted.part or PARTS
     unfinished = wanted.folder.with_name(f"{wanted.folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
     wheel = own_wheel(unfinished)
-    digest = hashlib.sha256()
-    for part in wanted.part or PARTS:
-        for architecture in wanted.architecture or ARCHITECTURES:
-            print(f"wheelhouse: {part} for {architecture}", file=sys.stderr, flush=True)
-            fill(unfinished / part / architecture, wheel, part, architecture, wanted.python)
-        digest.update((PROJECT / "requirements" / f"{part}.lock").read_bytes())
-    digest.update(wheel.read_bytes())
-    wheel.unlink()
+    locks = [(PROJECT / "requirements" / f"{part}.lock").read_bytes() for part in parts]
+    digest = hashlib.sha256(b"".join([*locks, wheel.read_bytes()])).hexdigest()
     version = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["version"]
-    (unfinished / "RELEASE").write_text(f"{version}-{digest.hexdigest()[:8]}\n")
+    for python in wanted.python or PYTHONS:
+        folder = unfinished / tag(python)
+        for part in parts:
+            for architecture in wanted.architecture or ARCHITECTURES:
+                print(f"wheelhouse: {part} for {architecture}, Python {python}", file=sys.stderr, flush=True)
+                fill(folder / part / architecture, wheel, part, architecture, python)
+        (folder / "RELEASE").write_text(f"{release_name(version, digest, python)}\n")
+    wheel.unlink()
     shutil.rmtree(wanted.folder, ignore_errors=True)
     unfinished.rename(wanted.folder)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from deploy_rig.image import board_image, missing, wheelhouse
+from deploy_rig.image import SUITES, board_image, missing, wheelhouse
 
 BY_NAME = ("deploy_booted", "deploy_foreign", "deploy_hand", "deploy_namespace")
 
@@ -21,14 +22,28 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture(scope="session")
-def bare_board() -> Path:
-    """The folder of a bare Debian board."""
-    if (reason := missing()) is not None:
-        pytest.skip(reason)
-    return board_image()
+def suite() -> str:
+    """Debian's suite on the boards: PALPATE_SUITE, bookworm (Debian 12) unless it is set."""
+    name = os.environ.get("PALPATE_SUITE", "bookworm")
+    assert name in SUITES, f"PALPATE_SUITE={name} is not one of {', '.join(SUITES)}"
+    return name
 
 
 @pytest.fixture(scope="session")
-def wheels(bare_board: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def python(suite: str) -> str:
+    """The version of the boards' Python."""
+    return SUITES[suite]
+
+
+@pytest.fixture(scope="session")
+def bare_board(suite: str) -> Path:
+    """The folder of a bare Debian board."""
+    if (reason := missing()) is not None:
+        pytest.skip(reason)
+    return board_image(suite)
+
+
+@pytest.fixture(scope="session")
+def wheels(bare_board: Path, python: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheelhouse of a fingertip with today's sources."""
-    return wheelhouse(tmp_path_factory.mktemp("wheels") / "wheelhouse")
+    return wheelhouse(tmp_path_factory.mktemp("wheels") / "wheelhouse", python=python)

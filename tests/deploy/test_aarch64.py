@@ -33,7 +33,7 @@ def board_python(tmp_path_factory):
         pytest.skip(reason)
     tree = foreign_python() / "tree"
     folder = tmp_path_factory.mktemp("aarch64")
-    wheels = wheelhouse(folder / "wheelhouse", architecture="aarch64") / "edge" / "aarch64"
+    wheels = wheelhouse(folder / "wheelhouse", architecture="aarch64") / "cp311/edge/aarch64"
     begin_s = time.monotonic()
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--quiet", "--no-index", "--no-deps"]
     command += ["--find-links", wheels, "--require-hashes"]

@@ -7,6 +7,7 @@ recording; test_booted_board.py has both from a kernel. The tests go on from eac
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -21,7 +22,7 @@ import pytest
 from deploy_rig.image import PROJECT, changed_sources, wheelhouse
 from deploy_rig.master import master_on
 from deploy_rig.namespace_board import namespace_board
-from deploy_rig.playbooks import Playbooks
+from deploy_rig.playbooks import SSH, Playbooks
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.can_bus.bus import BusConfig
@@ -90,31 +91,37 @@ def play(board, book, *words, **variables):
 
 
 def shown(board, name):
-    return board.machine.run("systemctl", "show", "--value", f"--property={name}", SERVICE)
+    return shown_of(board, SERVICE, name)
+
+
+def shown_of(board, unit, name):
+    return board.machine.run("systemctl", "show", "--value", f"--property={name}", unit)
 
 
 def serving(board):
     return board.machine.run("readlink", "/opt/palpate/current").removeprefix("releases/")
 
 
-def links_of(board, file):
+def links_of(board, python, file):
     """Return the number of releases that share a file with the active one."""
-    site_packages = "/opt/palpate/current/lib/python3.11/site-packages"
+    site_packages = f"/opt/palpate/current/lib/python{python}/site-packages"
     return int(board.machine.run("stat", "--format=%h", f"{site_packages}/{file}"))
 
 
 def release_of(wheels):
-    return (wheels / "RELEASE").read_text().strip()
+    (file,) = wheels.glob("cp*/RELEASE")
+    return file.read_text().strip()
 
 
 @pytest.fixture(scope="module")
-def another_release(tmp_path_factory, board, wheels):
+def another_release(tmp_path_factory, board, wheels, python):
     """Wheelhouses of sources with one place changed."""
 
     def make(name, file, old, new):
         folder = tmp_path_factory.mktemp(name)
         sources = changed_sources(folder / "sources", file, old, new)
-        return wheelhouse(folder / "wheelhouse", sources, packages=wheels / "edge/x86_64")
+        (packages,) = wheels.glob("cp*/edge/x86_64")
+        return wheelhouse(folder / "wheelhouse", sources, packages=packages, python=python)
 
     return make
 
@@ -125,6 +132,9 @@ def test_check_mode_on_a_bare_board_changes_nothing(board):
 
 
 def test_a_bare_board_is_made_to_serve(board):
+    """After a run that was killed between a file and its effect."""
+    killed = play(board, "site", kill_after="Create palpate's folders")
+    assert killed.status == -signal.SIGKILL
     play(board, "site").well()
     assert shown(board, "ActiveState") == "active"
     board.master.contact_after(time.monotonic())
@@ -135,10 +145,67 @@ def test_a_second_run_changes_nothing(board):
     assert play(board, "site").well().changed == 0
 
 
-def test_nothing_listens_but_ssh(board):
+def test_nothing_listens_but_ssh_and_the_name(board):
+    """avahi answers for NAME.local on UDP port 5353, and asks from two ports of its own."""
     rows = board.machine.run("ss", "--no-header", "--listening", "--tcp", "--udp", "--processes", "--numeric")
     assert rows
-    assert all('"sshd"' in row and re.search(r":22\s", row) for row in rows.splitlines()), rows
+    others = [row for row in rows.splitlines() if not ('"sshd"' in row and re.search(r":22\s", row))]
+    assert all('"avahi-daemon"' in row and row.startswith("udp") for row in others), rows
+    assert any(re.search(r":5353\s", row) for row in others), rows
+    assert shown_of(board, "avahi-daemon.service", "UnitFileState") == "enabled"
+
+
+def test_passwords_are_refused_though_cloud_init_allows_them(board):
+    """The image has 50-cloud-init.conf with PasswordAuthentication yes; the server offers keys only."""
+    effective = board.machine.run("sshd", "-T").splitlines()
+    for line in ("passwordauthentication no", "kbdinteractiveauthentication no", "x11forwarding no"):
+        assert line in effective
+    ssh = [
+        board.machine.folder / "ssh",
+        "-o",
+        "PreferredAuthentications=none",
+        *SSH.split(),
+        "root@127.0.0.1",
+    ]
+    refused = subprocess.run(ssh, capture_output=True, text=True, check=False)
+    assert refused.stderr.strip().endswith("Permission denied (publickey).")
+
+
+def test_a_file_that_overrides_ssh_is_an_error(board):
+    """A name before ours, as a person might write it."""
+    file = "/etc/ssh/sshd_config.d/00-my-own.conf"
+    board.machine.run("sh", "-c", f"echo PasswordAuthentication yes >{file}")
+    played = play(board, "site")
+    board.machine.run("rm", file)
+    assert played.status != 0
+    assert played.tells("sshd -T differs from the wanted configuration in passwordauthentication no"), (
+        played.said
+    )
+
+
+def test_a_run_killed_after_the_configuration_is_made_good_by_the_next(board):
+    """The daemon has another node id loaded than its file has: the next run compares them."""
+    before = shown(board, "MainPID")
+    killed = play(board, "site", kill_after="Write the fingertip's configuration", fingertip_node_id="0x11")
+    assert killed.status == -signal.SIGKILL
+    assert shown(board, "MainPID") == before
+    assert "id = 17" in board.machine.run("cat", "/etc/palpate/fingertip.toml")
+    rows = json.loads(board.machine.run(*CHECK.split(), "--json", check=False))
+    assert [row["verdict"] for row in rows if row["part"] == "configuration"] == ["warn"]
+    assert play(board, "site", fingertip_node_id="0x11").well().changed == 1
+    assert shown(board, "MainPID") != before
+    health = json.loads(board.machine.run("cat", "/run/palpate/palpate-finger-1.json"))
+    assert health["node_id"] == 0x11
+    play(board, "site").well()
+    board.master.contact_after(time.monotonic())
+    assert play(board, "site").well().changed == 0
+
+
+def test_a_unit_that_was_not_loaded_is_loaded_by_the_next_run(board):
+    before = shown(board, "MainPID")
+    board.machine.run("sh", "-c", f"echo '#' >>/etc/systemd/system/{SERVICE}")
+    play(board, "site").well()
+    assert shown(board, "MainPID") != before
 
 
 def test_nothing_failed(board):
@@ -247,6 +314,31 @@ def test_a_release_that_dies_is_rolled_back(board, another_release):
     print(f"without contacts: {board.master.longest_gap_s(begin_s):.1f} s, 8 s of them the patience")
 
 
+def test_a_dead_release_is_never_blessed_though_the_switch_was_killed(board, another_release):
+    """The program that watches the trial is killed; the next update finds the dead release as the current."""
+    before, links = serving(board), board.machine.run("readlink", "/opt/palpate/previous", check=False)
+    broken = another_release(
+        "killed",
+        "edge/palpate_edge/daemon/daemon.py",
+        "    cv2.setNumThreads(1)\n",
+        "    raise RuntimeError\n",
+    )
+    name = release_of(broken)
+    install = play(board, "update", kill_after="Mark the release as complete", release_wheelhouse=str(broken))
+    assert install.status == -signal.SIGKILL
+    switch = board.machine.begin("/opt/palpate/bin/palpate-release", "switch", name)
+    wait_for(lambda: serving(board) == name)
+    board.machine.run("pkill", "--full", "^/usr/bin/python3 /opt/palpate/bin/palpate-release")
+    switch.wait()
+    assert serving(board) == name
+    played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
+    assert played.status != 0
+    assert played.tells(f"{before} is active again"), played.said
+    assert serving(board) == before
+    assert board.machine.run("readlink", "/opt/palpate/previous", check=False) == links
+    board.master.contact_after(time.monotonic())
+
+
 def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     """The service runs with its watchdog; its check reports that every frame is rejected."""
     before = serving(board)
@@ -263,15 +355,15 @@ def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     board.master.contact_after(time.monotonic())
 
 
-def test_a_release_is_switched_to_and_back(board, another_release, wheels):
+def test_a_release_is_switched_to_and_back(board, another_release, wheels, python):
     begin_s = time.monotonic()
     newer = another_release("newer", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge :')
     play(board, "update", release_wheelhouse=str(newer)).well()
     assert serving(board) == release_of(newer)
     board.master.contact_after(time.monotonic())
     # Of others it has the same files, of palpate its own.
-    assert links_of(board, "numpy/__init__.py") > 1
-    assert links_of(board, "palpate_edge/__init__.py") == 1
+    assert links_of(board, python, "numpy/__init__.py") > 1
+    assert links_of(board, python, "palpate_edge/__init__.py") == 1
     play(board, "rollback").well()
     assert serving(board) == release_of(wheels)
     board.master.contact_after(time.monotonic())

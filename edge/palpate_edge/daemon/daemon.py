@@ -34,6 +34,7 @@ from palpate_edge.daemon.fingertip_core import FingertipCore
 from palpate_edge.daemon.hardware_serial import hardware_serial
 from palpate_edge.daemon.health_report import FingertipParts, board_health
 from palpate_edge.daemon.health_reporter import HealthReporter
+from palpate_edge.daemon.loaded_configuration import configuration_digest
 from palpate_edge.daemon.parameter_file import ParameterFile
 from palpate_edge.daemon.parameter_store import ParameterStore
 from palpate_edge.daemon.recording_control import RecordingControl
@@ -113,6 +114,7 @@ class _Daemon:
         self, config: FingertipConfig, clock: LocalClock, notifier: Notifier, stack: ExitStack
     ) -> None:
         self._clock, self._notifier = clock, notifier
+        loaded = configuration_digest(config)
         calibration = configured_calibration(config)
         estimator = make_estimator(config, calibration)
         if calibration is None:
@@ -159,6 +161,7 @@ class _Daemon:
             recording=self._recording,
             light=self._light,
             wanted_fps=requested_stream(config, calibration)[2],
+            loaded=loaded,
         )
         self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
         self._camera_problem = self._conflict_problem = ""

@@ -127,7 +127,7 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     """All parts of one fingertip. written_at: CLOCK_MONOTONIC, s. latencies: bins of 2040h. recording: folder
     of the present recording, or empty. light: None without an illumination controller. recording_left_out:
     frames that were not recorded because the disk was too slow, since the start. picture: None with a
-    calibration."""
+    calibration. configuration: digest of what was loaded (loaded_configuration.py), empty when not known."""
 
     name: str
     pid: int
@@ -147,6 +147,7 @@ class HealthReport(msgspec.Struct, frozen=True, kw_only=True):
     light: LightHealth | None = None
     recording_left_out: int = 0
     picture: PictureHealth | None = None
+    configuration: str = ""
 
 
 def health_path(name: str, configured: str) -> Path:

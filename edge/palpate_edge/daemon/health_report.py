@@ -31,7 +31,7 @@ from palpate_edge.vision.picture_measure import PictureMeasure
 class FingertipParts:
     """The parts of a running fingertip that are reported. light: None without an illumination controller.
 
-    wanted_fps: the rate that the camera is asked for.
+    wanted_fps: the rate that the camera is asked for. loaded: digest of configuration and calibration.
     """
 
     config: FingertipConfig
@@ -41,6 +41,7 @@ class FingertipParts:
     recording: RecordingControl
     light: LightController | None
     wanted_fps: float
+    loaded: str = ""
 
 
 def board_health(parts: FingertipParts) -> Health:
@@ -139,6 +140,7 @@ def health_report(
         light=None if parts.light is None else light_health(parts.light.latest),
         recording_left_out=parts.recording.frames_left_out,
         picture=None if measure is None else picture_health(measure),
+        configuration=parts.loaded,
     )
 
 

@@ -38,6 +38,7 @@ from palpate_edge.daemon.health import (
     HealthReport,
 )
 from palpate_edge.daemon.health_report import clock_health, light_health, picture_health
+from palpate_edge.daemon.loaded_configuration import configuration_digest
 from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.estimation.estimator import best_method
 from palpate_edge.estimation.frame_estimator import FrameEstimator
@@ -65,8 +66,19 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[CheckRow
             *calibration_rows,
             judge_bus(report.bus),
             judge_clock(report.clock),
+            *_check_loaded(config, report),
         ]
     return [*rows, _check_light(config, report), *(counter_rows(report) if report else [])]
+
+
+def _check_loaded(config: FingertipConfig, report: HealthReport) -> list[CheckRow]:
+    """Compare what the daemon has loaded with the files; no row for a daemon that does not report it."""
+    if not report.configuration:
+        return []
+    if report.configuration == configuration_digest(config):
+        return [CheckRow("configuration", "as in the files", "loaded", Verdict.OK, "")]
+    way_out = "configuration or calibration was changed: restart the fingertip, which then loads it"
+    return [CheckRow("configuration", "differs from the files", "loaded", Verdict.WARN, way_out)]
 
 
 def _check_light(config: FingertipConfig, report: HealthReport | None) -> CheckRow:

@@ -1,19 +1,21 @@
 #!/bin/sh
-# Build a bare Debian board in the folder $1: tree/ (its files), root.ext4, vmlinuz, initrd.img, and key, with
+# Build a bare board of Debian's suite $2 in the folder $1: tree/ (its files), root.ext4, vmlinuz, initrd.img, and key, with
 # which root may log in. Needs root.
 # What provisioning installs is only in apt's cache, as on a card made for a place without network.
-# The packages come from where this system gets its own, if it is a bookworm too.
+# As Raspberry Pi OS has them: avahi, which answers for NAME.local, and cloud-init's settings of ssh.
+# The packages come from where this system gets its own, if it is of the same suite.
 set -eu
 out=$1
+suite=$2
 here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$out/tree"
 ssh-keygen -q -t ed25519 -N '' -C 'palpate tests' -f "$out/key"
 cp "$out/key.pub" "$out/authorized_keys"
 
 sources=""
-if grep -q '^VERSION_CODENAME=bookworm' /etc/os-release; then
+if grep -q "^VERSION_CODENAME=$suite" /etc/os-release; then
     for file in /etc/apt/sources.list /etc/apt/sources.list.d/debian.sources; do
-        if grep -qs bookworm "$file"; then sources="$sources $file"; fi
+        if grep -qs "$suite" "$file"; then sources="$sources $file"; fi
     done
 fi
 
@@ -28,7 +30,7 @@ fetch='APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get install --quiet --quiet --downl
 # shellcheck disable=SC2016,SC2086
 mmdebstrap --quiet --variant=minbase --format=directory --mode=root --skip=cleanup/apt \
     --include=linux-image-amd64,initramfs-tools,lz4,zstd,systemd,systemd-sysv,udev,kmod,dbus \
-    --include=openssh-server,python3,python3-apt,iproute2,procps,v4l-utils \
+    --include=openssh-server,python3,python3-apt,iproute2,procps,v4l-utils,avahi-daemon \
     --aptopt='APT::Install-Recommends "false"' \
     --dpkgopt='path-exclude=/usr/share/doc/*' \
     --dpkgopt='path-exclude=/usr/share/man/*' \
@@ -41,7 +43,7 @@ mmdebstrap --quiet --variant=minbase --format=directory --mode=root --skip=clean
     --customize-hook="sync-in '$here/board' /" \
     --customize-hook='chroot "$1" systemctl enable --quiet systemd-networkd.service' \
     --customize-hook='chroot "$1" systemctl disable --quiet systemd-networkd-wait-online.service' \
-    bookworm "$out/tree" $sources
+    "$suite" "$out/tree" $sources
 cp "$out"/tree/boot/vmlinuz-* "$out/vmlinuz"
 cp "$out"/tree/boot/initrd.img-* "$out/initrd.img"
 /sbin/mke2fs -q -t ext4 -L board -d "$out/tree" "$out/root.ext4" 4G

@@ -33,10 +33,14 @@ def ansible(program: str) -> Path:
     return TOOLS / program
 
 
-def board_image() -> Path:
+SUITES = {"bookworm": "3.11", "trixie": "3.13"}
+"""Debian's suites that a board may have, oldest first, each with its Python."""
+
+
+def board_image(suite: str = "bookworm") -> Path:
     """The folder that build-board.sh fills."""
     own = sorted(path for path in (RIG / "board").rglob("*") if path.is_file())
-    return _built("board", RIG / "build-board.sh", *own)
+    return _built(f"board-{suite}", RIG / "build-board.sh", *own, words=(suite,))
 
 
 def foreign_python() -> Path:
@@ -44,12 +48,12 @@ def foreign_python() -> Path:
     return _built("aarch64", RIG / "build-foreign.sh")
 
 
-def _built(name: str, script: Path, *parts: Path) -> Path:
+def _built(name: str, script: Path, *parts: Path, words: tuple[str, ...] = ()) -> Path:
     recipe = b"".join(path.read_bytes() for path in (script, *parts))
     target = CACHE / f"{name}-{digest(recipe)}"
     if not target.exists():
         with made(target) as folder:
-            subprocess.run([script, folder], check=True)
+            subprocess.run([script, folder, *words], check=True)
     return target
 
 
@@ -59,12 +63,14 @@ def wheelhouse(
     architecture: str = "x86_64",
     parts: tuple[str, ...] = ("edge",),
     packages: Path | None = None,
+    python: str = SUITES["bookworm"],
 ) -> Path:
     """The wheelhouse of these sources, as `make wheelhouse` writes it; for a fingertip alone, unless told.
 
-    packages: another wheelhouse's folder that the wheels of others are taken from.
+    python: the board's; packages: another wheelhouse's folder that the wheels of others are taken from.
     """
     command = [sys.executable, project / "ansible/wheelhouse.py", folder, "--architecture", architecture]
+    command += ["--python", python]
     offline = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(packages)} if packages else {}
     words = [word for part in parts for word in ("--part", part)]
     subprocess.run([*command, *words], check=True, env={**os.environ, **offline})
@@ -85,4 +91,5 @@ def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
 
 
 if __name__ == "__main__":
-    print(board_image())
+    for suite in sys.argv[1:] or SUITES:
+        print(board_image(suite))

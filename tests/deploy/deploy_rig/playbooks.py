@@ -39,8 +39,9 @@ class Playbooks:
     def __init__(self, folder: Path, key: Path, groups: dict[str, dict[str, dict[str, Any]]]) -> None:
         self._folder, self._key, self._groups = folder, key, groups
 
-    def play(self, book: str, *words: str, **variables: Any) -> Played:
-        """One playbook with these words; variables: of all boards."""
+    def play(self, book: str, *words: str, kill_after: str = "", **variables: Any) -> Played:
+        """One playbook with these words; variables: of all boards; kill_after: ansible is killed after this
+        task."""
         common = {
             "ansible_user": "root",
             "ansible_ssh_private_key_file": str(self._key),
@@ -62,7 +63,13 @@ class Playbooks:
             "ANSIBLE_NOCOLOR": "1",
             "PATH": f"{ansible('').absolute()}:{os.environ['PATH']}",
         }
-        answer = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
+        if kill_after:
+            surroundings["ANSIBLE_CALLBACK_PLUGINS"] = str(Path(__file__).with_name("callbacks"))
+            surroundings["ANSIBLE_CALLBACKS_ENABLED"] = "kill_after"
+            surroundings["PALPATE_KILL_AFTER"] = kill_after
+        answer = subprocess.run(
+            command, capture_output=True, text=True, env=surroundings, check=False, start_new_session=True
+        )
         said = answer.stdout + answer.stderr
         counts = re.findall(r" changed=(\d+) ", said)
         return Played(answer.returncode, sum(map(int, counts)) if counts else -1, said)

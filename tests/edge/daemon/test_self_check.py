@@ -7,6 +7,7 @@ import dataclasses
 import msgspec
 import pytest
 
+from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.daemon.check_rows import (
     CheckRow,
@@ -20,6 +21,7 @@ from palpate_edge.daemon.check_rows import (
     judge_clock,
     judge_light,
 )
+from palpate_edge.daemon.config import CaptureConfig, FingertipConfig, NodeConfig
 from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
@@ -28,6 +30,8 @@ from palpate_edge.daemon.health import (
     HealthReport,
     LightHealth,
 )
+from palpate_edge.daemon.loaded_configuration import configuration_digest
+from palpate_edge.daemon.self_check import check
 
 CAMERA = CameraHealth(
     source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0, dropped_share=0.0
@@ -171,3 +175,25 @@ def test_a_health_report_of_an_earlier_version_is_read():
             del old[part][name]
     del old["recording_left_out"]
     assert msgspec.convert(old, HealthReport).bus.receive_overruns == 0
+
+
+@pytest.fixture
+def config() -> FingertipConfig:
+    return FingertipConfig(
+        name="finger-1",
+        capture=CaptureConfig(source="recorded"),
+        node=NodeConfig(id=16),
+        bus=BusConfig(interface="palpate"),
+    )
+
+
+def test_check_warns_of_a_configuration_that_was_not_loaded(config):
+    for loaded, verdict in ((configuration_digest(config), "ok"), ("0" * 64, "warn")):
+        rows = check(config, change(REPORT, configuration=loaded))
+        (row,) = [row for row in rows if row.part == "configuration"]
+        assert row.verdict.value == verdict
+        assert ("restart the fingertip" in row.way_out) == (verdict == "warn")
+
+
+def test_a_daemon_of_an_earlier_version_has_no_such_row(config):
+    assert "configuration" not in [row.part for row in check(config, REPORT)]
