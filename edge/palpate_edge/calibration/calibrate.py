@@ -18,7 +18,7 @@ from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_pap
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.beads import COLOUR_FIT, Reference
+from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -67,6 +67,7 @@ def calibrate(
         stiffness_scale=stiffness_scale,
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
         fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
+        fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
         bead_noise_px=measured.bead_noise_px,
     )
 

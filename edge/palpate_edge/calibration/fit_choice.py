@@ -1,4 +1,5 @@
-"""Choice of how a sensor's bead places are measured: by centroids, or by symmetry and on which channels.
+"""Choice of how a sensor's bead places are measured: by centroids, or by symmetry on which channels,
+in which light.
 
 Which is best depends on beads, skin and light: white light that changes displaces bright balls on grey but
 not by colour, haze and compression leave little of the colour, and a centroid is exact and cheap where light
@@ -17,13 +18,16 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.vision.appearance import Appearance, plane
-from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
+from palpate_edge.vision.beads import EVEN_LIGHT, GREY_FIT, SLOPED_LIGHT, Beads, Reference
 from palpate_edge.vision.local_warp import LocalWarp
 from palpate_edge.vision.symmetric_fit import FIT_CHANNELS, SymmetricFit
 from palpate_edge.vision.tracker import Tracker
 
-BETTER = 0.8  # of the variation: a way that costs more has to vary less
-MAX_OFF = 0.05  # of a bead diameter; a place farther off counts as that far
+BETTER, FIT_BETTER = (
+    0.8,
+    0.95,
+)  # of the variation: a fit has to vary less than centroids, or than a fit before
+MAX_OFF = 0.1  # of a bead diameter; a place farther off counts as that far
 
 
 def choose_fit(
@@ -41,8 +45,9 @@ def choose_fit(
     grey = appearance.channel == "grey"
     ways = [reference] if grey else []
     for channels in (GREY_FIT,) if grey else FIT_CHANNELS:
-        way = replace(reference, fit_channels=channels)
-        ways.append(replace(way, fit_sigma_px=_sigma_px(way, references)))
+        for light in (SLOPED_LIGHT, EVEN_LIGHT):
+            way = replace(reference, fit_channels=channels, fit_light=light)
+            ways.append(replace(way, fit_sigma_px=_sigma_px(way, references)))
     still, rest = (
         _found_by_all([_follow(way, appearance, images) for way in ways]) for images in (untouched, others)
     )
@@ -53,7 +58,7 @@ def choose_fit(
         ]
     best = 0
     for number in range(1, len(ways)):
-        if off[number] < BETTER * off[best]:
+        if off[number] < (BETTER if ways[best].fit_sigma_px is None else FIT_BETTER) * off[best]:
             best = number
     return ways[best]
 
@@ -80,10 +85,15 @@ def _found_by_all(ways: Sequence[Sequence[Beads]]) -> list[list[Beads]]:
 
 
 def _variation(reference: Reference, frames: Sequence[Beads]) -> float:
-    """Return the root mean square distance of found beads from their median places, in bead diameters."""
+    """Return the deviation of found beads from their median places, in bead diameters: that of a mean over
+    all places in which each counts by its noise, times the root of their number."""
     off = np.linalg.norm(_places(frames) - _median_places(frames), axis=2) / reference.diameter_px
-    seen = off[np.isfinite(off)]
-    return float(np.sqrt(np.mean(np.minimum(seen, MAX_OFF) ** 2))) if len(seen) else 0.0
+    weight = np.array([beads.weight for beads in frames]).reshape(off.shape)
+    seen = np.isfinite(off)
+    if not seen.any():
+        return 0.0
+    weighted = weight[seen] * np.minimum(off[seen], MAX_OFF)
+    return float(np.sqrt(seen.sum()) * np.linalg.norm(weighted) / weight[seen].sum())
 
 
 def _roughness(reference: Reference, frames: Sequence[Beads]) -> float:
@@ -114,7 +124,12 @@ def _median_places(frames: Sequence[Beads]) -> Array:
 
 def _sigma_px(reference: Reference, images: Sequence[Image]) -> float:
     """Return the median over beads and frames of the symmetric fit's standard deviation, px."""
-    fit = SymmetricFit(reference.diameter_px, reference.neighbourhood.spacing_px, reference.fit_channels)
+    fit = SymmetricFit(
+        reference.diameter_px,
+        reference.neighbourhood.spacing_px,
+        reference.fit_channels,
+        reference.fit_light,
+    )
     every = np.arange(len(reference.diameter_px))
     sigma_px = []
     for image in images:

@@ -11,7 +11,7 @@ from palpate_edge.common.arrays import Indices
 from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.vision.appearance import Appearance, unlit_grey
-from palpate_edge.vision.beads import COLOUR_FIT, FitChannels, Reference
+from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, FitChannels, FitLight, Reference
 from palpate_edge.vision.shading import Shading
 
 FORMAT = "palpate-calibration"
@@ -63,8 +63,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     correction model's ONNX file, empty without one; stiffness_scale: the sensor's forces over the dome
     model's, None without presses of known force (then no force is estimated); fit_sigma_px: see
     beads.Reference, unset where places are centroids; bead_noise_px: standard deviation of an exact bead's
-    place along an axis; fit_channels: see beads.Reference, unset for colour (all three are unset in older
-    files); checksum: over all other fields.
+    place along an axis; fit_channels, fit_light: see beads.Reference, unset for colour and for sloped light
+    (all four are unset in older files); checksum: over all other fields.
     """
 
     sensor: Sensor
@@ -80,6 +80,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     contact_threshold_N: float | None = None
     fit_sigma_px: float | msgspec.UnsetType = msgspec.UNSET
     fit_channels: FitChannels | msgspec.UnsetType = msgspec.UNSET
+    fit_light: FitLight | msgspec.UnsetType = msgspec.UNSET
     bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
     format: str = FORMAT
     version: int = VERSION
@@ -102,6 +103,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             unevenness=np.array([bead.unevenness for bead in self.beads]),
             fit_sigma_px=self.fit_sigma_px if isinstance(self.fit_sigma_px, float) else None,
             fit_channels=self.fit_channels if isinstance(self.fit_channels, str) else COLOUR_FIT,
+            fit_light=self.fit_light if isinstance(self.fit_light, str) else SLOPED_LIGHT,
         )
 
     @property

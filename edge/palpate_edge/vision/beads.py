@@ -14,6 +14,9 @@ from palpate_edge.vision.shading import Shading
 
 NO_BEADS: Indices = np.empty(0, np.intp)
 FitChannels = Literal["colour", "grey", "colour and grey"]
+FitLight = Literal["sloped", "even"]
+SLOPED_LIGHT: FitLight = "sloped"
+EVEN_LIGHT: FitLight = "even"
 COLOUR_FIT: FitChannels = "colour"
 GREY_FIT: FitChannels = "grey"
 BOTH_FIT: FitChannels = "colour and grey"
@@ -25,7 +28,8 @@ class Reference:
 
     position_px (n, 2); diameter_px, contrast, area (n,); shading: of the skin about the beads; unevenness
     (n,): see subpixel.Refined. The last two are None where only one frame is known. fit_sigma_px: median
-    of symmetric_fit.Fitted.sigma_px; None where places are centroids; fit_channels: of the symmetric fit.
+    of symmetric_fit.Fitted.sigma_px; None where places are centroids; fit_channels, fit_light: of the
+    symmetric fit.
     """
 
     position_px: Array
@@ -36,6 +40,7 @@ class Reference:
     unevenness: Array | None = None
     fit_sigma_px: float | None = None
     fit_channels: FitChannels = COLOUR_FIT
+    fit_light: FitLight = SLOPED_LIGHT
 
     @cached_property
     def neighbourhood(self) -> Neighbourhood:

@@ -11,21 +11,34 @@ colours that haze and compression leave little of, are better on grey (calibrati
 channels are weighted by the inverse covariance of their residuals, so that the one counts that noise and
 saturation leave.
 
-The same weights give the standard deviation of the place. It is about half of the error found, since
-neighbouring pixels share their noise, but proportional to it from clear beads to beads in glare.
+The light's plane may end at the bead: some beads are lit alike on all sides where the skin about them is
+brighter on one (`EVEN_LIGHT`), others as unevenly as the skin (`SLOPED_LIGHT`). The wrong one displaces the
+centre by a tenth of a pixel in strong uneven light.
+
+The same weights give the standard deviation of the place. It is proportional to the error found from clear
+beads to beads in glare. Where pixels are clipped they show no noise, and the standard deviation is raised.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image, Indices
 from palpate_edge.vision.appearance import CHANNELS
-from palpate_edge.vision.beads import BOTH_FIT, COLOUR_FIT, GREY_FIT, FitChannels
+from palpate_edge.vision.beads import (
+    BOTH_FIT,
+    COLOUR_FIT,
+    EVEN_LIGHT,
+    GREY_FIT,
+    SLOPED_LIGHT,
+    FitChannels,
+    FitLight,
+)
 from palpate_edge.vision.shading import NEIGHBOUR
 
 COLOUR = 3  # dimensions of an image with channels
@@ -45,7 +58,11 @@ KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
 PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
 PLANE = 3  # columns of the design before the profile: constant, x and y
 COLUMNS = PLANE + PROFILES
-NOISE = 1.0  # grey levels^2, least variance of a channel: rounding and compression
+BEAD_RADIUS, BEAD_EDGE = 0.45, 0.1  # of a bead with its blurred edge, in bead diameters
+# Least variance of a channel in grey levels^2: noise and compression. Residuals of few samples tell less.
+NOISE = 4.0
+CLIPPED_GREY = 250  # brighter samples are taken to be clipped
+CLIPPED_SIGMA, CLIPPED_SHARE = 1.0, 0.5  # added to a deviation's factor, and the share of samples for that
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
 ROUNDS = 2
@@ -66,9 +83,15 @@ class SymmetricFit:
     computed once.
     """
 
-    def __init__(self, diameter_px: Array, spacing_px: Array, channels: FitChannels = COLOUR_FIT) -> None:
+    def __init__(
+        self,
+        diameter_px: Array,
+        spacing_px: Array,
+        channels: FitChannels = COLOUR_FIT,
+        light: FitLight = SLOPED_LIGHT,
+    ) -> None:
         """diameter_px (n,); spacing_px (n,): to the nearest other bead, whose pixels are left out; channels:
-        one of :data:`FIT_CHANNELS`."""
+        one of :data:`FIT_CHANNELS`; light: on the beads, like the skin's or even."""
         self._weights = FIT_CHANNELS[channels]
         self._is_grey = channels == GREY_FIT
         self._noise = NOISE * np.eye(len(self._weights), dtype=np.float32)
@@ -80,7 +103,8 @@ class SymmetricFit:
         grid = grid[np.hypot(*grid.T) <= REACH]
         radius = np.hypot(*grid.T)
         profile, slope = radial_splines(radius)
-        design = np.column_stack([np.ones_like(radius), grid, profile])
+        lit = grid * _skin_share(radius)[:, None] if light == EVEN_LIGHT else grid
+        design = np.column_stack([np.ones_like(radius), lit, profile])
         outward = grid / np.maximum(radius, 1e-6)[:, None]
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
         self._grid = grid.T.astype(np.float32)
@@ -131,7 +155,8 @@ class SymmetricFit:
             for along, middle in zip(self._grid, centre.T, strict=True)
         )
         count = len(self._weights)
-        samples = cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        edge = cv2.BORDER_REPLICATE
+        samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
         if self._is_grey:
             pixels: Floats = np.asarray(samples.reshape(len(beads), 1, -1), np.float32)
         else:
@@ -157,7 +182,19 @@ class SymmetricFit:
         determinant = np.maximum(xx * yy - xy * xy, 1e-12)
         step = np.stack([yy * force[:, 0] - xy * force[:, 1], xx * force[:, 1] - xy * force[:, 0]], axis=1)
         step = np.clip(step / determinant[:, None], -MAX_STEP, MAX_STEP)
-        return step, np.sqrt((xx + yy) / determinant)
+        return step, np.sqrt((xx + yy) / determinant) * _clipping(samples)
+
+
+def _skin_share(radius: Array) -> Array:
+    """Return the share (g,) of skin at distances (g,) from a bead's centre, in bead diameters."""
+    return np.asarray(0.5 + 0.5 * np.tanh((radius - BEAD_RADIUS) / BEAD_EDGE))
+
+
+def _clipping(samples: Floats) -> Floats:
+    """Return the factor (m,) by which clipped pixels raise a place's deviation; samples (m, g, ...)."""
+    clipped = np.count_nonzero(samples.reshape(len(samples), -1) > CLIPPED_GREY, axis=1)
+    share = clipped / (samples.size // max(len(samples), 1))
+    return np.asarray(1.0 + CLIPPED_SIGMA * np.minimum(share / CLIPPED_SHARE, 1.0))
 
 
 def _inverse(matrices: Floats) -> Floats:

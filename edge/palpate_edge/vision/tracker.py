@@ -57,7 +57,10 @@ class Tracker:
         self._fit, self._fit_sigma_px, self._fits_grey = None, 1.0, False
         if reference.fit_sigma_px is not None:
             self._fit = SymmetricFit(
-                reference.diameter_px, self._neighbourhood.spacing_px, reference.fit_channels
+                reference.diameter_px,
+                self._neighbourhood.spacing_px,
+                reference.fit_channels,
+                reference.fit_light,
             )
             self._fits_grey = reference.fit_channels == GREY_FIT
             self._fit_sigma_px = reference.fit_sigma_px

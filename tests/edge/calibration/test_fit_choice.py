@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate_edge.calibration.fit_choice import choose_fit
 from palpate_edge.vision.appearance import Appearance, plane
-from palpate_edge.vision.beads import GREY_FIT, Reference
+from palpate_edge.vision.beads import EVEN_LIGHT, GREY_FIT, Reference
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.tracker import Tracker
 
@@ -60,3 +60,18 @@ def test_a_sensor_without_frames_that_show_beads_keeps_centroids() -> None:
     reference = Reference(PLACES, DIAMETER_PX * one, 60 * one, one, None, 0.1 * one)
     blank = [np.full((HEIGHT, WIDTH), 128, np.uint8)]
     assert choose_fit(reference, GREY, blank, blank).fit_sigma_px is None
+
+
+def test_even_light_where_beads_do_not_share_the_light_of_the_skin() -> None:
+    """The same disks, each in the light of its centre, while the slope of the skin's light changes."""
+    rng = np.random.default_rng(2)
+    nearest = PLACES[np.argmin([np.hypot(COLUMNS - x, ROWS - y) for x, y in PLACES], axis=0)]
+    images = []
+    for slope in (-0.6, 0.5, 0.0, 0.6, -0.3, 0.4, -0.6, 0.2):
+        on_skin, on_bead = (140 + slope * (x - WIDTH / 2) for x in (COLUMNS, nearest[..., 0]))
+        picture = (1 - DISKS) * on_skin + 0.6 * DISKS * on_bead + rng.normal(0, 2, DISKS.shape)
+        images.append(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
+    one = np.ones(len(PLACES))
+    refined = Refiner(DIAMETER_PX * one).refine(plane(images[2], GREY), PLACES)
+    reference = Reference(PLACES, DIAMETER_PX * one, refined.contrast, refined.area, None, refined.unevenness)
+    assert choose_fit(reference, GREY, images, images).fit_light == EVEN_LIGHT
