@@ -89,6 +89,7 @@ def test_the_hosts_files(
         ("experiment", "-o"),
         ("simulate", "paper", "-o"),
         ("simulate", "loop", "--direct", "-o"),
+        ("simulate", "shake", "-o"),
         ("simulate", "fingertips", "-o"),
     ],
     ids=lambda command: " ".join(map(str, command[:2])),

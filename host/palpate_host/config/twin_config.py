@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -9,6 +10,7 @@ import msgspec
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Point = tuple[float, float]
+Vector = tuple[float, float, float]
 
 
 class ObjectConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,12 +36,30 @@ class TipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     friction: Positive = 0.5
 
 
+class DisturbanceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A load on the grasped object for some time; overlapping loads add up.
+
+    start_s: simulated seconds since the start of the simulation. duration_s: infinite by default. force_N, in
+    the hand's frame, acts at the centre of mass together with torque_Nm. added_mass_kg: a point mass at the
+    centre of mass, with its weight, also while the object itself is supported. friction: replaces the tips'
+    coefficient in the engine with friction; of overlapping ones the last in the list counts.
+    """
+
+    start_s: NotNegative = 0.0
+    duration_s: Positive = math.inf
+    force_N: Vector = (0.0, 0.0, 0.0)
+    torque_Nm: Vector = (0.0, 0.0, 0.0)
+    added_mass_kg: NotNegative = 0.0
+    friction: Positive | None = None
+
+
 class TwinConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """start_pose_rad: joint angles of each finger at first. armature_kgm2, joint_friction_Nms_rad: of a
-    motor with its gear, on the joint's side."""
+    motor with its gear, on the joint's side. disturbances: loads on the object."""
 
     start_pose_rad: Annotated[tuple[float, ...], msgspec.Meta(min_length=1)]
     object: ObjectConfig
     tip: TipConfig = TipConfig()
     armature_kgm2: NotNegative = 0.0
     joint_friction_Nms_rad: NotNegative = 0.0
+    disturbances: tuple[DisturbanceConfig, ...] = ()

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import PalpateError
+from palpate_twin.hand.disturbance import Load, Schedule
 from palpate_twin.hand.twin_model import TwinModel
 
 STEP_S = 5e-4
@@ -86,13 +87,15 @@ class Engine(Protocol):
 
 
 class EngineState:
-    """State that both engines keep in MuJoCo's data: joint angles, joint velocities and brakes."""
+    """State that both engines keep in MuJoCo's data: joint angles, joint velocities, brakes and loads."""
 
     def __init__(self, twin: TwinModel, step_s: float) -> None:
         self.twin, self.step_s = twin, step_s
         self.data = twin.start()
         self.slip_m = np.zeros(3)
         self._braked = twin.v_address[:0]
+        self._schedule = Schedule(twin.twin.disturbances, step_s)
+        self._load: Load | None = None
 
     @property
     def q_rad(self) -> Array:
@@ -101,6 +104,20 @@ class EngineState:
     @property
     def qdot_rad_s(self) -> Array:
         return np.asarray(self.data.qvel[self.twin.v_address])
+
+    def _advance_load(self, time_s: float) -> Load | None:
+        """Return the load on the object in the step that begins now; the model gets an added mass.
+
+        The added mass is not in MuJoCo's inverse weights, so the contacts' softness does not depend on it.
+        """
+        load = self._schedule.next_load(time_s)
+        if load is not None:
+            self._load = load
+            mass_kg = self.twin.prism.mass_kg + load.added_mass_kg
+            model, grasped, first = self.twin.model, self.twin.object_body, self.twin.object_v
+            model.body_mass[grasped] = model.body_subtreemass[grasped] = mass_kg
+            model.dof_M0[first : first + 3] = mass_kg  # MuJoCo's mass matrix of a single free body
+        return self._load
 
     def brake(self, is_braked: npt.NDArray[np.bool_]) -> None:
         twin = self.twin

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate_edge.common.arrays import Array
+from palpate_twin.hand.disturbance import Load
 from palpate_twin.hand.engine import STEP_S, EngineContact, EngineState
 from palpate_twin.hand.twin_model import TwinModel
 
@@ -54,6 +55,7 @@ class FrictionHand(EngineState):
         # One contact pair per tip, in their order; the first number is set before each step.
         model.pair_solref[:, 0], model.pair_solref[:, 1] = -1.0, -twin.twin.tip.xi_Ns_m * scale
         self._force = np.zeros(6)
+        self._is_supported = True
 
     @property
     def time_s(self) -> float:
@@ -72,6 +74,7 @@ class FrictionHand(EngineState):
         return np.array(self.data.qpos[start : start + 3])
 
     def remove_support(self) -> None:
+        self._is_supported = False
         self.twin.model.body_gravcomp[self.twin.object_body] = 0.0
 
     def tip_contacts(self) -> tuple[EngineContact | None, ...]:
@@ -88,6 +91,7 @@ class FrictionHand(EngineState):
     def step(self, torque_Nm: Array) -> None:
         """Advance by one step: the stages of MuJoCo's step, with the contacts' softness set in between."""
         model, data = self.twin.model, self.data
+        load = self._disturb()
         if self._braked.size:
             data.qvel[self._braked] = 0.0
         mujoco.mj_kinematics(model, data)
@@ -102,7 +106,7 @@ class FrictionHand(EngineState):
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_projectConstraint(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        self._resist_twist(normal, self._tip_bodies[tips])
+        self._apply_wrenches(normal, self._tip_bodies[tips], load)
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
         mujoco.mj_fwdConstraint(model, data)
@@ -117,11 +121,25 @@ class FrictionHand(EngineState):
         contact.solref[:, 0] = self._stiffness_scale[tips] * distance_m
         contact.pos[:] += (0.5 * distance_m)[:, None] * normal
 
-    def _resist_twist(self, normal: Array, bodies: npt.NDArray[np.int32]) -> None:
-        """Apply Eq. (7) as moments on the touching tips and on the object."""
+    def _disturb(self) -> Load | None:
+        """Return the load of this step; the model gets its friction and the part of the weight that acts."""
+        before = self._load
+        load = self._advance_load(self.time_s)
+        if load is not None and load is not before:
+            model, twin = self.twin.model, self.twin
+            model.pair_friction[:, :2] = twin.twin.tip.friction if load.friction is None else load.friction
+            carried = twin.prism.mass_kg / (twin.prism.mass_kg + load.added_mass_kg)
+            model.body_gravcomp[twin.object_body] = carried if self._is_supported else 0.0
+        return load
+
+    def _apply_wrenches(self, normal: Array, bodies: npt.NDArray[np.int32], load: Load | None) -> None:
+        """Apply Eq. (7) as moments on the touching tips and on the object, and the load on the object."""
         grasped, velocity, applied = self.twin.object_body, self.data.cvel, self.data.xfrc_applied
         twist = np.vecdot(normal, (velocity.take(bodies, axis=0) - velocity[grasped])[:, :3])
         moment = (-self.twin.twin.tip.b_Nms * twist)[:, None] * normal
         applied[:] = 0.0
         applied[bodies, 3:] = moment
         applied[grasped, 3:] = -np.add.reduce(moment)
+        if load is not None:
+            applied[grasped, :3] += load.force_N
+            applied[grasped, 3:] += load.torque_Nm

@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.common.errors import ConfigError
 from palpate_twin.hand.engine import STEP_S, EngineContact, EngineState, LostGraspError
 from palpate_twin.hand.prism import is_on_face, nearest_face
 from palpate_twin.hand.twin_model import TwinModel
@@ -31,7 +32,8 @@ from palpate_twin.hand.twin_model import TwinModel
 
 @dataclass(slots=True)
 class Account:
-    """Energies since the start: work of the torques u; energy dissipated by B, xi, b and the joint limits."""
+    """Energies since the start: work of the torques u and of the load's force and torque; energy dissipated
+    by B, xi, b and the joint limits."""
 
     work_J: float = 0.0
     dissipated_J: float = 0.0
@@ -41,7 +43,15 @@ class RollingHand(EngineState):
     """Engine with rolling contacts; the state is MuJoCo's data, contacts are computed here."""
 
     def __init__(self, twin: TwinModel, step_s: float = STEP_S) -> None:
-        """Start at the twin's start pose; each tip gets the face of the object in front of which it is."""
+        """Start at the twin's start pose; each tip gets the face of the object in front of which it is.
+
+        Raises ConfigError for a disturbance that changes the friction, which rolling contacts do not have.
+        """
+        if any(one.friction is not None for one in twin.twin.disturbances):
+            raise ConfigError(
+                "twin.disturbances.friction: the engine eqs has no friction; use the engine mujoco, or leave"
+                " friction out"
+            )
         super().__init__(twin, step_s)
         self.normal_force_N = np.zeros(3)
         self.friction_force_N = np.zeros((3, 2))
@@ -103,8 +113,9 @@ class RollingHand(EngineState):
         twin, data, h = self.twin, self.data, self.step_s
         data.qvel[self._braked] = 0.0
         model, v = twin.model, data.qvel.copy()
+        wrench = self._disturb()
         Jn, Jt, Jw, indentation = self._contacts()
-        force = self._applied(torque_Nm)
+        force = self._applied(torque_Nm) + wrench
         M = self._M
         k, xi, b = twin.twin.tip.k_N_m2, twin.twin.tip.xi_Ns_m, twin.twin.tip.b_Nms
         touching, ends = indentation > 0.0, self._ends()
@@ -126,7 +137,7 @@ class RollingHand(EngineState):
         self.friction_force_N = np.zeros((3, 2))
         self.friction_force_N[touching] = rolling.reshape(-1, 2) / h
         middle = 0.5 * (v + new_v)
-        self.account.work_J += h * float(torque_Nm @ middle[twin.v_address])
+        self.account.work_J += h * float(torque_Nm @ middle[twin.v_address] + wrench @ middle)
         self.account.dissipated_J += h * float(new_v @ D @ middle) + float(stopping @ ends @ middle)
         sliding = (Jt @ v).reshape(3, 2)
         self.slip_m += h * np.hypot(sliding[:, 0], sliding[:, 1]) * touching
@@ -183,6 +194,19 @@ class RollingHand(EngineState):
         ends = np.zeros((len(joints), self.twin.model.nv))
         ends[np.arange(len(joints)), self.twin.v_address[joints]] = np.where(q_rad >= high, 1.0, -1.0)[joints]
         return ends
+
+    def _disturb(self) -> Array:
+        """Return the load's force and torque on the object (nv,); its added mass goes into the model."""
+        before = self._load
+        load = self._advance_load(self.time_s)
+        wrench = np.zeros(self.twin.model.nv)
+        if load is None:
+            return wrench
+        if load is not before:
+            mujoco.mj_comPos(self.twin.model, self.data)  # the inertias of this step
+        wrench[self._lin] = load.force_N
+        wrench[self._rot] = load.torque_Nm @ self.object_rotation
+        return wrench
 
     def _applied(self, torque_Nm: Array) -> Array:
         """Return u - C v - g (nv,), and set self._M to the full matrix M."""

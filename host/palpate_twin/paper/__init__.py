@@ -1,6 +1,6 @@
 """The paper's experiments and figures on the twin.
 
-Belongs here: trials, Figs. 17 and 20, the whole chain in lock step. May use: closed_loop and below.
+Belongs here: trials, Figs. 17 and 20, pushes, the whole chain in lock step. May use: closed_loop and below.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

@@ -9,7 +9,7 @@ Table 3's light links.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
@@ -44,6 +45,8 @@ class Trial:
 
     rpy_deg: the commanded rotation. integral_per_s: 0 is the paper's law. noise_mm: standard deviation of the
     contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
+    disturbances: as [[twin.disturbances]] of hand.toml and in its place, but start_s counts from the start of
+    the turn. has_weight: the object's support is removed at the start of the turn.
     """
 
     mode: ControlMode
@@ -54,6 +57,8 @@ class Trial:
     integral_per_s: float = 0.0
     seed: int = 1
     friction: float | None = None
+    disturbances: tuple[DisturbanceConfig, ...] = ()
+    has_weight: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +105,17 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
     if config.twin is not None and trial.friction is not None:
         tip = msgspec.structs.replace(config.twin.tip, friction=trial.friction)
         config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
+    if config.twin is not None and trial.disturbances:
+        shifted = after(trial.disturbances, config.control.settle_ms * 1e-3)
+        config = msgspec.structs.replace(
+            config, twin=msgspec.structs.replace(config.twin, disturbances=shifted)
+        )
     return _Run(config, hand, make_engine(config, engine_name), trial).run()
+
+
+def after(disturbances: Sequence[DisturbanceConfig], delay_s: float) -> tuple[DisturbanceConfig, ...]:
+    """Return the same disturbances, each later by `delay_s`."""
+    return tuple(msgspec.structs.replace(one, start_s=one.start_s + delay_s) for one in disturbances)
 
 
 class _Run:
@@ -128,6 +143,8 @@ class _Run:
             if tick == settle_ticks:
                 start, slip_m = engine.object_rotation, engine.slip_m.copy()
                 energy = self._energy()
+                if trial.has_weight:
+                    engine.remove_support()
             try:
                 if tick >= settle_ticks and (tick - settle_ticks) % record_ticks == 0:
                     ratio = max(ratio, self._friction_ratio())

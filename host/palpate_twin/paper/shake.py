@@ -1,0 +1,164 @@
+"""Pushes, steady forces, weight and turns: how well a held object keeps its pose under a law."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_host.config.twin_config import DisturbanceConfig
+from palpate_twin.paper.figure_data import AXES, STEP_DEG
+from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
+
+FIRST_S = 1.0
+"""Time from the start of the trial to the disturbance."""
+PUSH_S = 0.2
+RECOVERY_S = 1.0
+PUSHES_N = (0.5, 2.0, 3.0, 5.0)
+STEADY_N = (0.5, 1.0)
+DOWN = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ShakeCase:
+    """One run. name: the row of the table; runs of one name differ in the force's direction."""
+
+    name: str
+    trial: Trial
+    is_push: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """Figures of one run.
+
+    error_deg: final angle between true and desired orientation. moved_mm: distance of the object from its
+    place at the start: largest, RECOVERY_S after the end of a push (None without one), and final. slip_mm:
+    longest path of a tip on the object. lost_s: time at which the object was lost.
+    """
+
+    name: str
+    error_deg: float
+    moved_most_mm: float
+    moved_later_mm: float | None
+    moved_last_mm: float
+    slip_mm: float
+    lost_s: float | None
+
+
+def directions(count: int) -> list[tuple[float, float, float]]:
+    """Return unit vectors: down, the 6 along the axes, or the 26 to the neighbours in a cube."""
+    if count == 1:
+        return [DOWN]
+    cube = [np.array(steps, dtype=float) for steps in itertools.product((-1, 0, 1), repeat=3) if any(steps)]
+    chosen = [steps / np.linalg.norm(steps) for steps in cube if count == 26 or np.abs(steps).sum() == 1.0]
+    return [(float(x), float(y), float(z)) for x, y, z in chosen]
+
+
+def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
+    """Return the runs of the table: pushes and steady forces in each direction, weight, turns.
+
+    base: the law, noise, friction and duration of all runs.
+    """
+    cases = []
+    for force_N in PUSHES_N:
+        cases += [
+            _forced(base, f"push {force_N:g} N for {PUSH_S:g} s", force_N, along, PUSH_S)
+            for along in directions(direction_count)
+        ]
+    for force_N in STEADY_N:
+        cases += [
+            _forced(base, f"steady {force_N:g} N", force_N, along, None)
+            for along in directions(direction_count)
+        ]
+    cases.append(ShakeCase("own weight", replace(base, has_weight=True)))
+    for axis, name in enumerate(AXES):
+        turn = STEP_DEG * np.eye(3)[axis]
+        rpy_deg = (float(turn[0]), float(turn[1]), float(turn[2]))
+        cases.append(ShakeCase(f"{name} {STEP_DEG:g} deg", replace(base, rpy_deg=rpy_deg)))
+    return cases
+
+
+def _forced(
+    base: Trial, name: str, force_N: float, along: tuple[float, float, float], duration_s: float | None
+) -> ShakeCase:
+    x, y, z = along
+    force = (force_N * x, force_N * y, force_N * z)
+    one = DisturbanceConfig(start_s=FIRST_S, force_N=force)
+    if duration_s is not None:
+        one = DisturbanceConfig(start_s=FIRST_S, duration_s=duration_s, force_N=force)
+    return ShakeCase(name, replace(base, disturbances=(one,)), duration_s is not None)
+
+
+def run_shakes(
+    hand_toml: Path, cases: Sequence[ShakeCase], jobs: int, done: Callable[[], None]
+) -> list[Held]:
+    """Run all cases in MuJoCo, `jobs` at a time; order and results do not depend on `jobs`."""
+    if jobs == 1:
+        results = []
+        for case in cases:
+            results.append(run_shake(hand_toml, case))
+            done()
+        return results
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(run_shake, hand_toml, case) for case in cases]
+        for future in futures:
+            future.add_done_callback(lambda _: done())
+        return [future.result() for future in futures]
+
+
+def run_shake(hand_toml: Path, case: ShakeCase) -> Held:
+    """Run one case. Raises LostGraspError if the object is lost before the trial begins."""
+    outcome = run_trial(hand_toml, "mujoco", case.trial)
+    return held(case, outcome)
+
+
+def held(case: ShakeCase, outcome: Outcome) -> Held:
+    """Return the figures of one run."""
+    moved_mm = _moved_mm(outcome)
+    later = round((FIRST_S + PUSH_S + RECOVERY_S) / RECORD_S)
+    has_later = case.is_push and later < len(moved_mm)
+    return Held(
+        name=case.name,
+        error_deg=outcome.error_deg,
+        moved_most_mm=float(moved_mm.max()),
+        moved_later_mm=float(moved_mm[later]) if has_later else None,
+        moved_last_mm=float(moved_mm[-1]),
+        slip_mm=float(outcome.slip_mm.max()),
+        lost_s=outcome.lost_s,
+    )
+
+
+def _moved_mm(outcome: Outcome) -> Array:
+    """Return the object's distance (n,) from its place at the start."""
+    places = np.array([place for _, place in outcome.poses])
+    return np.asarray(1e3 * np.linalg.norm(places - places[0], axis=1))
+
+
+def shake_table(results: Sequence[Held]) -> str:
+    """Return a Markdown table with a row per name: the largest value of its runs, and how many lost it."""
+    lines = [
+        "| what | orientation deg | place mm: most | 1 s after the push | at the end | slip mm | lost |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name in dict.fromkeys(result.name for result in results):
+        runs = [result for result in results if result.name == name]
+        laters = [run.moved_later_mm for run in runs if run.moved_later_mm is not None]
+        lost = [run for run in runs if run.lost_s is not None]
+        cells = [
+            name,
+            f"{max(run.error_deg for run in runs):.2f}",
+            f"{max(run.moved_most_mm for run in runs):.1f}",
+            f"{max(laters):.1f}" if laters else "",
+            f"{max(run.moved_last_mm for run in runs):.1f}",
+            f"{max(run.slip_mm for run in runs):.2f}",
+            f"{len(lost)} of {len(runs)}" if lost else "",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
