@@ -5,12 +5,12 @@
     python tests/replay/refresh.py                    keep the logs, renew all answers after a meant change
     python tests/replay/refresh.py --frames           estimate the recorded frames anew, then the same
     python tests/replay/refresh.py --rebind           the same after an EDS changed and the recorded frames
-                                                      stay valid: the logs' headers take the new hashes
+                                                      stay valid: the logs' headers take the new contract
 
 ``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time, the
-others such a run with what scenarios.py does to it. ``*.answers`` is what the host sends, ``*.fingertip``
-what finger-2 sends (fingertip_rig.py). All are candump logs, compressed. Look at the difference before you
-commit it.
+others such a run with what scenarios.py does to it. ``virtual`` has the host's records too. ``*.answers`` is
+what the host sends, ``*.fingertip`` what finger-2 sends (fingertip_rig.py). All are candump logs, compressed.
+Look at the difference before you commit it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from pathlib import Path
 import click
 
 from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
+from palpate_host.service.contract import EDS_FILES, contract_header
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import contract_header, replay_to_log, write_output
+from palpate_host.service.host_records import HostRecorder
+from palpate_host.service.replay import replay_to_log, write_output
 
 HERE = Path(__file__).parent
 VIRTUAL_SECONDS = 4.0
@@ -70,7 +72,9 @@ def virtual_log(path: Path) -> None:
 
     rig = bench.VirtualBench(config, hand, feel=feel)
     rig.run(VIRTUAL_SECONDS)
-    write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log])
+    recorder = HostRecorder(config)
+    notes = [note for status in rig.statuses for note in recorder.notes(status)]
+    write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log], notes)
 
 
 def scenario_logs(folder: Path) -> None:
@@ -89,7 +93,7 @@ def cut(source: Path, target: Path, seconds: float) -> None:
     log = read_log(source)
     end_us = log.records[0].stamp_us + round(seconds * 1e6)
     kept = [record for record in log.records if record.stamp_us <= end_us]
-    write_log(target, LogHeader(log.header.entries), kept)
+    write_log(target, log.header, kept, [note for note in log.notes if note.stamp_us <= end_us])
 
 
 def rebind(name: str, config_path: Path | None) -> None:
@@ -98,7 +102,8 @@ def rebind(name: str, config_path: Path | None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log"
         log = read_log(unpack(HERE / f"{name}.log.gz", path))
-        write_log(path, LogHeader({**log.header.entries, **contract_header(config).entries}), log.records)
+        kept = {key: value for key, value in log.header.entries.items() if key not in EDS_FILES}
+        write_log(path, LogHeader({**kept, **contract_header(config).entries}), log.records, log.notes)
         pack(path, HERE / f"{name}.log.gz")
 
 
@@ -124,7 +129,7 @@ def renew_answers(name: str, config_path: Path | None) -> None:
 @click.option("--seconds", default=5.0, show_default=True, help="How much of a recorded log to keep.")
 @click.option("--virtual", is_flag=True, help="Make the log in virtual time anew.")
 @click.option("--frames", is_flag=True, help="Estimate the recorded frames anew (contacts.csv).")
-@click.option("--rebind", "rebinds", is_flag=True, help="Put the present EDS hashes into the logs' headers.")
+@click.option("--rebind", "rebinds", is_flag=True, help="Put the present contract into the logs' headers.")
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path), help="hand.toml; Table 4's by default."
 )

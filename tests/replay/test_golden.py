@@ -16,8 +16,9 @@ import palpate_host
 from palpate_bus.logs.candump import LogError, LogHeader, LogRecord, read_log, write_log
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.mode import Mode
+from palpate_host.service.contract import check_contract, contract_header
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import check_contract, contract_header, replay, replay_to_log
+from palpate_host.service.replay import replay, replay_to_log
 
 HERE = Path(__file__).parent
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
@@ -93,10 +94,11 @@ def test_one_changed_byte_changes_the_answers(log, hand_and_config):
 @pytest.mark.parametrize(
     ("key", "value", "way_out"),
     [
-        ("eds.fingertip", "0123456789abcdef", "the palpate version that made it"),
-        ("eds.cia402", "0123456789abcdef", "the palpate version that made it"),
+        ("eds.fingertip.meaning", "0123456789abcdef", "the palpate version that made it"),
+        ("eds.cia402.meaning", "0123456789abcdef", "the palpate version that made it"),
+        ("model.digest", "0123456789abcdef", "give the model.mjcf that it was recorded with"),
         ("node.0x10", "drive:thumb", "the hand.toml that it was recorded with"),
-        ("eds.fingertip", None, "its EDS and nodes are unknown"),
+        ("node.0x10", None, "the hand.toml that it was recorded with"),
     ],
 )
 def test_a_log_of_another_contract_is_refused(tmp_path, hand_and_config, key, value, way_out):

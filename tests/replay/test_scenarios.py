@@ -20,8 +20,9 @@ from palpate_bus.logs.candump import format_record, parse_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.node.id_conflict import QUIET_US
 from palpate_host.common.mode import Mode
+from palpate_host.service.contract import check_contract
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import check_contract, replay
+from palpate_host.service.replay import replay
 
 HERE = Path(__file__).parent
 MEANT = "answers otherwise than before; if meant: python tests/replay/refresh.py"

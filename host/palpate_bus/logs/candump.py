@@ -2,21 +2,29 @@
 
 ::
 
-    # palpate-log: 1
+    # palpate-log: 2
     # eds.fingertip: 3f0c...
     # node.0x10: fingertip finger-1
     (1700000000.123456) can0 190#0011223344556677
     (1700000000.123587) can0 701#R
+    #! (1700000000.124000) tick {"mode":"grasp", ...
+    #+ ... }
 
 A remote frame is written as ``R``, followed by its DLC unless that is 0. Time is Unix time in integer
 microseconds, converted without floating point and without a time zone. Source of the line format: can-utils,
 lib.h and candump(1).
+
+A line that begins with ``#!`` is a note: time, kind and text of something that is not on the bus (a host's
+tick, an operator's command). ``#+`` continues the note before it. can-utils skip every line that does not
+begin with ``(``, but stop at a line of 400 bytes, so a note is split into lines of at most LONGEST_LINE
+bytes.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,7 +36,11 @@ from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.errors import BusError
 
 FORMAT_KEY = "palpate-log"
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
+READABLE_VERSIONS = ("1", FORMAT_VERSION)
+"""Version 1 has no notes."""
+NOTE, CONTINUED = "#! ", "#+ "
+LONGEST_LINE = 380
 
 _LINE = re.compile(
     r"\((?P<seconds>[0-9]{1,12})\.(?P<micros>[0-9]{6})\) (?P<channel>[^\s#]+) "
@@ -36,6 +48,9 @@ _LINE = re.compile(
 )
 _FOREIGN_LINE = re.compile(r"\([0-9]{1,12}\.[0-9]{6}\) [^\s#]+ (?:[0-9A-Fa-f]{8}#|[0-9A-Fa-f]{3,8}##).*")
 """Valid lines of 29-bit, error and FD frames, which CANopen does not use."""
+_NOTE = re.compile(
+    r"\((?P<seconds>[0-9]{1,12})\.(?P<micros>[0-9]{6})\) (?P<kind>[a-z][a-z-]*) (?P<text>[ -~]*)"
+)
 _HEADER_LINE = re.compile(r"# (?P<key>[!-9;-~]+): (?P<value>.*)")
 
 
@@ -74,11 +89,31 @@ class LogHeader:
 
 
 @dataclass(frozen=True, slots=True)
+class LogNote:
+    """A note in a log, for what is not on the bus. kind: lower-case word; text: printable ASCII."""
+
+    stamp_us: int
+    kind: str
+    text: str
+
+    def lines(self) -> list[str]:
+        """Return the note's lines without line ends. Raises LogError for a text that is not ASCII."""
+        seconds, micros = divmod(self.stamp_us, 1_000_000)
+        whole = f"({seconds:010d}.{micros:06d}) {self.kind} {self.text}"
+        if _NOTE.fullmatch(whole) is None:
+            raise LogError(f"log note {whole[:60]!r}: write a lower-case kind and printable ASCII text")
+        size = LONGEST_LINE - len(NOTE)
+        first, *more = (whole[place : place + size] for place in range(0, len(whole), size))
+        return [NOTE + first, *(CONTINUED + part for part in more)]
+
+
+@dataclass(frozen=True, slots=True)
 class BusLog:
-    """Header and records of a log."""
+    """Header, records and notes of a log, each in the order of the file."""
 
     header: LogHeader
     records: tuple[LogRecord, ...]
+    notes: tuple[LogNote, ...] = ()
 
 
 def format_record(record: LogRecord) -> str:
@@ -137,7 +172,14 @@ def parse_log(path: Path, data: bytes, skip_foreign: bool = False) -> BusLog:
         )
     header, first = _read_header(path, lines)
     records: list[LogRecord] = []
+    notes: list[tuple[int, str]] = []  # line number, text
     for number, line in enumerate(lines[first:], start=first + 1):
+        if line.startswith(NOTE):
+            notes.append((number, line[len(NOTE) :]))
+            continue
+        if line.startswith(CONTINUED) and notes:
+            notes[-1] = (notes[-1][0], notes[-1][1] + line[len(CONTINUED) :])
+            continue
         if skip_foreign and _FOREIGN_LINE.fullmatch(line):
             continue
         try:
@@ -150,7 +192,17 @@ def parse_log(path: Path, data: bytes, skip_foreign: bool = False) -> BusLog:
             raise LogError(
                 f"bus log {path}, line {number}: time stamp decreases: sort the log or record it again"
             )
-    return BusLog(header, tuple(records))
+    return BusLog(header, tuple(records), tuple(_parse_note(path, *note) for note in notes))
+
+
+def _parse_note(path: Path, number: int, text: str) -> LogNote:
+    match = _NOTE.fullmatch(text)
+    if match is None:
+        raise LogError(
+            f"bus log {path}, line {number}: {text[:60]!r} is not a note '(time) kind text':"
+            " remove the line or record the log again"
+        )
+    return LogNote(int(match["seconds"]) * 1_000_000 + int(match["micros"]), match["kind"], match["text"])
 
 
 def _read_header(path: Path, lines: list[str]) -> tuple[LogHeader, int]:
@@ -166,15 +218,16 @@ def _read_header(path: Path, lines: list[str]) -> tuple[LogHeader, int]:
         entries[match["key"]] = match["value"]
     entry_count = len(entries)
     version = entries.pop(FORMAT_KEY, FORMAT_VERSION)
-    if version != FORMAT_VERSION:
+    if version not in READABLE_VERSIONS:
         raise LogError(
-            f"bus log {path}: format version {version}, this palpate reads {FORMAT_VERSION}: update palpate"
+            f"bus log {path}: format version {version}, this palpate reads {' and '.join(READABLE_VERSIONS)}:"
+            " update palpate"
         )
     return LogHeader(entries), entry_count
 
 
 def _is_comment(line: str) -> bool:
-    return line.startswith("#")
+    return line.startswith("#") and not line.startswith((NOTE, CONTINUED))
 
 
 class LogWriter:
@@ -192,6 +245,10 @@ class LogWriter:
     def write(self, record: LogRecord) -> None:
         """Append one record (buffered)."""
         self._write(format_record(record) + "\n")
+
+    def note(self, note: LogNote) -> None:
+        """Append a note (buffered)."""
+        self._write("".join(f"{line}\n" for line in note.lines()))
 
     def flush(self) -> None:
         """Flush the buffer to the operating system, in whole lines."""
@@ -221,8 +278,19 @@ class LogWriter:
             raise LogError(f"bus log {self._path}: {error.strerror}: free some space") from error
 
 
-def write_log(path: Path, header: LogHeader, records: Iterable[LogRecord]) -> None:
-    """Write a whole log, complete or not at all; ``-`` is standard output. Raises LogError."""
+def write_log(
+    path: Path, header: LogHeader, records: Iterable[LogRecord], notes: Iterable[LogNote] = ()
+) -> None:
+    """Write a whole log, complete or not at all; ``-`` is standard output. Raises LogError.
+
+    notes: in the order of time; each is written before the first record that is later.
+    """
+    waiting = deque(notes)
     with atomic_text(path, LogError) as file:
         file.writelines(f"{line}\n" for line in header.lines())
-        file.writelines(f"{format_record(record)}\n" for record in records)
+        for record in records:
+            while waiting and waiting[0].stamp_us < record.stamp_us:
+                file.writelines(f"{line}\n" for line in waiting.popleft().lines())
+            file.write(f"{format_record(record)}\n")
+        for note in waiting:
+            file.writelines(f"{line}\n" for line in note.lines())

@@ -155,7 +155,7 @@ def status_text(status: HostStatus) -> str:
         lines.append(f"{finger.name}: {touch}, {finger.frames_per_s:.0f} frames/s, {age}")
     for joint in status.joints:
         place = "unknown" if joint.position_rad is None else f"{joint.position_rad:+.3f} rad"
-        lines.append(f"{joint.name}: {place}, {joint.command_Nm:+.3f} N m, {joint.drive_state}")
+        lines.append(f"{joint.name}: {place}, {joint.command_Nm or 0.0:+.3f} N m, {joint.drive_state}")
     bins = [f"< {bin_us}" for bin_us in LATE_BINS_US] + [f">= {LATE_BINS_US[-1]}"]
     late = ", ".join(f"{count} {name}" for name, count in zip(bins, status.lateness, strict=False) if count)
     lines.append(f"ticks late by us: {late or 'none yet'}; left out: {status.counters.late_ticks}")

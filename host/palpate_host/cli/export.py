@@ -32,8 +32,9 @@ FORMATS = (".mcap", ".csv", ".parquet")
 def export(source: Path, config_path: Path, output: Path) -> None:
     """Write what a hand did as MCAP (Foxglove), CSV or Parquet (columns as LeRobot names them).
 
-    SOURCE is a bus log (candump, ASC, BLF), which is replayed through the host and goes into the MCAP as an
-    attachment; the file of `run --status`; a folder of `record`; or an MCAP of either.
+    SOURCE is a bus log (candump, ASC, BLF), which is decoded and goes into the MCAP as an attachment; the
+    file of `run --status`; a folder of `record`; or an MCAP of either. What a log lacks is printed and left
+    empty.
 
     \b
     Examples:
@@ -44,7 +45,7 @@ def export(source: Path, config_path: Path, output: Path) -> None:
     if output.suffix not in FORMATS:
         raise ConfigError(f"{output}: is none of {', '.join(FORMATS)}: end its name in one of them")
     config, hand = load_hand(config_path)
-    statuses = read_statuses(source, config, hand)
+    statuses = read_statuses(source, config, hand, lambda line: click.echo(f"note: {line}", err=True))
     try:
         count = _write(output, statuses, config, hand, source)
     except ModuleNotFoundError as exc:

@@ -17,7 +17,8 @@ from palpate_host.cli.run import CONFIG
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service import host
 from palpate_host.service.hand_devices import devices_of_hand
-from palpate_host.service.replay import Replay, ReplayStep, read_bound_log, replay_steps, steps, write_output
+from palpate_host.service.recorded_replay import recorded_steps
+from palpate_host.service.replay import Replay, ReplayStep, read_hand_log, replay_steps, steps, write_output
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 KEYS = "space: next frame   t: to the end of the tick   m: to the next change of mode   q: quit"
@@ -55,19 +56,26 @@ class Speed(click.ParamType[float]):
 def replay(
     log_path: Path, config_path: Path, output_path: Path | None, speed: float, frames: bool, stepwise: bool
 ) -> None:
-    """Feed a bus log through the host on a virtual clock; the same log gives the same frames.
+    """Run the host again on a bus log and compare every frame it sends with the log.
 
     LOG is candump -L (also .gz), Vector ASC or BLF; it is only read. Changes of mode are shown as they come.
+    A log with the host's records is replayed with its commands; the first difference ends the replay. A log
+    without them is replayed without commands, and its frames are not compared.
+
+    Exit status: 0 done, 2 another hand or calibration, 6 a damaged log, 10 a difference.
 
     \b
-    palpate-host replay demo.log --config hand.toml -o answers.log
-    palpate-host replay demo.log --config hand.toml --speed 1
-    palpate-host replay trace.blf --config hand.toml --step
+    Examples:
+      palpate-host replay demo.log --config hand.toml -o answers.log
+      palpate-host replay demo.log --config hand.toml --speed 1
+      palpate-host replay trace.blf --config hand.toml --step
     """
     config, hand = host.load_hand(config_path)
-    records = read_bound_log(log_path, config)
-    begin_us = records[0].stamp_us
-    taken = steps(records, config, hand)
+    log = read_hand_log(log_path, config)
+    for lack in log.lacks:
+        click.echo(f"note: {log_path} lacks {lack}", err=True)
+    begin_us = log.records[0].stamp_us
+    taken = recorded_steps(log_path, log, config, hand) if log.ticks else steps(log.records, config, hand)
     if stepwise:
         taken = _by_key(taken, config, begin_us)
     else:
@@ -78,6 +86,8 @@ def replay(
         write_output(output_path, result)
     with notes_beside(output_path):
         _summarise(result)
+        if log.ticks and not stepwise:
+            click.echo(f"{len(log.ticks)} ticks: every frame of the host is as recorded")
 
 
 def _summarise(result: Replay) -> None:

@@ -9,7 +9,7 @@ import click
 from palpate_edge.common.logs import logging_to_stderr
 from palpate_host.config.hand_config import StartMode
 from palpate_host.service import host
-from palpate_host.service.replay import contract_header
+from palpate_host.service.contract import recording_header
 
 CONFIG = click.option(
     "--config",
@@ -71,5 +71,5 @@ def contract(config_path: Path) -> None:
     palpate-host bus hub --log hand.log $(palpate-host contract --config hand.toml)
     """
     config, _ = host.load_hand(config_path)
-    for key, value in contract_header(config).entries.items():
+    for key, value in recording_header(config).entries.items():
         click.echo(f"--header {key}={value}")

@@ -98,7 +98,8 @@ def view(
             stream.spawn(default_blueprint=layout)
         shown = HandView(stream, config, hand, scene_hz)
         if source is not None:
-            ticks = show_recording(shown, read_statuses(source, config, hand), pictures)
+            statuses = read_statuses(source, config, hand, lambda line: click.echo(f"note: {line}", err=True))
+            ticks = show_recording(shown, statuses, pictures)
         else:
             socket = socket_path or default_control_socket()
             click.echo(f"view: live, host at {socket}", err=True)

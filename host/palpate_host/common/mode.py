@@ -19,6 +19,7 @@ class Mode(enum.Enum):
     RELEASE = "release"  # opening, for a time
     FAULT = "fault"  # after a fault: torque 0, drives quick-stopped, then off
     STOP = "stop"  # stopped by the operator: the same
+    UNKNOWN = ""  # not in the recording; the host never enters it
 
 
 STOPPED = (Mode.FAULT, Mode.STOP)

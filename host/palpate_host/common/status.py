@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import FlatPose, OptionalQuantities
 from palpate_host.common.mode import Mode
+from palpate_host.common.tick_inputs import TickInputs
 
 LATE_BINS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 """Upper ends of the bins of `HostStatus.lateness`; the last bin has none."""
@@ -55,13 +56,16 @@ class FingerStatus(OptionalQuantities):
 
 @dataclass(frozen=True, slots=True)
 class JointStatus:
-    """One joint: its position, its command and the state of its drive."""
+    """One joint: its position, its command and the state of its drive.
+
+    command_Nm, torque_Nm: None where a recording lacks them.
+    """
 
     name: str
     position_rad: float | None
     velocity_rad_s: float | None
-    command_Nm: float
-    torque_Nm: float
+    command_Nm: float | None
+    torque_Nm: float | None
     drive_state: str
 
 
@@ -94,7 +98,9 @@ class HostStatus:
     R_vir, R_c, R_d, R_d_vir: rows of Eqs. (12), (16), the target and (15); None while they do not exist.
     orientation_error_deg: angle from R_c to R_d. fit_residual_deg: largest misfit of a contact normal.
     target_rpy_deg: the turn asked for at the end of the ramp. turned: share of that ramp that is done.
-    lateness: ticks so far by how much later than due they began (LATE_BINS_US).
+    fit_residual_deg, target_rpy_deg and turned are None, and mode is Mode.UNKNOWN, where a recording lacks
+    them. lateness: ticks so far by how much later than due they began (LATE_BINS_US). inputs: what the tick
+    depends on beside the frames, for a replay; None in recordings that lack it.
     """
 
     time_us: int
@@ -108,12 +114,13 @@ class HostStatus:
     R_d: Matrix | None
     R_d_vir: Matrix | None
     orientation_error_deg: float | None
-    fit_residual_deg: float
-    target_rpy_deg: tuple[float, float, float]
+    fit_residual_deg: float | None
+    target_rpy_deg: tuple[float, float, float] | None
     last_emergency: str
     counters: Counters
-    turned: float = 0.0
+    turned: float | None = 0.0
     lateness: tuple[int, ...] = ()
+    inputs: TickInputs | None = None
 
 
 def matrix(R: Array | None) -> Matrix | None:

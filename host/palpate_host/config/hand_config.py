@@ -75,7 +75,8 @@ class JointConfig(Strict, frozen=True):
 class FingerConfig(Strict, frozen=True):
     """A finger: its fingertip's node and its joints from the base outwards.
 
-    calibration, serial: 2001h and 1018h:04 of its fingertip; another fingertip is refused.
+    calibration, serial: 2001h and 1018h:04 of its fingertip; another fingertip is refused. Recordings are
+    bound to the calibration.
     """
 
     name: Name

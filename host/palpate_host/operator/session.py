@@ -90,7 +90,9 @@ class Hand:
         roll, pitch, yaw = (float(angle) for angle in rpy_deg)
         self._send(Rotate((roll, pitch, yaw), ramp_s))
         return self.wait_for(
-            lambda s: s.target_rpy_deg == (roll, pitch, yaw) and s.turned >= 1.0, timeout_s, "turn the object"
+            lambda s: s.target_rpy_deg == (roll, pitch, yaw) and (s.turned or 0.0) >= 1.0,
+            timeout_s,
+            "turn the object",
         )
 
     def release(self, timeout_s: float = 10.0) -> HostStatus:

@@ -32,6 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import QUANTITIES
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.recording.mcap_file import McapFile
@@ -123,7 +124,7 @@ class McapRecording:
                 self._last_sequence[finger.name] = finger.sequence
                 self._write_contact(finger, stamp, time_ns)
         message = (status.mode.value, status.reason, status.warning)
-        if message != self._last_message:
+        if message != self._last_message and status.mode is not Mode.UNKNOWN:
             self._last_message = message
             level = fg.LogLevel.Warning if status.warning else fg.LogLevel.Info
             text = f"{status.mode.value}: {status.reason}" + (

@@ -60,7 +60,7 @@ def _packed(row: dict[str, Cell], vectors: dict[str, list[str]]) -> Row:
     for name, value in row.items():
         vector, _, element = name.rpartition(".")
         if element not in vectors.get(vector, ()):
-            packed[name] = value
+            packed[name] = math.nan if value is None and _type(name) == pa.float32() else value
         elif vector not in packed:
             cells = [row[f"{vector}.{one}"] for one in vectors[vector]]
             packed[vector] = [math.nan if cell is None else float(cell) for cell in cells]

@@ -20,7 +20,8 @@ from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.recording.mcap import McapRecording
-from palpate_host.service.replay import contract_header
+from palpate_host.service.contract import recording_header
+from palpate_host.service.host_records import HostRecorder
 
 FLUSH_EVERY_US = 1_000_000
 
@@ -43,6 +44,7 @@ class SegmentedRecording:
         self._log: LogWriter | None = None
         self._mcap: McapRecording | None = None
         self._flushed_us: int | None = None
+        self._recorder = HostRecorder(config)
         make_folder(folder, ConfigError)
         if any(folder.glob("*.mcap")):
             raise ConfigError(f"{folder}: already contains a recording: give another folder or remove it")
@@ -62,10 +64,12 @@ class SegmentedRecording:
         for record in records:
             self._log.write(record)
             self.frames += 1
-        self._log.flush()  # whole lines, so that a killed process leaves no truncated one
         for status in statuses:
+            for note in self._recorder.notes(status):
+                self._log.note(note)
             self._mcap.write(status)
             self.ticks += 1
+        self._log.flush()  # whole lines, so that a killed process leaves no truncated one
         if self._flushed_us is None or now_us - self._flushed_us >= FLUSH_EVERY_US:
             self._flushed_us = now_us
             self._to_disk()
@@ -85,7 +89,8 @@ class SegmentedRecording:
     def _begin(self) -> None:
         self.pieces += 1
         log, mcap = self._paths(self.pieces)
-        self._log = LogWriter(log, contract_header(self._config))
+        self._log = LogWriter(log, recording_header(self._config))
+        self._recorder = HostRecorder(self._config)
         self._mcap = McapRecording(mcap, self._hand, [finger.name for finger in self._config.fingers])
 
     def _paths(self, piece: int) -> tuple[Path, Path]:

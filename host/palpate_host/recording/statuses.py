@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -12,15 +12,19 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
-from palpate_host.service.replay import read_bound_log, steps
+from palpate_host.recording.log_statuses import log_statuses
+from palpate_host.service.replay import read_hand_log
 
 
-def read_statuses(source: Path, config: HandConfig, hand: HandKinematics) -> Iterator[HostStatus]:
+def read_statuses(
+    source: Path, config: HandConfig, hand: HandKinematics, note: Callable[[str], None] = lambda _line: None
+) -> Iterator[HostStatus]:
     """Yield the status of each tick.
 
-    A bus log is replayed through the host; `.jsonl` (of `run --status`) and `.mcap` (of `record` or `export`)
+    A bus log is decoded (log_statuses.py); `.jsonl` (of `run --status`) and `.mcap` (of `record` or `export`)
     contain the statuses; a folder of `record` is read as its `.mcap` files in order. A truncated end is
-    omitted. Raises ConfigError, LogError if `source` cannot be read.
+    omitted. note: called with a line for each part that the log lacks. Raises ConfigError, LogError if
+    `source` cannot be read.
     """
     if source.is_dir():
         parts = sorted(source.glob("*.mcap"))
@@ -35,9 +39,10 @@ def read_statuses(source: Path, config: HandConfig, hand: HandKinematics) -> Ite
     elif source.suffix == ".mcap":
         yield from _read_mcap(source)
     else:
-        for step in steps(read_bound_log(source, config), config, hand):
-            if step.output.status is not None and step.output.frames_out:
-                yield step.output.status
+        log = read_hand_log(source, config)
+        for lack in log.lacks:
+            note(f"{source} lacks {lack}")
+        yield from log_statuses(log, config, hand)
 
 
 def _read_lines(source: Path) -> Iterator[HostStatus]:

@@ -3,7 +3,8 @@
 timestamp (s from the first row), frame_index, episode_index, index, task_index; observation.state.JOINT
 (rad), observation.velocity.JOINT (rad/s), observation.effort.JOINT (N m), action.JOINT (commanded torque,
 N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty when not known),
-.in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py).
+.in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py);
+orientation_error_deg (from R_vir to R_d_vir). A cell is empty when it is not known.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
         for quantity in ADDED:
             for finger in status.fingers:
                 row |= _measured(finger, [quantity])
+        row["orientation_error_deg"] = status.orientation_error_deg
         yield row
 
 

@@ -20,10 +20,12 @@ from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
+from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent, HostInput, TickInputs
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
+from palpate_host.network.nmt_master import NMT_ID
 from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.drive_shutdown import DriveShutdown
@@ -92,6 +94,9 @@ class HostCore:
         self._finished = False
         self._unreadable_frames = 0  # 29-bit and CAN FD
         self._status: HostStatus | None = None
+        self._taken = self._until_us = self._event_count = 0
+        self._events: list[HostInput] = []
+        self._counted = set(self._nodes.accept_ids) - {NMT_ID}
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
@@ -110,6 +115,8 @@ class HostCore:
 
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason is kept."""
+        if not self._is_ending:
+            self._note(End(reason))
         self._is_ending = True
         self._stop_reason = self._stop_reason or reason
 
@@ -119,6 +126,7 @@ class HostCore:
 
         An earlier fault or stop keeps its reason, with this one as its warning while the bus is lost.
         """
+        self._note(BusLost(now_us, reason))
         self._is_bus_lost = True
         self._bus_fault = self._bus_fault or reason
         if self._decision.mode in STOPPED:
@@ -134,6 +142,7 @@ class HostCore:
 
         Frames with earlier time stamps are ignored.
         """
+        self._note(BusRestored(now_us))
         self._is_bus_lost = False
         self._restored_us = now_us
         self._decision = replace(self._decision, warning="")
@@ -151,6 +160,7 @@ class HostCore:
             bus_lost=self._is_bus_lost,
             is_off=self._shutdown.is_off,
         )
+        self._note(command)
         match command:
             case Stop():
                 self._stop_reason = self._stop_reason or OPERATOR_STOP
@@ -166,6 +176,10 @@ class HostCore:
             case Release():
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
+
+    def _note(self, event: HostEvent) -> None:
+        self._events.append(HostInput(self._taken, event))
+        self._event_count += 1
 
     def _recover(self) -> None:
         """Leave FAULT or STOP: all nodes are started again, without a goal."""
@@ -185,6 +199,8 @@ class HostCore:
         nodes = self._nodes
         for stamp_us, frame in frames_in:
             nodes.counters.frames_in += 1
+            self._taken += frame.can_id in self._counted
+            self._until_us = max(self._until_us, stamp_us)
             if self._is_bus_lost or stamp_us < self._restored_us:
                 continue
             paired = nodes.receive(stamp_us, frame)
@@ -199,10 +215,22 @@ class HostCore:
             else:
                 frames_out = self._tick(tick_us)
             nodes.counters.frames_out += len(frames_out)
-            self._status = self._make_status(tick_us)
+            self._status = self._make_status(tick_us, self._take_inputs(now_us))
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
         ticked, next_us = tick_us is not None, self._schedule.next_us
         return HostOutput(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
+
+    def _take_inputs(self, now_us: int) -> TickInputs:
+        inputs = TickInputs(
+            called_us=now_us,
+            taken=self._taken,
+            until_us=self._until_us,
+            events=tuple(self._events),
+            event_count=self._event_count,
+            waits=self._waits_for_commands,
+        )
+        self._taken, self._events = 0, []
+        return inputs
 
     def _take_contact(self, paired: PairedContact) -> None:
         try:
@@ -277,7 +305,7 @@ class HostCore:
         self._decision = decide(last, inputs, self._tiers)
         return self._decision
 
-    def _make_status(self, now_us: int) -> HostStatus:
+    def _make_status(self, now_us: int, inputs: TickInputs) -> HostStatus:
         control, M, R_vir = self._control, self._control.M, self._R_vir
         nodes, schedule = self._nodes, self._schedule
         R_d_vir = control.R_d_vir
@@ -304,4 +332,5 @@ class HostCore:
             ),
             turned=control.turned,
             lateness=tuple(schedule.lateness),
+            inputs=inputs,
         )

@@ -1,13 +1,13 @@
 """Replay of a bus log through HostCore on a virtual clock: the same frames in give the same frames out.
 
 Inputs are the log's frames that other nodes sent, at their time stamps. Ticks run when the core requests
-them; where the recorded host's SYNC paused for more than two ticks, the next tick is as late as that SYNC. A
-log is bound to its contract: the hash of each EDS and the node map in its header are checked.
+them; where the recorded host's SYNC paused for more than two ticks, the next tick is as late as that SYNC.
+This is all that a log without the host's records allows; recorded_replay.py repeats a run with its commands.
+A log is bound to its contract (contract.py).
 """
 
 from __future__ import annotations
 
-import hashlib
 from bisect import bisect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,11 +16,8 @@ from pathlib import Path
 from statistics import median
 from struct import Struct
 
-from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
 from palpate_bus.logs.log_files import read_any_log
-from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig, StartMode
@@ -29,11 +26,13 @@ from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
 from palpate_host.network.node_contract import reads_contract
 from palpate_host.network.sdo_upload import SDO_REQUEST_ID
+from palpate_host.service.contract import check_contract, frames_header
 from palpate_host.service.host_core import HostCore, HostOutput
+from palpate_host.service.host_records import TickRecord, missing_events, missing_ticks, read_ticks
 
-EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
-EDS_HASH_DIGITS = 16
 FOREIGN_FORMATS = (".asc", ".blf")
+NO_HOST = "the host's records: commands, modes and orientation errors"
+"""What a log lacks that no host or recorder of palpate wrote notes to."""
 TPDO_3_ID = 0x380
 EXPOSURE = Struct("<IHH")  # TPDO 3: exposure time, sequence, latency
 
@@ -78,49 +77,43 @@ class Replay:
         return tuple(change.mode for change in self.changes)
 
 
-def contract_header(config: HandConfig) -> LogHeader:
-    """Return the header of a log of this hand: a hash of each EDS, and the device at each node id."""
-    entries = {key: eds_hash(path) for key, path in EDS_FILES.items()}
-    nodes = {joint.drive_node: f"drive:{joint.name}" for joint in config.joints}
-    nodes |= {finger.fingertip_node: f"fingertip:{finger.name}" for finger in config.fingers}
-    return LogHeader(entries | {f"node.0x{node:02X}": who for node, who in sorted(nodes.items())})
+@dataclass(frozen=True, slots=True)
+class HandLog:
+    """A bus log of a hand. ticks: the host's records, none in a log of another recorder or of format 1.
+    lacks: what the log does not contain, a line each. header: empty for ASC and BLF.
+    """
+
+    records: tuple[LogRecord, ...]
+    ticks: tuple[TickRecord, ...]
+    lacks: tuple[str, ...]
+    header: LogHeader
 
 
-def eds_hash(path: Path) -> str:
-    """Return the first 16 hexadecimal digits of the file's SHA-256."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:EDS_HASH_DIGITS]
+def read_hand_log(log_path: Path, config: HandConfig) -> HandLog:
+    """Read a log of this hand.
 
-
-def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> None:
-    """Check a log's header. Raises ConfigError with the key when the log has another EDS or node map."""
-    for key, expected in contract_header(config).entries.items():
-        found = header.entries.get(key)
-        if found == expected:
-            continue
-        if found is None:
-            raise ConfigError(
-                f"{log_path}: its header has no {key}, so its EDS and nodes are unknown:"
-                " record it with the --header options that `palpate-host contract` prints"
-            )
-        way_out = (
-            "replay it with the palpate version that made it, or record it again"
-            if key in EDS_FILES
-            else "give the hand.toml that it was recorded with"
-        )
-        raise ConfigError(f"{log_path}: was made with {key} {found!r}, here it is {expected!r}: {way_out}")
+    Raises LogError when it cannot be read, ConfigError when it belongs to another
+    contract. ASC and BLF files have no contract, and their time has another zero: their stamps are moved to
+    the bus clock.
+    """
+    log = read_any_log(log_path)
+    if log_path.suffix.lower() in FOREIGN_FORMATS:
+        records = on_bus_clock(log.records, [finger.fingertip_node for finger in config.fingers])
+        return HandLog(records, (), ("its contract: which hand made it", NO_HOST), log.header)
+    lacks = check_contract(log_path, log.header, config)
+    ticks = tuple(read_ticks(log_path, log.notes))
+    if not ticks:
+        lacks = (*lacks, NO_HOST)
+    for gaps, what in ((missing_ticks(ticks), "ticks"), (missing_events(ticks), "commands or other events")):
+        if gaps:
+            number = sum(count for _, count in gaps)
+            lacks = (*lacks, f"{number} of the host's {what}, the first before {gaps[0][0] / 1e6:.6f}")
+    return HandLog(log.records, ticks, lacks, log.header)
 
 
 def read_bound_log(log_path: Path, config: HandConfig) -> tuple[LogRecord, ...]:
-    """Read the records of a log of this hand.
-
-    Raises LogError when it cannot be read, ConfigError when it belongs to another contract. ASC and BLF files
-    have no contract, and their time has another zero: their stamps are moved to the bus clock.
-    """
-    log = read_any_log(log_path)
-    if log_path.suffix.lower() not in FOREIGN_FORMATS:
-        check_contract(log_path, log.header, config)
-        return log.records
-    return on_bus_clock(log.records, [finger.fingertip_node for finger in config.fingers])
+    """Read the frames of a log of this hand. Raises as `read_hand_log`."""
+    return read_hand_log(log_path, config).records
 
 
 def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tuple[LogRecord, ...]:
@@ -164,7 +157,7 @@ def replay_steps(taken_steps: Iterable[ReplayStep], config: HandConfig) -> Repla
         status, failure = step.output.status, step.output.failure
         if status is not None and (not changes or changes[-1].mode is not status.mode):
             changes.append(ModeChange(step.now_us, status.mode, status.reason))
-    return Replay(contract_header(config), tuple(answers), taken, tuple(changes), failure, status)
+    return Replay(frames_header(config), tuple(answers), taken, tuple(changes), failure, status)
 
 
 def steps(

@@ -26,6 +26,7 @@ import rerun as rr
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import QUANTITIES
+from palpate_host.common.mode import Mode
 from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
@@ -71,7 +72,7 @@ class HandView:
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(status.time_us, "us"))
         self._plot(status)
         message = (status.mode.value, status.reason, status.warning)
-        if message != self._last_text:
+        if message != self._last_text and status.mode is not Mode.UNKNOWN:
             self._last_text = message
             text = f"{status.mode.value}: {status.reason}"
             if status.warning:
@@ -105,8 +106,10 @@ class HandView:
         for joint in status.joints:
             if joint.position_rad is not None:
                 log(f"position/{joint.name}", rr.Scalars(joint.position_rad))
-            log(f"torque/{joint.name}", rr.Scalars(joint.torque_Nm))
-            log(f"command/{joint.name}", rr.Scalars(joint.command_Nm))
+            if joint.torque_Nm is not None:
+                log(f"torque/{joint.name}", rr.Scalars(joint.torque_Nm))
+            if joint.command_Nm is not None:
+                log(f"command/{joint.name}", rr.Scalars(joint.command_Nm))
         for finger in status.fingers:
             for entity, value in plotted(finger):
                 log(entity, rr.Scalars(value))
@@ -114,7 +117,8 @@ class HandView:
                 log(f"age_ms/{finger.name}", rr.Scalars(finger.age_ms))
         if status.orientation_error_deg is not None:
             log("orientation/error_deg", rr.Scalars(status.orientation_error_deg))
-        log("orientation/misfit_deg", rr.Scalars(status.fit_residual_deg))
+        if status.fit_residual_deg is not None:
+            log("orientation/misfit_deg", rr.Scalars(status.fit_residual_deg))
 
     def _draw(self, status: HostStatus) -> None:
         q_rad = [joint.position_rad for joint in status.joints if joint.position_rad is not None]

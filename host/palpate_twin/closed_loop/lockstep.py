@@ -77,22 +77,27 @@ class LockstepLoop:
         has_weight: bool = False,
         on_frame: Callable[[int, CanFrame], None] = lambda _stamp_us, _frame: None,
         on_step: Callable[[int], None] = lambda _now_us: None,
+        on_tick: Callable[[HostStatus], None] = lambda _status: None,
     ) -> None:
         """Connect the parts. Raises ConfigError when the hand's frames do not fit on the bus.
 
         has_weight: the object's support is removed when the host begins to turn the object. on_frame: called
         with each CAN frame and the time at which its transmission ends. on_step: called before each step.
+        on_tick: called with the host's status after each tick.
         """
         check_bus_load(config)
         self._is_supported = has_weight
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._contact_source = hand, contact_source
-        self._on_frame, self._on_step = on_frame, on_step
+        self._on_frame, self._on_step, self._on_tick = on_frame, on_step, on_tick
         self._radius_mm = 1e3 * config.control.tip_radius_m
         self.host = HostCore(config.starting(StartMode.AUTO), hand)
         self.status: HostStatus | None = None
         self._driven = DrivenHand(config, engine)
-        self._tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
+        self._tips = [
+            FingertipNode(f.fingertip_node, MethodCode.CORRECTED, f.calibration or "0" * 16)
+            for f in config.fingers
+        ]
         self._nodes: list[Cia402Device | FingertipNode] = [*self._driven.devices, *self._tips]
         self._due_us = [START_US] * len(self._nodes)
         self._now_us = START_US
@@ -128,6 +133,8 @@ class LockstepLoop:
         output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
         self.status = output.status
+        if output.ticked and output.status is not None:
+            self._on_tick(output.status)
         if output.frames_out and output.status is not None:
             seconds = (now_us - START_US) * 1e-6
             mode = output.status.mode

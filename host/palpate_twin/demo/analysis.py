@@ -9,20 +9,20 @@ from pathlib import Path
 
 import msgspec
 
-from palpate_bus.logs.candump import read_log
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import check_contract
+from palpate_host.service.replay import read_hand_log
 from palpate_twin.demo.hand_motion import (
     HandFigures,
     HostTick,
     JointTorque,
     hand_figures,
     joint_torques,
+    recorded_modes,
     replay_modes,
 )
 from palpate_twin.demo.live_view import mode_name
@@ -85,8 +85,7 @@ def analyse(folder: RunFolder) -> Analysis:
     different EDS or hand.toml.
     """
     config, hand = load_hand(folder.hand_toml)
-    log = read_log(folder.log)
-    check_contract(folder.log, log.header, config)
+    log = read_hand_log(folder.log, config)
     if len(log.records) < 2:
         raise DatasetError(f"{folder.log}: contains fewer than two CAN frames: run the demo again")
     fingers, all_pairs = [], []
@@ -106,7 +105,7 @@ def analyse(folder: RunFolder) -> Analysis:
         fingers.append(finger_figures(fingertip.name, pairs, incomplete))
     begin_us = log.records[0].stamp_us
     sent = read_commands(folder.commands)
-    ticks = replay_modes(log.records, config, hand, sent)
+    ticks = recorded_modes(log.ticks) or replay_modes(log.records, config, hand, sent)
     torques = joint_torques(log.records, config)
     motion = None if recording is not None else read_motion(folder.motion)
     requests = [(begin_us, config.target.rpy_deg), *((s.after_us, s.rotate.rpy_deg) for s in sent)]

@@ -1,9 +1,9 @@
 """Reconstruct the hand's modes, orientation error and joint torques from a bus log.
 
-Modes are not on the bus. The host core depends only on its frames and ticks, so replaying the log through it
-reproduces them. Replayed ticks have the phase of the host's heartbeat; where a tick of the host was late, the
-replay differs by one or two ticks. Torques are the target torques of RPDO 1 in the log, scaled by the rated
-torque that the drive reported.
+Modes are not on the bus; the host records them in the log. In a log without records, replaying the log
+through a host core reproduces them. Replayed ticks have the phase of the host's heartbeat; where a tick of
+the host was late, such a replay differs by one or two ticks. Torques are the target torques of RPDO 1 in the
+log, scaled by the rated torque that the drive reported.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
 from palpate_host.drives.drive import needs_of
 from palpate_host.service.host_core import HostCore
+from palpate_host.service.host_records import TickRecord
 from palpate_host.service.replay import first_beat_us, has_reads, steps
 from palpate_twin.demo.distribution import Distribution, distribution
 from palpate_twin.demo.programme import SentCommand
@@ -145,6 +146,11 @@ def replay_modes(
     return [
         _host_tick(step.now_us, step.output.status) for step in replayed if step.output.status is not None
     ]
+
+
+def recorded_modes(ticks: Sequence[TickRecord]) -> list[HostTick]:
+    """Return the ticks that the host recorded in the log; none in a log of an older palpate."""
+    return [_host_tick(tick.status.time_us, tick.status) for tick in ticks]
 
 
 def _host_tick(now_us: int, status: HostStatus) -> HostTick:

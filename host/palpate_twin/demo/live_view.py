@@ -169,8 +169,9 @@ class FingerPanel:
 def _torque(joint: JointStatus, limit_Nm: float, width: int) -> Text:
     """Return a joint's name, its torque and a bar from the middle; the bar's ends are the torque limit."""
     name_width = 12 if width >= WIDE else 5
-    share = max(-1.0, min(1.0, joint.command_Nm / limit_Nm))
-    text = Text(f"{joint.name[: name_width - 1]:<{name_width}}{joint.command_Nm:+.2f} ")
+    command_Nm = joint.command_Nm or 0.0
+    share = max(-1.0, min(1.0, command_Nm / limit_Nm))
+    text = Text(f"{joint.name[: name_width - 1]:<{name_width}}{command_Nm:+.2f} ")
     half = max(0, (width - len(text) - 3) // 2)
     full, partial = divmod(round(abs(share) * half * 2), 2)
     style = "bright_red" if full == half else "bright_green"

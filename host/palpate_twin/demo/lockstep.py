@@ -18,6 +18,7 @@ from palpate_host.common.command import Rotate
 from palpate_host.common.mode import STARTING
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host import load_hand
+from palpate_host.service.host_records import HostRecorder
 from palpate_twin.camera.frame_truth import FrameTruth, FrameTruthFile
 from palpate_twin.camera.kept_pictures import PictureKeeper
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
@@ -26,7 +27,7 @@ from palpate_twin.closed_loop.tactile_rendering import RenderedContactSource
 from palpate_twin.demo.monitor import MonitorSample
 from palpate_twin.demo.orchestrator import DemoInterruptedError, ShowSample, log_header
 from palpate_twin.demo.programme import Programme
-from palpate_twin.demo.run_folder import RunFolder
+from palpate_twin.demo.run_folder import RunFolder, bind_calibrations
 from palpate_twin.dome.library import load_library
 from palpate_twin.hand.motion import PERIOD_US, MotionFile
 from palpate_twin.paper.trial import make_engine
@@ -51,14 +52,16 @@ def run(
     report_progress, show: as in `orchestrator.run`. Raises DemoInterruptedError after Ctrl-C and ConfigError
     for an unusable configuration.
     """
-    config, hand = load_hand(folder.hand_toml)
-    names = [finger.name for finger in config.fingers]
-    radius_mm = 1e3 * config.control.tip_radius_m
+    loaded = folder.hand()
+    names = [finger.name for finger in loaded.fingers]
+    radius_mm = 1e3 * loaded.control.tip_radius_m
     folder.truth.mkdir()
     folder.sensors.mkdir(parents=True, exist_ok=True)
     report_progress("making and calibrating the sensors")
     library = load_library()
     sensors = fingertip_sensors(folder.sensors, names, radius_mm, seed, library, report_progress)
+    bind_calibrations(folder)
+    config, hand = load_hand(folder.hand_toml)
     engine = make_engine(config, "mujoco", has_B=False)
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_event())
@@ -80,7 +83,18 @@ def run(
             if now_us % PERIOD_US == 0:
                 motion.write(now_us, engine)
 
-        loop = LockstepLoop(config, hand, engine, contact_source, on_frame=log_frame, on_step=record_motion)
+        recorder = HostRecorder(config)
+
+        def record_tick(status: HostStatus) -> None:
+            for note in recorder.notes(status):
+                log.note(note)
+
+        loop = LockstepLoop(
+            *(config, hand, engine, contact_source),
+            on_frame=log_frame,
+            on_step=record_motion,
+            on_tick=record_tick,
+        )
 
         def advance(seconds: float) -> Iterator[float]:
             """Run the loop for `seconds` and yield the elapsed simulated time after each poll."""

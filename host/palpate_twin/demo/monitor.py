@@ -48,8 +48,18 @@ class MonitorSample:
 class Monitor:
     """Listener on the hub of `hand.bus` and on `status_socket`, to which the host connects."""
 
-    def __init__(self, hand: HandConfig, status_socket: Path, now_us: Callable[[], int]) -> None:
-        """Connect to the hub. now_us: returns Unix time on the bus's clock. Raises BusError without a hub."""
+    def __init__(
+        self,
+        hand: HandConfig,
+        status_socket: Path,
+        now_us: Callable[[], int],
+        on_status: Callable[[HostStatus], None] = lambda _status: None,
+    ) -> None:
+        """Connect to the hub. Raises BusError without a hub.
+
+        now_us: returns Unix time on the bus's clock. on_status: called for each status.
+        """
+        self._on_status = on_status
         self._now_us = now_us
         self._hub = Path(hand.bus.channel)
         self._fingertips = [Fingertip(finger.fingertip_node, finger.name) for finger in hand.fingers]
@@ -62,7 +72,7 @@ class Monitor:
         self._statistics_us: int | None = None
         self._decoder = msgspec.json.Decoder(HostStatus)
         self._partial_line = b""
-        self._line = b""
+        self._status: HostStatus | None = None
         self._stream: socket.socket | None = None
         boot_ups = [HEARTBEAT_ID + node for node in hand.node_names]
         with contextlib.ExitStack() as undo:
@@ -97,7 +107,7 @@ class Monitor:
             self._load = reply.load if isinstance(reply, Statistics) else None
         self._read_status()
         return MonitorSample(
-            status=self._decoder.decode(self._line) if self._line else None,
+            status=self._status,
             latency_us=tuple(_recent_median_us(latencies, now_us) for latencies in self._latencies),
             load=self._load,
         )
@@ -108,7 +118,7 @@ class Monitor:
             self._latencies[finger].append((stamp_us, contact.received_at_us - contact.exposed_at_us))
 
     def _read_status(self) -> None:
-        """Keep the newest whole line of the status stream."""
+        """Take the whole lines of the status stream; keep the newest status."""
         if self._stream is None:
             with contextlib.suppress(BlockingIOError):
                 self._stream, _ = self._listener.accept()
@@ -122,8 +132,9 @@ class Monitor:
             if not data:  # the host exited: the process monitor reports that
                 return
             *lines, self._partial_line = (self._partial_line + data).split(b"\n")
-            if lines:
-                self._line = lines[-1]
+            for line in lines:
+                self._status = self._decoder.decode(line)
+                self._on_status(self._status)
 
 
 def _recent_median_us(latencies: deque[tuple[int, int]], now_us: int) -> float | None:

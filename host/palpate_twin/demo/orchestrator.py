@@ -7,7 +7,7 @@ import platform
 import shlex
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,14 +17,16 @@ from palpate_edge import __version__
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.signals import stop_event
 from palpate_host.common.mode import STARTING
+from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.service.contract import recording_header
 from palpate_host.service.host import bus_time
-from palpate_host.service.replay import contract_header
+from palpate_host.service.host_records import HostRecorder
 from palpate_twin.demo.live_view import ViewScale
 from palpate_twin.demo.monitor import Monitor, MonitorSample
 from palpate_twin.demo.processes import Children, DemoError, Program, RealTimePriority
 from palpate_twin.demo.programme import Programme, socket_commander
-from palpate_twin.demo.run_folder import RunFolder
+from palpate_twin.demo.run_folder import RunFolder, bind_calibrations
 
 START_TIMEOUT_S = 60.0
 PREPARE_TIMEOUT_S = 900.0  # rendering and calibrating the sensors takes 10 s on an idle machine
@@ -96,7 +98,7 @@ def commands(folder: RunFolder, hand: HandConfig, recording: Path | None) -> lis
 
 def log_header(hand: HandConfig, origin: str) -> dict[str, str]:
     """Return the header of the bus log: the versions of EDS and hand.toml, and the machine and program."""
-    return {**contract_header(hand).entries, "origin": origin, "palpate": __version__, **_machine()}
+    return {**recording_header(hand).entries, "origin": origin, "palpate": __version__, **_machine()}
 
 
 def view_scale(hand: HandConfig, duration_s: float, force_N: float) -> ViewScale:
@@ -124,18 +126,22 @@ def run(
     DemoInterruptedError after Ctrl-C; all processes have ended in either case.
     """
     hand = folder.hand()
-    prepare, hub, plant, *tips, host = commands(folder, hand, recording)
+    prepare, *_ = commands(folder, hand, recording)
     with stop_event() as stopped, Children(folder.path) as children:
         watch = _ProcessWatch(children, stopped)
         report_progress(
             "making and calibrating the sensors" if recording is None else "calibrating the sensor"
         )
         watch.finish(prepare, report_progress)
+        bind_calibrations(folder)
+        hand = folder.hand()
+        _, hub, plant, *tips, host = commands(folder, hand, recording)
+        statuses: list[HostStatus] = []
         report_progress("starting the hub, nine drives, three fingertips and the host")
         watch.start(hub)
         watch.until(lambda: _responds(folder.hub_socket), "a response of the hub")
         now_us = bus_time(hand.bus)
-        with Monitor(hand, folder.status_socket, now_us) as monitor:
+        with Monitor(hand, folder.status_socket, now_us, statuses.append) as monitor:
             watch.start(plant)
             if recording is None:
                 rings = [folder.ring(finger.name) for finger in hand.fingers]
@@ -149,9 +155,20 @@ def run(
             if recording is None:
                 programme = Programme(socket_commander(folder.control_socket), folder.commands, duration_s)
             _watch_for(duration_s, now_us, watch, monitor, show, programme)
-            children.stop(host.name)
+            children.stop(host.name, meanwhile=monitor.poll)
+            monitor.poll()
         children.stop(plant.name, *(command.name for command in tips))
         children.stop(hub.name)
+    _add_notes(folder.log, hand, statuses)
+
+
+def _add_notes(log: Path, hand: HandConfig, statuses: Sequence[HostStatus]) -> None:
+    """Append the host's records to the hub's log."""
+    recorder = HostRecorder(hand)
+    with log.open("a", encoding="ascii", newline="\n") as file:
+        for status in statuses:
+            for note in recorder.notes(status):
+                file.writelines(f"{line}\n" for line in note.lines())
 
 
 def _watch_for(

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -22,6 +22,7 @@ from types import TracebackType
 
 from palpate_edge.common.errors import PalpateError
 
+STOP_POLL_S = 0.05
 STOP_TIMEOUT_S = 30.0
 POLL_S = 0.02
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -131,9 +132,10 @@ class Children:
             self.check()
             time.sleep(POLL_S)
 
-    def stop(self, *names: str) -> None:
+    def stop(self, *names: str, meanwhile: Callable[[], object] = lambda: None) -> None:
         """Send SIGTERM to the named processes, then wait for each.
 
+        meanwhile: called every STOP_POLL_S while the command waits.
         Raises DemoError for a process that does not end in time or ends with an error.
         """
         stopping = [child for child in self._running if child.name in names]
@@ -141,12 +143,24 @@ class Children:
             child.process.send_signal(signal.SIGTERM)
         for child in stopping:
             try:
-                status = child.process.wait(STOP_TIMEOUT_S)
+                status = _wait(child.process, meanwhile)
             except subprocess.TimeoutExpired:
                 raise child.failure(f"did not stop within {STOP_TIMEOUT_S:.0f} s and was killed") from None
             self._running.remove(child)
             if status != 0:
                 raise child.failure(f"stopped with an error ({_status_text(status)})")
+
+
+def _wait(process: subprocess.Popen[bytes], meanwhile: Callable[[], object]) -> int:
+    """Return the exit status; subprocess.TimeoutExpired after STOP_TIMEOUT_S."""
+    end_s = time.monotonic() + STOP_TIMEOUT_S
+    while True:
+        meanwhile()
+        try:
+            return process.wait(STOP_POLL_S)
+        except subprocess.TimeoutExpired:
+            if time.monotonic() > end_s:
+                raise
 
 
 def _end(child: Child) -> None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.common.atomic_write import make_folder, refused_as, write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import FingertipConfig, read_config
@@ -32,6 +33,7 @@ TWIN_KEYS = {
 TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
 """Keys in which the demo's hand.toml differs from the packaged one, and keys added to its [control]."""
 RECORDED_LOST_MS = 60_000  # recorded presses do not follow the hand: no object is lost when they end
+DIGEST_DIGITS = 16  # of a calibration's checksum, as 2001h of its fingertip
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7) without the terminating zero
 
 _BUS_SECTION = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)
@@ -193,6 +195,19 @@ def make_run_folder(path: Path, recording: Path | None, bitrate: int) -> RunFold
         )
         _write(folder.finger_toml(finger.name), text)
     return folder
+
+
+def bind_calibrations(folder: RunFolder) -> None:
+    """Write the digest of each fingertip's calibration into hand.toml, so that the run's log is bound to it.
+
+    Raises CalibrationError when a calibration cannot be read.
+    """
+    text = folder.hand_toml.read_text(encoding="utf-8")
+    for fingertip in folder.fingertips():
+        digest = load_calibration(Path(fingertip.estimator.calibration)).checksum[:DIGEST_DIGITS]
+        name = f"name = {_quoted(fingertip.name)}\n"
+        text = text.replace(name, f'{name}calibration = "{digest}"\n', 1)
+    _write(folder.hand_toml, text)
 
 
 def _write(path: Path, text: str) -> None:

@@ -18,27 +18,36 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.experiment.protocol import ExperimentConfig, TrialCase
 from palpate_host.experiment.result import TrialResult
 from palpate_host.recording.mcap import McapRecording
+from palpate_host.service.contract import recording_header
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import contract_header, steps
+from palpate_host.service.host_records import HostRecorder
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.closed_loop.lockstep import LockstepLoop, Sample, turning_samples
-from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
+from palpate_twin.closed_loop.tactile_rendering import ContactSource, TrueContactSource
+from palpate_twin.hand.engine import Engine
 from palpate_twin.paper.trial import make_engine
 
 PICTURES_HZ = 5.0
 
 
 class RecordedLoop(LockstepLoop):
-    """The closed loop in lock step with a bus log."""
+    """The closed loop in lock step with a bus log and the host's statuses."""
 
-    def __init__(self, config: HandConfig, hand: HandKinematics, *arguments: object) -> None:
-        super().__init__(config, hand, *arguments)  # type: ignore[arg-type]
+    def __init__(
+        self, config: HandConfig, hand: HandKinematics, engine: Engine, contacts: ContactSource
+    ) -> None:
+        super().__init__(config, hand, engine, contacts, on_tick=self._keep)
         self.bus_log: list[LogRecord] = []
+        self.statuses: list[HostStatus] = []
+
+    def _keep(self, status: HostStatus) -> None:
+        self.statuses.append(status)
 
     def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
         before = len(self._wire)
@@ -84,8 +93,10 @@ def run_twin_trial(
     turning = turning_samples(record)
     make_folder(folder, ConfigError)
     records = sorted(loop.bus_log, key=lambda one: one.stamp_us)
-    write_log(folder / "bus.log", contract_header(config), records)
-    _write_mcap(folder / "hand.mcap", records, config, hand)
+    recorder = HostRecorder(config)
+    notes = [note for status in loop.statuses for note in recorder.notes(status)]
+    write_log(folder / "bus.log", recording_header(config), records, notes)
+    _write_mcap(folder / "hand.mcap", loop.statuses, config, hand)
     times, turns = _by_camera(config, turning, experiment.seed)
     start = turning[0].object_rotation
     return TrialResult(
@@ -124,8 +135,7 @@ def _by_camera(config: HandConfig, turning: Sequence[Sample], seed: int) -> tupl
     return np.array(times), turns
 
 
-def _write_mcap(path: Path, records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics) -> None:
+def _write_mcap(path: Path, statuses: Sequence[HostStatus], config: HandConfig, hand: HandKinematics) -> None:
     with McapRecording(path, hand, [finger.name for finger in config.fingers]) as recording:
-        for step in steps(records, config, hand):
-            if step.output.status is not None and step.output.frames_out:
-                recording.write(step.output.status)
+        for status in statuses:
+            recording.write(status)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+
 import can
 import pytest
 from hypothesis import given
@@ -10,6 +13,7 @@ from hypothesis import strategies as st
 from palpate_bus.logs.candump import (
     LogError,
     LogHeader,
+    LogNote,
     LogRecord,
     LogWriter,
     format_record,
@@ -118,7 +122,36 @@ def test_header_and_records_come_back(tmp_path):
     write_log(path, header, records)
     log = read_log(path)
     assert (log.header, list(log.records)) == (header, records)
-    assert path.read_text().splitlines()[0] == "# palpate-log: 1"
+    assert path.read_text().splitlines()[0] == "# palpate-log: 2"
+
+
+def test_notes_stand_between_the_records_they_belong_to(tmp_path):
+    """A long note is several lines, each short enough for can-utils, whose buffer is 400 bytes."""
+    path = tmp_path / "bus.log"
+    records = [LogRecord(1_000_005, CanFrame(1)), LogRecord(1_000_009, CanFrame(2))]
+    notes = [LogNote(1_000_005, "tick", '{"a":1}'), LogNote(1_000_007, "long", "x y " * 300)]
+    write_log(path, LogHeader(), records, notes)
+    lines = path.read_text().splitlines()
+    assert lines[1:4] == ["(0000000001.000005) can0 001#", '#! (0000000001.000005) tick {"a":1}', lines[3]]
+    assert lines[-1] == "(0000000001.000009) can0 002#"
+    assert max(map(len, lines)) < 390
+    log = read_log(path)
+    assert (log.records, log.notes) == (tuple(records), tuple(notes))
+    with LogWriter(path) as writer:
+        writer.note(notes[1])
+        writer.write(records[0])
+    assert read_log(path).notes == (notes[1],)
+    with pytest.raises(LogError, match="log note"):
+        LogNote(1, "tick", "\u00fc").lines()
+
+
+@pytest.mark.skipif(shutil.which("log2asc") is None, reason="log2asc of can-utils is not installed")
+def test_can_utils_skip_header_and_notes(tmp_path):
+    path = tmp_path / "bus.log"
+    write_log(path, LogHeader({"k": "v"}), [LINES[0][1]], [LogNote(1, "tick", "x" * 2000)])
+    done = subprocess.run(["log2asc", "-I", path, "can0"], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert sum(" Rx " in line for line in done.stdout.splitlines()) == 1
 
 
 def test_time_zone_has_no_say(tmp_path, monkeypatch):
@@ -145,7 +178,9 @@ def test_time_zone_has_no_say(tmp_path, monkeypatch):
         ("(1.000000) can0 190#00\n# late: header\n", "line 2"),
         ("# key: 1\n# key: 2\n", "line 2"),
         ("# no value\n", "line 1"),
-        ("# palpate-log: 2\n", "format version 2, this palpate reads 1"),
+        ("# palpate-log: 3\n", "format version 3, this palpate reads 1 and 2"),
+        ("(1.000000) can0 190#00\n#! no time\n", "line 2: 'no time' is not a note"),
+        ("#+ continues nothing\n", "line 1"),
         ("\u00fc\n", "byte 0 is not ASCII"),
     ],
 )

@@ -56,11 +56,12 @@ def test_csv_has_them_behind_the_columns_there_were(
     with (tmp_path / "hand.csv").open(newline="") as file:
         first, second = csv.DictReader(file)
     names = list(first)
-    assert names[names.index("mode") + 1 :] == [
+    assert names[names.index("mode") + 1 : -1] == [
         f"observation.{column}.finger-{number}"
         for column in ("radius95_mm", "torsion_Nmm", "torsion95_Nmm", "force95_N", *FLAT_POSE_FIELDS)
         for number in (1, 2, 3)
     ]
+    assert names[-1] == "orientation_error_deg"
     tactile = [name for name in names if name.startswith("observation.tactile.finger-1.")]
     assert [name.rpartition(".")[2] for name in tactile] == [
         "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "in_contact", "slip"
