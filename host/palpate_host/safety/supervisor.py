@@ -208,7 +208,7 @@ def _first(
 
 def _frame_fault(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.frame_age_us is None or finger.frame_age_us > tiers.stop_us:
-        why = f" ({finger.unverified})" if finger.unverified else ""
+        why = f" ({finger.unverified})" if finger.unverified and not finger.heartbeat_timed_out else ""
         return f"{finger.name}: no valid frame for more than {tiers.stop_us // 1000} ms{why}"
     return ""
 
