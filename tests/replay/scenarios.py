@@ -53,12 +53,30 @@ def in_order(records: Records) -> Records:
     return sorted(records, key=lambda record: record.stamp_us)
 
 
+def delayed(records: Records, by_us: int) -> Records:
+    return [replace(record, stamp_us=record.stamp_us + by_us) for record in records]
+
+
+def read_again(records: Records, node: int, from_us: int) -> Records:
+    """Responses to the host's reads of a node that is verified again from `from_us` on: those of its start.
+
+    The host asks once a tick, beginning with the tick after the node's first heartbeat.
+    """
+    answers = [r for r in records if r.frame.can_id == 0x580 + node]
+    ticks_us = [r.stamp_us for r in records if r.frame.can_id == 0x080]
+    first_us = max(tick_us for tick_us in ticks_us if tick_us < answers[0].stamp_us)
+    again_us = min(tick_us for tick_us in ticks_us if tick_us > from_us)
+    return delayed(answers, again_us - first_us)
+
+
 def start_up(records: Records) -> Records:
-    """finger-3 boots 0.3 s late."""
-    late_us = START_US + BOOT_DELAY_US
-    kept = [r for r in records if not is_of(r, FINGER_3) or r.stamp_us >= late_us]
-    boot = LogRecord(late_us, CanFrame(0x700 + FINGER_3, b"\x00"))
-    return upto(in_order([*kept, boot]), 0.8)
+    """finger-3 boots 0.3 s late, is read later by as much, and sends its contacts from then on."""
+    own = [r for r in records if is_of(r, FINGER_3)]
+    said = delayed([r for r in own if not is_contact(r)], BOOT_DELAY_US)
+    operates_us = next(r.stamp_us for r in said if r.frame == CanFrame(0x700 + FINGER_3, b"\x05"))
+    contacts = [r for r in own if is_contact(r) and r.stamp_us >= operates_us]
+    others = [r for r in records if not is_of(r, FINGER_3)]
+    return upto(in_order([*others, *said, *contacts]), 1.2)
 
 
 def fingertip_lost(records: Records) -> Records:
@@ -67,9 +85,11 @@ def fingertip_lost(records: Records) -> Records:
 
 
 def bus_off(records: Records) -> Records:
-    """finger-2's controller is off the bus for BUS_OFF_US."""
+    """finger-2's controller is off the bus for BUS_OFF_US; then the host reads it again."""
     cut = range(FAULT_US, FAULT_US + BUS_OFF_US)
-    return upto([r for r in records if not is_of(r, FINGER_2) or r.stamp_us not in cut], 3.2)
+    kept = [r for r in records if not is_of(r, FINGER_2) or r.stamp_us not in cut]
+    beats = [r.stamp_us for r in kept if r.frame.can_id == 0x700 + FINGER_2 and r.stamp_us >= cut.stop]
+    return upto(in_order([*kept, *read_again(records, FINGER_2, beats[0])]), 3.6)
 
 
 def host_cut_off(records: Records) -> Records:
@@ -104,7 +124,7 @@ def reordered(records: Records) -> Records:
     moved = [
         replace(r, stamp_us=r.stamp_us + dice.randint(0, 8_000)) if is_contact(r) else r for r in records
     ]
-    return upto(in_order(moved), 3.0)
+    return upto(in_order(moved), 4.0)
 
 
 def lossy(records: Records) -> Records:
@@ -114,7 +134,7 @@ def lossy(records: Records) -> Records:
 
 
 def node_id_clash(records: Records) -> Records:
-    """A second device with finger-2's id boots at FAULT_US and sends contacts of its own."""
+    """A second device with finger-2's id boots at FAULT_US, is read and sends contacts of its own."""
     clash: Records = [LogRecord(FAULT_US, CanFrame(0x700 + FINGER_2, b"\x00"))]
     for number in range(40):
         stamp_us = FAULT_US + 20_000 + 33_333 * number
@@ -135,7 +155,7 @@ def node_id_clash(records: Records) -> Records:
                 ),
             ),
         ]
-    return upto(in_order([*records, *clash]), 3.2)
+    return upto(in_order([*records, *clash, *read_again(records, FINGER_2, FAULT_US)]), 3.2)
 
 
 def emcy_storm(records: Records) -> Records:

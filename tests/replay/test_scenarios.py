@@ -188,7 +188,13 @@ def test_a_fingertip_off_the_bus_comes_back_and_the_hand_goes_on():
     assert within_a_tick_after(entered(name, Mode.BLIND)[0], exposed_us + config.staleness.freeze_ms * 1000)
     hold_us = entered(name, Mode.HOLD)[0]
     assert within_a_tick_after(hold_us, beat_us + config.network.heartbeat_timeout_ms * 1000)
-    assert entered(name, Mode.MANIPULATE)[0] == hold_us + config.control.settle_ms * 1000
+    read_us = max(r.stamp_us for r in log(name).records if r.frame.can_id == 0x580 + scenarios.FINGER_2)
+    assert read_us > hold_us  # read again, since its heartbeat was lost
+    contact_us = next(
+        r.stamp_us for r in log(name).records if r.frame.can_id == 0x391 and r.stamp_us > read_us
+    )
+    assert within_a_tick_after(entered(name, Mode.MANIPULATE)[0], contact_us)
+    assert contact_us - hold_us > config.control.settle_ms * 1000
 
 
 def test_a_fingertip_back_from_bus_off_says_so_and_waits_to_be_started():
@@ -289,7 +295,7 @@ def test_a_node_id_used_twice_stops_the_hand():
     """Two devices send contacts as finger-2: few of them are believed, soon the hand stops and says why."""
     stop_us, reason = entered("node-id-clash", Mode.FAULT)
     assert reason.startswith("finger-2: two devices send as node 0x11")
-    assert stop_us - scenarios.FAULT_US < 500_000
+    assert stop_us - scenarios.FAULT_US < 1_000_000  # 430 ms of them to read the one that booted
 
 
 def test_a_storm_of_emergencies_moves_no_joint():
@@ -318,7 +324,7 @@ def test_a_jittering_sync_moves_the_fingertips_clock_by_less_than_the_jitter():
 
 @pytest.mark.parametrize("name", ["late", "duplicated", "reordered", "lossy", "emcy-storm"])
 def test_what_befalls_others_does_not_touch_a_fingertip(name):
-    """The host's frames are the normal ones in these logs, so finger-2 sends the same."""
+    """The host's frames are the normal ones in these logs, so finger-2 sends the same; one log is longer."""
     normal = fingertip_rig.fingertip_frames("normal", log("normal").records)
     frames = fingertip_rig.fingertip_frames(name, log(name).records)
-    assert lines(frames) == lines(normal)
+    assert len(frames) >= len(normal) and lines(frames)[: len(normal)] == lines(normal)
