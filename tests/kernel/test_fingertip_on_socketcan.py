@@ -108,12 +108,15 @@ def test_a_cable_that_takes_nothing_costs_old_contacts_and_nothing_else(
     stuck = fingertip.health()
     assert stuck.bus.retries > 0
     assert stuck.bus.state == "up"
+    wait_until(lambda: "frames wait and the bus accepts none" in fingertip.said())
+    wait_until(lambda: fingertip.health().bus.stuck)
     lines = serial_link.read_lines(120)
     assert "t710105" in lines
     sequences = [int(line[15:17] + line[13:15], 16) for line in lines if line.startswith("t3908")]
     assert sequences == sorted(set(sequences)), "no contact twice, none before an older one"
     # The ten frames in the queue are old contacts; a gap follows.
     assert max(later - earlier for earlier, later in pairwise(sequences)) > 10
+    wait_until(lambda: "the bus accepts frames again" in fingertip.said())
     assert fingertip.stop() == 0
 
 

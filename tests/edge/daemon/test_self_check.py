@@ -91,6 +91,19 @@ def test_a_script_is_told_of_failures_alone():
     assert exit_status([judge_bus(BUS), warning, judge_bus(change(BUS, state="down"))]) == 1
 
 
+@pytest.mark.parametrize(
+    ("bus", "word"),
+    [
+        (change(BUS, conflict="node id 0x10 is used twice: ..."), "used twice"),
+        (change(BUS, stuck=True), "accepts no frame"),
+    ],
+)
+def test_an_open_bus_that_is_of_no_use_fails(bus, word):
+    row = judge_bus(bus)
+    assert row.verdict.value == "fail"
+    assert word in row.way_out
+
+
 def test_the_table_has_a_line_for_each_part_and_each_way_out():
     lines = as_table([judge_bus(BUS), judge_bus(change(BUS, state="down"))]).splitlines()
     assert [line.split()[0] for line in lines] == ["ok", "fail", "->"]
@@ -135,6 +148,9 @@ REPORT = HealthReport(
         receive_overruns=1008,
         error_frames=1009,
         foreign_frames=1010,
+        own_echoes=1017,
+        others_dropped=1018,
+        id_conflicts=1019,
     ),
     clock=change(CLOCK, steps=1011, rejected=1012),
     light=change(LIGHT, losses=1013, triggers=1014, pec_errors=1015),
@@ -144,7 +160,7 @@ REPORT = HealthReport(
 
 def test_every_counter_is_in_the_table():
     table = as_table(counter_rows(REPORT))
-    for number in range(1001, 1017):
+    for number in range(1001, 1020):
         assert str(number) in table, f"counter {number}"
     assert all(row.verdict is Verdict.OK for row in counter_rows(REPORT))
 
@@ -168,7 +184,10 @@ def test_a_health_report_of_an_earlier_version_is_read():
     for part, names in {
         "camera": ["damaged"],
         "beads": ["lost", "searches", "drift_px"],
-        "bus": ["receive_overruns", "overruns_lately", "error_frames", "foreign_frames"],
+        "bus": [
+            *("receive_overruns", "overruns_lately", "error_frames", "foreign_frames"),
+            *("own_echoes", "others_dropped", "id_conflicts", "stuck", "conflict"),
+        ],
         "light": ["losses", "triggers", "pec_errors"],
     }.items():
         for name in names:
