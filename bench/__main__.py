@@ -5,7 +5,20 @@ from __future__ import annotations
 import click
 import cv2
 
-from bench import bus, estimate_to_bus, estimator, host, latency, node, startup, tick, twin, twin_hand, vision
+from bench import (
+    bus,
+    estimate_to_bus,
+    estimator,
+    host,
+    latency,
+    node,
+    pose_tick,
+    startup,
+    tick,
+    twin,
+    twin_hand,
+    vision,
+)
 from palpate_edge.common.entry_point import run_cli
 
 TABLES = {
@@ -20,6 +33,7 @@ TABLES = {
     "latency": latency.report_of_a_demo,
     "camera": twin.report,
     "hand": twin_hand.report,
+    "pose-tick": pose_tick.report,
 }
 
 

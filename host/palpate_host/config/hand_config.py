@@ -36,6 +36,13 @@ class ControlMode(enum.Enum):
     BLIND = "blind"
 
 
+class ControlLaw(enum.Enum):
+    """Law of a held object: the paper's, of its orientation, or that of its whole pose (pose_law.py)."""
+
+    PAPER = "paper"
+    POSE = "pose"
+
+
 class ForceLaw(enum.Enum):
     """Effect of the measured contact force on the grasp (contact_force.py)."""
 
@@ -89,6 +96,7 @@ class FingerConfig(Strict, frozen=True):
 class ControlConfig(Strict, frozen=True):
     """Gains of Eqs. (9)-(14) (described at control.Gains) and how the object's orientation is followed.
 
+    law: `pose` uses [pose_law] in place of K_r, friction_ratio, integral_per_s and the terms that carry.
     reference_frames: contacts a finger must give before its normal is a reference.
     contact_filter_s: low-pass on R_vir^T R_c; 0 turns it off. settle_ms: grasping before the object is
     turned. integral_per_s: rate at which the error that a proportional law leaves is taken out once the ramp
@@ -123,6 +131,32 @@ class ControlConfig(Strict, frozen=True):
     integral_per_s: NotNegative = 0.0
     object_weight_N: NotNegative = 0.0
     position_stiffness_N_m: NotNegative = 0.0
+    law: ControlLaw = ControlLaw.PAPER
+
+
+class PoseLawConfig(Strict, frozen=True):
+    """Gains and limits of control.law = "pose" (pose_law.py).
+
+    position_stiffness_N_m, orientation_stiffness_Nm_rad: upper limits, which slow ticks reduce.
+    position_damping_Ns_m, orientation_damping_Nms_rad: added to that of the joints. integral_per_s: rate at
+    which a steady load is learned. friction: ratio of tangential to normal force that the grip provides for.
+    most_grip_N: largest mean normal force of the grip. relax_s: time constant with which the grip relaxes.
+    contact_time_s: time constant with which contact normals correct the orientation. doubt_deg: a normal
+    further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
+    smaller; 0: rigid.
+    """
+
+    position_stiffness_N_m: Positive = 1000.0
+    position_damping_Ns_m: NotNegative = 20.0
+    orientation_stiffness_Nm_rad: Positive = 4.0
+    orientation_damping_Nms_rad: NotNegative = 0.03
+    integral_per_s: NotNegative = 4.0
+    friction: Positive = 0.4
+    most_grip_N: Positive = 10.0
+    relax_s: Positive = 0.5
+    contact_time_s: Positive = 0.5
+    doubt_deg: Positive = 8.0
+    tip_stiffness_N_m2: NotNegative = 0.0
 
 
 class TargetConfig(Strict, frozen=True):
@@ -211,6 +245,7 @@ class HandConfig(Strict, frozen=True):
     network: NetworkConfig = NetworkConfig()
     run: RunConfig = RunConfig()
     limits: LimitsConfig = LimitsConfig()
+    pose_law: PoseLawConfig = PoseLawConfig()
     homing: HomingConfig | None = None
     geometry: GeometryConfig | None = None
     twin: TwinConfig | None = None
@@ -290,6 +325,16 @@ def _check_ranges(path: Path, config: HandConfig) -> None:
         raise ConfigError(
             f"{path}: control.drives_follow = {control.drives_follow.value!r} needs control.force_law ="
             " 'admittance': without the sensor's force such joints go on closing"
+        )
+    if control.law is ControlLaw.POSE and not (
+        control.mode is ControlMode.PROPOSED
+        and control.drives_follow is Follows.TORQUE
+        and not control.velocity_joints
+        and control.force_law is ForceLaw.OPEN
+    ):
+        raise ConfigError(
+            f"{path}: control.law = 'pose' needs control.mode = 'proposed', drives that follow torque,"
+            " velocity_joints = false and force_law = 'open': correct these, or set law = 'paper'"
         )
     if config.homing is not None and config.homing.method > 0:
         for joint in config.joints:

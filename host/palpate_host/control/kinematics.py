@@ -27,6 +27,7 @@ class HandPose(NamedTuple):
         here u = J_i^T F with J_i of 3 x nq.
     tip_rotation: (n, 3, 3), columns of [i] are the axes of frame F of dome i.
     gravity_Nm: (nq,) g(q), the torque that holds the hand up.
+    tip_turn_jacobian: (n, 3, nq), the tips' angular velocities are [i] dq/dt; None where it was not computed.
     """
 
     q_rad: Array
@@ -34,6 +35,7 @@ class HandPose(NamedTuple):
     tip_jacobian_m: Array
     tip_rotation: Array
     gravity_Nm: Array
+    tip_turn_jacobian: Array | None = None
 
 
 class HandKinematics:
@@ -80,15 +82,16 @@ class HandKinematics:
         mujoco.mj_comPos(model, data)
         gravity = np.zeros(self._joint_count)
         mujoco.mj_rne(model, data, 0, gravity)
-        jacobian = np.zeros((len(self._sites), 3, self._joint_count))
+        jacobian, turn_jacobian = np.zeros((2, len(self._sites), 3, self._joint_count))
         for i, site in enumerate(self._sites):
-            mujoco.mj_jacSite(model, data, jacobian[i], None, site)
+            mujoco.mj_jacSite(model, data, jacobian[i], turn_jacobian[i], site)
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
             tip_centre_m=self._site_m[self._site_rows].copy(),
             tip_jacobian_m=jacobian[:, :, self._v_address],
             tip_rotation=self._axes[self._site_rows].copy(),
             gravity_Nm=gravity[self._v_address],
+            tip_turn_jacobian=turn_jacobian[:, :, self._v_address],
         )
 
 

@@ -17,7 +17,7 @@ from palpate_host.common import rotation
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.config.hand_config import ControlLaw, ControlMode, HandConfig
 from palpate_host.control.contact_force import ContactForce
 from palpate_host.control.control_law import (
     Gains,
@@ -29,10 +29,13 @@ from palpate_host.control.control_law import (
 )
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
+from palpate_host.control.pose_law import PoseLaw
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
 """Limit of the integral: Eq. (14) leaves an error of a few degrees, a larger one is a jammed object."""
+HELD = (Mode.GRASP, Mode.MANIPULATE, Mode.BLIND)
+"""Modes in which the pose law may hold an object."""
 RELEASE_RATIO = 0.25
 """Opening force over grasp force."""
 
@@ -58,6 +61,12 @@ class Manipulation:
         self._hold_at_m: Array | None = None
         self._integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
         self._trim_rad = np.zeros(3)
+        self.pose_law: PoseLaw | None = None
+        if control.law is ControlLaw.POSE:
+            self.pose_law = PoseLaw(control, config.pose_law, self.gains, len(config.fingers))
+            self._integral_per_s = 0.0  # the law has its own
+        self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
+        self._law_M: Array | None = None
 
     def turn(self, rpy_deg: tuple[float, float, float], ramp_s: float) -> None:
         """Start a turn from the last desired orientation, or from the measured one when there is none."""
@@ -69,10 +78,17 @@ class Manipulation:
         """Forget the desired orientation: the next turn starts from the measured one."""
         self.R_d = self.R_d_vir = self._start = None
         self._trim_rad = np.zeros(3)
+        if self.pose_law is not None:
+            self.pose_law.hold_here()
 
     @property
     def M(self) -> Array | None:
-        """R_vir^T R_c; the identity in Tahara's blind law, which takes the virtual frame for the object's."""
+        """R_vir^T R_c; the identity in Tahara's blind law, which takes the virtual frame for the object's.
+
+        While the pose law holds an object, R_c is its estimate.
+        """
+        if self._law_M is not None:
+            return self._law_M
         return np.eye(3) if self._blind_by_choice else self.orientation.M
 
     def orientation_error_deg(self, R_vir: Array | None) -> float | None:
@@ -95,17 +111,27 @@ class Manipulation:
         self._force.note(finger, contact)
         if not contact.in_contact or contact.position_mm is None:
             self.orientation.without_contact(finger, contact.exposed_at_us)
+            if self.pose_law is not None:
+                self.pose_law.release(finger)
             return
         normal = contact_normal(exposure_pose, finger, contact.position_mm)
         if normal is not None:
             R_vir_then = virtual_frame(exposure_pose.tip_centre_m)
             normal_in_vir = R_vir_then.T @ normal
             self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
+            if self.pose_law is not None:
+                self.pose_law.add_contact(finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us)
 
     def torque_Nm(
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
     ) -> Array:
         """Return the joint torques (nq,), within every limit; zero unless the mode moves joints."""
+        if self.pose_law is not None:
+            if R_vir is not None and self._holds(self.pose_law, mode, pose, R_vir, dt_s):
+                u = self._pose_torque_Nm(self.pose_law, mode, pose, qdot_rad_s, R_vir, dt_s)
+                return limit_torque_Nm(u, pose.q_rad, self.gains)
+            self.pose_law.drop()
+            self._law_M = None
         if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
         if mode is Mode.RELEASE:
@@ -126,6 +152,34 @@ class Manipulation:
             regulation_N = self._force.tip_force_N(grasp_N, pose.tip_rotation, dt_s)
         u = joint_torque_Nm(pose, qdot_rad_s, R_vir, R_d_vir, self.gains, self._hold_at_m, regulation_N)
         return limit_torque_Nm(u, pose.q_rad, self.gains)
+
+    def _holds(self, law: PoseLaw, mode: Mode, pose: HandPose, R_vir: Array, dt_s: float) -> bool:
+        """Return whether the pose law moves the joints in this tick; it begins when it can.
+
+        In GRASP it begins after control.settle_ms with references of every finger, in MANIPULATE at once.
+        """
+        if mode not in HELD:
+            self._grasped_s = 0.0
+            return False
+        if law.object is not None:
+            return True
+        M = self.orientation.M if law.can_hold else None
+        self._grasped_s = 0.0 if M is None else self._grasped_s + dt_s
+        if M is None or (mode is Mode.GRASP and self._grasped_s < self._settle_s):
+            return False
+        law.hold(pose, R_vir, R_vir @ M, dt_s)
+        return True
+
+    def _pose_torque_Nm(
+        self, law: PoseLaw, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array, dt_s: float
+    ) -> Array:
+        law.advance(pose, dt_s)
+        assert law.object is not None
+        self._law_M = R_vir.T.dot(law.object.R)
+        if mode is Mode.MANIPULATE:
+            self._advance(R_vir, dt_s)
+            law.R_d = self.R_d
+        return law.torque_Nm(pose, qdot_rad_s, dt_s)
 
     def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
         """Return the tips' centroid (3,) at the time when the object was first held; None while it is not."""

@@ -17,6 +17,17 @@ DIRECTIONS = ("1", "6", "26")
 @click.command()
 @hand_option
 @click.option(
+    "--law",
+    type=click.Choice(["paper", "pose"]),
+    help="Law that moves the joints, control.law.  [default: from hand.toml]",
+)
+@click.option(
+    "--chain",
+    "in_chain",
+    is_flag=True,
+    help="Run the whole chain in lock step: host core, CAN bus, nodes and drives at the hand's tick rate.",
+)
+@click.option(
     "--directions",
     type=click.Choice(DIRECTIONS),
     default="1",
@@ -33,7 +44,7 @@ DIRECTIONS = ("1", "6", "26")
     type=click.FloatRange(0.0, 10.0),
     default=1.0,
     show_default=True,
-    help="Integral gain, control.integral_per_s of hand.toml.",
+    help="Integral gain of the paper's law, control.integral_per_s of hand.toml.",
 )
 @click.option(
     "--noise",
@@ -64,6 +75,8 @@ DIRECTIONS = ("1", "6", "26")
 )
 def shake(
     hand_name: str,
+    law: str | None,
+    in_chain: bool,
     directions: str,
     friction: float | None,
     integral: float,
@@ -75,17 +88,18 @@ def shake(
 ) -> None:
     """Push a held object, load it with steady forces and its weight, and turn it.
 
-    The engine is mujoco; the law runs 1000 times a second without bus and drives, and contacts arrive at
-    30 Hz with a delay of 50 ms. The same options give the same numbers.
+    The engine is mujoco. The law runs 1000 times a second without bus and drives, and contacts arrive at
+    30 Hz with a delay of 50 ms; --chain runs the whole chain. The same options give the same numbers.
 
     \b
     Examples:
-      palpate-host simulate shake
+      palpate-host simulate shake --law pose
+      palpate-host simulate shake --law pose --chain --noise 0.15 --seconds 8
       palpate-host simulate shake --directions 26 --friction 0.8 -o shake-26
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
-    from palpate_host.config.hand_config import ControlMode  # noqa: PLC0415
+    from palpate_host.config.hand_config import ControlLaw, ControlMode  # noqa: PLC0415
     from palpate_twin.paper.shake import run_shakes, shake_cases, shake_table  # noqa: PLC0415
     from palpate_twin.paper.trial import Trial  # noqa: PLC0415
 
@@ -98,12 +112,17 @@ def shake(
         integral_per_s=integral,
         seed=seed,
         friction=friction,
+        law=None if law is None else ControlLaw(law),
     )
     cases = shake_cases(base, int(directions))
     with Progress() as progress:
         task = progress.add_task("runs", total=len(cases))
         results = run_shakes(
-            hand_file(hand_name), cases, jobs or os.cpu_count() or 1, lambda: progress.advance(task)
+            hand_file(hand_name),
+            cases,
+            in_chain,
+            jobs or os.cpu_count() or 1,
+            lambda: progress.advance(task),
         )
     text = shake_table(results)
     write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)

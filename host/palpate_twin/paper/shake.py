@@ -1,4 +1,8 @@
-"""Pushes, steady forces, weight and turns: how well a held object keeps its pose under a law."""
+"""Pushes, steady forces, weight and turns: how well a held object keeps its pose under a law.
+
+A case runs either with the law alone, 1000 times a second (trial.py), or in the whole chain of host core,
+CAN bus, fingertip nodes and drives at the hand's own tick rate, with true contacts and noise.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,11 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.config.twin_config import DisturbanceConfig
+from palpate_host.service.host import load_hand
+from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg, turning_samples
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
-from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
+from palpate_twin.paper.trial import Trial, after, make_engine, run_trial, trial_config, with_disturbances
 
 FIRST_S = 1.0
 """Time from the start of the trial to the disturbance."""
@@ -22,6 +29,10 @@ PUSH_S = 0.2
 RECOVERY_S = 1.0
 PUSHES_N = (0.5, 2.0, 3.0, 5.0)
 STEADY_N = (0.5, 1.0)
+CHAIN_START_S = 1.0
+"""Time in the whole chain from the start to the trial's: by then the host holds the object."""
+LOST_M = 0.2
+"""Distance at which an object has left the hand."""
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -97,48 +108,68 @@ def _forced(
 
 
 def run_shakes(
-    hand_toml: Path, cases: Sequence[ShakeCase], jobs: int, done: Callable[[], None]
+    hand_toml: Path, cases: Sequence[ShakeCase], in_chain: bool, jobs: int, done: Callable[[], None]
 ) -> list[Held]:
     """Run all cases in MuJoCo, `jobs` at a time; order and results do not depend on `jobs`."""
+    run = run_in_chain if in_chain else run_shake
     if jobs == 1:
         results = []
         for case in cases:
-            results.append(run_shake(hand_toml, case))
+            results.append(run(hand_toml, case))
             done()
         return results
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_shake, hand_toml, case) for case in cases]
+        futures = [pool.submit(run, hand_toml, case) for case in cases]
         for future in futures:
             future.add_done_callback(lambda _: done())
         return [future.result() for future in futures]
 
 
 def run_shake(hand_toml: Path, case: ShakeCase) -> Held:
-    """Run one case. Raises LostGraspError if the object is lost before the trial begins."""
+    """Run one case with the law alone. Raises LostGraspError if the object is lost before it begins."""
     outcome = run_trial(hand_toml, "mujoco", case.trial)
-    return held(case, outcome)
+    places = np.array([place for _, place in outcome.poses])
+    slip_mm = float(outcome.slip_mm.max())
+    return held(case, outcome.time_s, places, outcome.error_deg, slip_mm, outcome.lost_s)
 
 
-def held(case: ShakeCase, outcome: Outcome) -> Held:
-    """Return the figures of one run."""
-    moved_mm = _moved_mm(outcome)
-    later = round((FIRST_S + PUSH_S + RECOVERY_S) / RECORD_S)
+def run_in_chain(hand_toml: Path, case: ShakeCase) -> Held:
+    """Run one case in the whole chain. Raises LostGraspError if the object was never held."""
+    trial = case.trial
+    loaded, hand = load_hand(hand_toml)
+    config = trial_config(loaded, trial)
+    config = with_disturbances(config, after(trial.disturbances, CHAIN_START_S))
+    contacts = TrueContactSource(1e3 * config.control.tip_radius_m, trial.noise_mm, trial.seed)
+    engine = make_engine(config, "mujoco", has_B=False)
+    loop = LockstepLoop(config, hand, engine, contacts, trial.has_weight)
+    loop.run(CHAIN_START_S)
+    slip_m = engine.slip_m.copy()
+    record = loop.run(trial.duration_s)
+    turning = turning_samples(record)
+    times = np.array([sample.time_s - CHAIN_START_S for sample in turning])
+    places = np.array([sample.object_position_m for sample in turning])
+    is_lost = times[np.linalg.norm(places - places[0], axis=1) > LOST_M]
+    error_deg, _ = final_error_deg(record, trial.rpy_deg)
+    slip_mm = 1e3 * float((engine.slip_m - slip_m).max())
+    return held(case, times, places, error_deg, slip_mm, float(is_lost[0]) if len(is_lost) else None)
+
+
+def held(
+    case: ShakeCase, time_s: Array, place_m: Array, error_deg: float, slip_mm: float, lost_s: float | None
+) -> Held:
+    """Return the figures of one run from times (n,) and places (n, 3); the first place is the target."""
+    moved_mm = 1e3 * np.linalg.norm(place_m - place_m[0], axis=1)
+    later = int(np.searchsorted(time_s, FIRST_S + PUSH_S + RECOVERY_S - 1e-6))
     has_later = case.is_push and later < len(moved_mm)
     return Held(
         name=case.name,
-        error_deg=outcome.error_deg,
+        error_deg=error_deg,
         moved_most_mm=float(moved_mm.max()),
         moved_later_mm=float(moved_mm[later]) if has_later else None,
         moved_last_mm=float(moved_mm[-1]),
-        slip_mm=float(outcome.slip_mm.max()),
-        lost_s=outcome.lost_s,
+        slip_mm=slip_mm,
+        lost_s=lost_s,
     )
-
-
-def _moved_mm(outcome: Outcome) -> Array:
-    """Return the object's distance (n,) from its place at the start."""
-    places = np.array([place for _, place in outcome.poses])
-    return np.asarray(1e3 * np.linalg.norm(places - places[0], axis=1))
 
 
 def shake_table(results: Sequence[Held]) -> str:

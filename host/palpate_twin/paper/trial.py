@@ -20,7 +20,7 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.config.hand_config import ControlLaw, ControlMode, HandConfig
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.control.manipulation import Manipulation
@@ -46,7 +46,7 @@ class Trial:
     rpy_deg: the commanded rotation. integral_per_s: 0 is the paper's law. noise_mm: standard deviation of the
     contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
     disturbances: as [[twin.disturbances]] of hand.toml and in its place, but start_s counts from the start of
-    the turn. has_weight: the object's support is removed at the start of the turn.
+    the turn. has_weight: the object's support is removed at the start of the turn. law: replaces control.law.
     """
 
     mode: ControlMode
@@ -59,6 +59,7 @@ class Trial:
     friction: float | None = None
     disturbances: tuple[DisturbanceConfig, ...] = ()
     has_weight: bool = False
+    law: ControlLaw | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +97,17 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
 
     Raises LostGraspError if the object is lost before the turn.
     """
-    config, hand = load_hand(hand_toml)
+    loaded, hand = load_hand(hand_toml)
+    config = trial_config(loaded, trial)
+    config = with_disturbances(config, after(trial.disturbances, config.control.settle_ms * 1e-3))
+    return _Run(config, hand, make_engine(config, engine_name), trial).run()
+
+
+def trial_config(config: HandConfig, trial: Trial) -> HandConfig:
+    """Return the hand with the trial's law, target and friction."""
     control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
+    if trial.law is not None:
+        control = msgspec.structs.replace(control, law=trial.law)
     if trial.mode is ControlMode.BLIND:
         control = msgspec.structs.replace(control, friction_ratio=UNLIMITED)
     target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
@@ -105,12 +115,15 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
     if config.twin is not None and trial.friction is not None:
         tip = msgspec.structs.replace(config.twin.tip, friction=trial.friction)
         config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
-    if config.twin is not None and trial.disturbances:
-        shifted = after(trial.disturbances, config.control.settle_ms * 1e-3)
-        config = msgspec.structs.replace(
-            config, twin=msgspec.structs.replace(config.twin, disturbances=shifted)
-        )
-    return _Run(config, hand, make_engine(config, engine_name), trial).run()
+    return config
+
+
+def with_disturbances(config: HandConfig, disturbances: tuple[DisturbanceConfig, ...]) -> HandConfig:
+    """Return the hand with these disturbances in place of its own; with its own if there are none."""
+    if config.twin is None or not disturbances:
+        return config
+    twin = msgspec.structs.replace(config.twin, disturbances=disturbances)
+    return msgspec.structs.replace(config, twin=twin)
 
 
 def after(disturbances: Sequence[DisturbanceConfig], delay_s: float) -> tuple[DisturbanceConfig, ...]:

@@ -1,0 +1,261 @@
+"""The law `pose`: a held object keeps its position and orientation, or follows a target pose.
+
+The paper's law, Eqs. (9)-(16), controls the orientation alone. This one stands beside it (control.law):
+
+1. virtual_object.py estimates place x and orientation R of the object, its velocity v and spin w.
+2. Stiffness, damping and an integral give a wrench on the object, with e = x_d - x and p = log(R_d R^T):
+
+       F = K_p e - D_p v + F_I,    dF_I/dt = k K_p e;        t = K_o p - D_o w + t_I,    dt_I/dt = k K_o p.
+
+   Tahara, Arimoto and Yoshino (ICRA 2010) control the virtual object's pose by such a term on the tips'
+   centroid; here x follows the contacts, so that rolling is no error. F_I and t_I learn any steady load,
+   the object's weight first of all.
+3. grasp_forces.py distributes the wrench to the contacts and adds the smallest grip that friction needs. The
+   grip rises at once and relaxes slowly.
+4. u = sum J_xi^T f_i - B dq/dt + g(q), Eqs. (9)-(10), with the contact's Jacobian J_xi = J_i - [x_i - x_ci]x
+   J_wi: a force at the contact turns the tip as well, unlike one at its centre in Eq. (13).
+
+Stability. The joints' damping B resists the object with the 6 x 6 matrix D = G (J_x B^-1 J_x^T)^-1 G^T. With
+a total delay T such a hand is the loop K e^(-sT)/(D s), unstable from K T/D = pi/2 on. The stiffness along
+each axis of D is therefore limited to K T/D = STABLE_SHARE with T = DELAY_TICKS ticks (gain margin 3.1, phase
+margin 61 degrees), and D_p and D_o are reduced with the square of the same share.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_host.common import rotation
+from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
+from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
+from palpate_host.control.grasp_forces import forces_within_cones
+from palpate_host.control.kinematics import HandPose
+from palpate_host.control.virtual_object import Grip, VirtualObject
+
+DELAY_TICKS = 2.0
+"""From the sample of the joint angles to the middle of the tick in which the torque acts, and half a tick."""
+STABLE_SHARE = 0.5
+INTEGRAL_SHARE = 0.25
+"""Largest rate of the integral over that of the slowest error."""
+FRAME_S = 1.0 / 30.0
+"""Longest time that one contact may stand for in the correction of the orientation."""
+VELOCITY_FILTER_S = 0.003
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """The gains in use (3, 3) in the hand's frame, and the integral's rate.
+
+    margin_p, margin_o: how many times larger the stiffnesses could be before the loop is unstable.
+    """
+
+    K_p_N_m: Array
+    D_p_Ns_m: Array
+    K_o_Nm_rad: Array
+    D_o_Nms_rad: Array
+    integral_per_s: float
+    margin_p: float
+    margin_o: float
+
+
+class PoseLaw:
+    """The state of the law: references before the object is held, the virtual object from then on."""
+
+    def __init__(self, control: ControlConfig, pose_law: PoseLawConfig, gains: Gains, fingers: int) -> None:
+        self._control, self._config, self._gains = control, pose_law, gains
+        self._seen: list[list[Array]] = [[] for _ in range(fingers)]
+        self._was_released = [False] * fingers
+        self._exposed_us = [0] * fingers
+        self._object: VirtualObject | None = None
+        self.stiffness: Stiffness | None = None
+        self.place_d_m = self.R_d = None  # type: Array | None
+        self.grip_N = self._least_grip_N = 0.0
+        self.share = 1.0
+        self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
+        self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
+
+    @property
+    def object(self) -> VirtualObject | None:
+        """The estimate; None while the object is not held."""
+        return self._object
+
+    @property
+    def load_N(self) -> Array:
+        """The steady force (3,) that the law has learned to carry."""
+        return self._force_I_N
+
+    @property
+    def can_hold(self) -> bool:
+        """True when every finger has given the references for its normal."""
+        return all(len(seen) >= self._control.reference_frames for seen in self._seen)
+
+    def add_contact(self, finger: int, normal: Array, pose: HandPose, R_vir: Array, exposed_us: int) -> None:
+        """Take an outward normal (3,) of one finger, with hand and R_vir at its exposure."""
+        seen = self._seen[finger]
+        seen.append(R_vir.T @ normal)
+        del seen[: -self._control.reference_frames]
+        since_s = min(FRAME_S, max(0, exposed_us - self._exposed_us[finger]) * 1e-6)
+        self._exposed_us[finger] = exposed_us
+        if self._object is None:
+            return
+        share = min(1.0, since_s / self._config.contact_time_s)
+        is_believed = self._object.correct(finger, normal, pose, share)
+        if not is_believed and self._was_released[finger]:
+            self._object.touch_elsewhere(finger, normal)
+        self._was_released[finger] = False
+
+    def release(self, finger: int) -> None:
+        """Note a frame without contact: the finger's next contact may be on another face."""
+        self._was_released[finger] = True
+        if self._object is None:
+            self._seen[finger].clear()
+
+    def drop(self) -> None:
+        """End the hold: the object is no longer followed, and its load is forgotten."""
+        self._object = None
+        self.place_d_m = self.R_d = None
+        self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
+
+    def hold(self, pose: HandPose, R_vir: Array, R: Array, dt_s: float) -> None:
+        """Begin to hold the object where it is; R is its orientation. Every finger must have references."""
+        mean = np.array([np.mean(seen, axis=0) for seen in self._seen]) @ R_vir.T
+        normal = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        pull_N = np.linalg.norm(grasp_force_N(pose.tip_centre_m, self._gains), axis=1)
+        self.grip_N = self._least_grip_N = float(pull_N.mean())
+        radius_m = self._radius_m(np.full(len(normal), self.grip_N))
+        self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
+        self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
+        self.stiffness = self._stable_stiffness(pose, self._object.grip, dt_s)
+        self.hold_here()
+
+    def hold_here(self) -> None:
+        """Take the present pose as the target."""
+        if self._object is not None:
+            self.place_d_m, self.R_d = self._object.place_m, self._object.R
+
+    def advance(self, pose: HandPose, dt_s: float) -> None:
+        """Follow the object for one tick; call it before `torque_Nm`."""
+        if self._object is not None:
+            self._object.advance(pose, dt_s)
+
+    def torque_Nm(self, pose: HandPose, qdot_rad_s: Array, dt_s: float) -> Array:
+        """Return u (nq,) before the limits. The object must be held."""
+        found, gains, config = self._object, self.stiffness, self._config
+        assert found is not None and gains is not None
+        assert self.place_d_m is not None and self.R_d is not None
+        grip = found.grip
+        fresh = dt_s / (dt_s + VELOCITY_FILTER_S)
+        self._velocity_m_s = self._velocity_m_s + fresh * (found.velocity_m_s - self._velocity_m_s)
+        self._spin_rad_s = self._spin_rad_s + fresh * (found.spin_rad_s - self._spin_rad_s)
+        pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
+        twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
+        most_N = config.friction * len(grip.arm_m) * config.most_grip_N
+        reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.arm_m)) / len(grip.arm_m))
+        if self.share >= 1.0:
+            learned = gains.integral_per_s * dt_s
+            self._force_I_N = _bounded(self._force_I_N + learned * pull_N, most_N)
+            self._torque_I_Nm = _bounded(self._torque_I_Nm + learned * twist_Nm, most_N * reach_m)
+        force_N = _bounded(pull_N - gains.D_p_Ns_m.dot(self._velocity_m_s) + self._force_I_N, most_N)
+        torque_Nm = twist_Nm - gains.D_o_Nms_rad.dot(self._spin_rad_s) + self._torque_I_Nm
+        torque_Nm = torque_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
+        relaxed_N = self._least_grip_N + (self.grip_N - self._least_grip_N) * math.exp(-dt_s / config.relax_s)
+        forces = forces_within_cones(
+            grip,
+            force_N,
+            _bounded(torque_Nm, most_N * reach_m),
+            config.friction,
+            relaxed_N,
+            max(config.most_grip_N, self._least_grip_N),
+        )
+        self.grip_N, self.share = forces.grip_N, forces.share
+        found.set_radius(self._radius_m(forces.normal_N))
+        at_contact = pose._replace(tip_jacobian_m=contact_jacobian_m(pose, grip))
+        return force_torque_Nm(at_contact, qdot_rad_s, forces.force_N, self._gains)
+
+    def _radius_m(self, normal_N: Array) -> Array:
+        """Return the tips' radii (n,) less their indentation, Eq. (8)."""
+        if self._config.tip_stiffness_N_m2 == 0.0:
+            return np.full(len(normal_N), self._gains.tip_radius_m)
+        depth_m = np.sqrt(np.maximum(normal_N, 0.0) / self._config.tip_stiffness_N_m2)
+        return np.asarray(np.maximum(self._gains.tip_radius_m - depth_m, 0.5 * self._gains.tip_radius_m))
+
+    def _stable_stiffness(self, pose: HandPose, grip: Grip, dt_s: float) -> Stiffness:
+        config, D = self._config, object_damping(pose, grip, self._gains.B_Nms_rad)
+        place = _limited(D[:3, :3], config.position_stiffness_N_m, config.position_damping_Ns_m, dt_s)
+        turn = _limited(
+            D[3:, 3:], config.orientation_stiffness_Nm_rad, config.orientation_damping_Nms_rad, dt_s
+        )
+        return Stiffness(
+            K_p_N_m=place.K,
+            D_p_Ns_m=place.D,
+            K_o_Nm_rad=turn.K,
+            D_o_Nms_rad=turn.D,
+            integral_per_s=min(
+                config.integral_per_s, INTEGRAL_SHARE * min(place.slowest_per_s, turn.slowest_per_s)
+            ),
+            margin_p=place.margin,
+            margin_o=turn.margin,
+        )
+
+
+class _Limited(NamedTuple):
+    K: Array
+    D: Array
+    slowest_per_s: float
+    margin: float
+
+
+def _limited(resisting: Array, stiffness: float, damping: float, dt_s: float) -> _Limited:
+    """Return stiffness and damping (3, 3), limited along each axis of the joints' damping `resisting` (3, 3).
+
+    slowest_per_s: smallest rate K/D with which an error vanishes. margin: pi/2 over the largest K T/D.
+    """
+    delay_s = DELAY_TICKS * dt_s
+    per_axis, axes = np.linalg.eigh(resisting)
+    K = np.minimum(stiffness, STABLE_SHARE * per_axis / delay_s)
+    rates = K / per_axis
+    return _Limited(
+        K=(axes * K) @ axes.T,
+        D=(axes * (damping * (K / stiffness) ** 2)) @ axes.T,
+        slowest_per_s=float(rates.min()),
+        margin=0.5 * math.pi / float(rates.max() * delay_s),
+    )
+
+
+def contact_jacobian_m(pose: HandPose, grip: Grip) -> Array:
+    """Return J_xi = J_i - [x_i - x_ci]x J_wi (n, 3, nq), the Jacobians of the tips' skin at the contacts."""
+    turn = pose.tip_turn_jacobian
+    assert turn is not None
+    x, y, z = (grip.to_contact_m[:, axis, None] for axis in range(3))
+    moved = pose.tip_jacobian_m.copy()
+    moved[:, 0] += turn[:, 1] * z - turn[:, 2] * y
+    moved[:, 1] += turn[:, 2] * x - turn[:, 0] * z
+    moved[:, 2] += turn[:, 0] * y - turn[:, 1] * x
+    return moved
+
+
+def object_damping(pose: HandPose, grip: Grip, B_Nms_rad: Array) -> Array:
+    """Return D (6, 6): the wrench with which the joints' damping B resists velocity and spin of the object.
+
+    A joint without damping counts as one of 1e-6 N m s/rad.
+    """
+    fingers = len(grip.arm_m)
+    J = contact_jacobian_m(pose, grip).reshape(3 * fingers, -1)
+    per_B = J @ (J.T / np.maximum(B_Nms_rad, 1e-6)[:, None])
+    G = np.zeros((6, 3 * fingers))
+    for finger, (x, y, z) in enumerate(grip.arm_m.tolist()):
+        at = slice(3 * finger, 3 * finger + 3)
+        G[:3, at] = np.eye(3)
+        G[3:, at] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    return np.asarray(G @ np.linalg.pinv(per_B, rcond=1e-9, hermitian=True) @ G.T)
+
+
+def _bounded(vector: Array, most: float) -> Array:
+    """Return the vector (3,), shortened to at most this length."""
+    length = rotation.norm(vector)
+    return vector if length <= most else vector * (most / length)

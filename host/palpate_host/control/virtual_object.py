@@ -1,0 +1,151 @@
+"""The pose of the virtual object from joint angles, rolling tips and contact normals.
+
+Contact i is at x_i = x_ci - r_i d_i with the face's outward normal d_i = R n_i, where n_i is fixed in the
+object. A tip rolls without slip, Eq. (6): its skin at x_i and the object's face have the same velocity,
+
+    dx_ci + w_i x (x_i - x_ci) = dx_o + w_o x (x_i - x_o),
+
+three equations a contact for the six unknowns dx_o, w_o, solved in every tick by least squares over the
+contacts. This follows the object without delay, at any rate, with the tips' rolling taken into account.
+
+The integral of w_o drifts where tips slip or joint angles are wrong. Each measured normal d_i, Eq. (16),
+therefore turns R towards it. As Eq. (15) does, it is compared with the estimate at its own exposure, which is
+kept for the last half second; the same small rotation is applied to all later estimates. Contacts on flat
+faces give no position along the faces: there the estimate of x_o is the integral alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_host.common import rotation
+from palpate_host.control.kinematics import HandPose
+
+KEPT = 128
+"""Number of earlier estimates kept for late contacts."""
+KEEP_EVERY_S = 0.004
+_EYE = np.eye(3)
+
+
+class Grip(NamedTuple):
+    """The contacts at one time.
+
+    arm_m: (n, 3) from their centroid to each contact. centroid_m: (3,). normal: (n, 3) outward unit normals
+    of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: (3, 3) the inverse
+    of S, the sum of |a|^2 I - a a^T over the arms a.
+    """
+
+    arm_m: Array
+    centroid_m: Array
+    normal: Array
+    to_contact_m: Array
+    per_spread: Array
+
+
+class VirtualObject:
+    """The estimate: `place_m` (3,) and `R` (3, 3), `velocity_m_s` and `spin_rad_s` (3,) of the last tick.
+
+    residual_deg: angle of the last normal from the expected one. doubted: number of normals left out.
+    """
+
+    def __init__(self, pose: HandPose, normal: Array, R: Array, radius_m: Array, doubt_deg: float) -> None:
+        """Start at the contacts' centroid, which moves with the object from then on.
+
+        normal: (n, 3) outward unit normals d_i at the contacts, in the hand's frame. R: the object's
+        orientation. radius_m: (n,) distance of each tip's centre from its contact. doubt_deg: a normal
+        further than this from the expected one is left out.
+        """
+        self.R = R
+        self._normal_in_object = normal @ R
+        self._radius_m = radius_m[:, None]
+        self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
+        self.grip = grip_of(pose.tip_centre_m, normal, self._radius_m)
+        self.place_m = self.grip.centroid_m
+        self.velocity_m_s, self.spin_rad_s = np.zeros(3), np.zeros(3)
+        self.residual_deg, self.doubted = 0.0, 0
+        self._doubt_rad = math.radians(doubt_deg)
+        self._kept_q = np.tile(pose.q_rad, (KEPT, 1))
+        self._kept_R = np.tile(R, (KEPT, 1, 1))
+        self._next, self._since_kept_s = 0, 0.0
+
+    def advance(self, pose: HandPose, dt_s: float) -> Grip:
+        """Move the object with the tips' motion since the last tick, and return its contacts."""
+        before = self.grip
+        reach_m, last = before.to_contact_m, self._tip_rotation
+        in_tip = np.matmul(reach_m[:, None, :], last)
+        reach_now_m = np.matmul(in_tip, pose.tip_rotation.transpose(0, 2, 1))[:, 0]
+        skin_m = pose.tip_centre_m - self._centre_m + reach_now_m - reach_m
+        mean_m = np.add.reduce(skin_m) / len(skin_m)
+        turn = before.per_spread.dot(moment(before.arm_m, skin_m))
+        moved_m = mean_m + rotation.cross(turn, self.place_m - before.centroid_m)
+        self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
+        self.place_m = self.place_m + moved_m
+        self.R = rotation.exp(turn).dot(self.R)
+        self.velocity_m_s, self.spin_rad_s = moved_m / dt_s, turn / dt_s
+        self._keep(pose, dt_s)
+        self.grip = grip_of(pose.tip_centre_m, self._normal_in_object.dot(self.R.T), self._radius_m)
+        return self.grip
+
+    def correct(self, finger: int, normal: Array, exposure_pose: HandPose, share: float) -> bool:
+        """Turn the estimates by `share` of the angle to a measured outward normal (3,) at its exposure.
+
+        Return False for a normal that is in doubt; it changes nothing.
+        """
+        then = int(np.argmin(((self._kept_q - exposure_pose.q_rad) ** 2).sum(axis=1)))
+        expected = self._kept_R[then].dot(self._normal_in_object[finger])
+        turn = rotation.cross(expected, normal)
+        angle = math.atan2(rotation.norm(turn), float(expected.dot(normal)))
+        self.residual_deg = math.degrees(angle)
+        if angle > self._doubt_rad:
+            self.doubted += 1
+            return False
+        small = rotation.exp(share * turn)
+        self.R = small.dot(self.R)
+        self._kept_R = np.matmul(small, self._kept_R)
+        return True
+
+    def touch_elsewhere(self, finger: int, normal: Array) -> None:
+        """Take a new reference for a finger that touches another face; its normal (3,) is outward."""
+        self._normal_in_object[finger] = normal @ self.R
+
+    def set_radius(self, radius_m: Array) -> None:
+        """Set the distances (n,) of the tips' centres from their contacts under the present load."""
+        self._radius_m = radius_m[:, None]
+
+    def _keep(self, pose: HandPose, dt_s: float) -> None:
+        self._since_kept_s += dt_s
+        if self._since_kept_s < KEEP_EVERY_S:
+            return
+        self._since_kept_s = 0.0
+        self._kept_q[self._next], self._kept_R[self._next] = pose.q_rad, self.R
+        self._next = (self._next + 1) % KEPT
+
+
+def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array) -> Grip:
+    """Return the contacts of tips (n, 3) with outward normals (n, 3) and radii (n, 1)."""
+    to_contact_m = -radius_m * normal
+    contact_m = tip_centre_m + to_contact_m
+    centroid_m = np.add.reduce(contact_m) / len(contact_m)
+    arm_m = contact_m - centroid_m
+    squares = arm_m.T.dot(arm_m)
+    trace = squares[0, 0] + squares[1, 1] + squares[2, 2]
+    return Grip(arm_m, centroid_m, normal, to_contact_m, _inverse(trace * _EYE - squares))
+
+
+def moment(arm_m: Array, force: Array) -> Array:
+    """Return the sum (3,) of a_i x f_i over rows (n, 3)."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = arm_m.T.dot(force).tolist()
+    return np.array([yz - zy, zx - xz, xy - yx])
+
+
+def _inverse(S: Array) -> Array:
+    """Return the inverse of a symmetric 3 x 3 matrix; numpy's general one takes four times as long."""
+    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * ab + c * ac
+    return np.asarray(np.array([[aa, ab, ac], [ab, bb, bc], [ac, bc, cc]]) / determinant)

@@ -1,0 +1,190 @@
+"""The pose law: Jacobians and damping at the contacts, stable gains, what it holds and when."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate_edge.common.errors import ConfigError
+from palpate_host.common.mode import Mode
+from palpate_host.common.tip_contact import TipContact
+from palpate_host.config import hand_config
+from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.packaged import MODELS
+from palpate_host.control.manipulation import Manipulation
+from palpate_host.control.object_orientation import contact_normal
+from palpate_host.control.pose_law import contact_jacobian_m, object_damping
+from palpate_host.control.virtual_frame import virtual_frame
+from palpate_host.control.virtual_object import grip_of
+from palpate_host.service.host import load_hand
+
+HAND = MODELS / "table4-wide.toml"
+START_RAD = np.tile([0.0, 0.1405, 1.4285], 3)
+STILL = np.zeros(9)
+APEX = (0.0, 0.0, 30.0)
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return load_hand(HAND)
+
+
+def apex_grip(pose):
+    normal = np.array([contact_normal(pose, finger, APEX) for finger in range(3)])
+    return grip_of(pose.tip_centre_m, normal, np.full((3, 1), 0.03))
+
+
+def touch(exposed_at_us, position_mm=APEX):
+    return TipContact(
+        received_at_us=exposed_at_us,
+        exposed_at_us=exposed_at_us,
+        sequence=0,
+        latency_us=0,
+        position_mm=position_mm,
+        normal_force_N=1.0,
+        shear_N=(0.0, 0.0),
+        torsion_Nmm=0.0,
+        valid=True,
+        in_contact=position_mm is not None,
+        slip=False,
+        quality=255,
+    )
+
+
+def controller(wide, pose, tick_Hz=100, **pose_law):
+    """A controller under the pose law that has five contacts of every finger."""
+    config, _ = wide
+    config = msgspec.structs.replace(
+        config,
+        control=msgspec.structs.replace(config.control, law=ControlLaw.POSE, tick_Hz=tick_Hz),
+        pose_law=msgspec.structs.replace(config.pose_law, **pose_law),
+        target=msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 0.0)),
+    )
+    manipulation = Manipulation(config)
+    for frame in range(5):
+        for finger in range(3):
+            manipulation.add_contact(finger, touch(frame * 33_333), pose)
+    return manipulation
+
+
+def tick(manipulation, pose, mode=Mode.MANIPULATE, tick_s=0.01):
+    return manipulation.torque_Nm(mode, pose, STILL, virtual_frame(pose.tip_centre_m), tick_s)
+
+
+def test_the_contacts_jacobian_is_the_motion_of_the_skin(wide):
+    """Against central differences of a point that is fixed in the tip."""
+    hand = wide[1]
+    q = START_RAD + np.linspace(-0.1, 0.1, 9)
+    pose = hand.pose(q)
+    grip = apex_grip(pose)
+    in_tip = np.einsum("iba,ib->ia", pose.tip_rotation, grip.to_contact_m)
+
+    def skin(q):
+        there = hand.pose(q)
+        return there.tip_centre_m + np.einsum("iab,ib->ia", there.tip_rotation, in_tip)
+
+    step = 1e-6
+    numeric = np.stack([(skin(q + step * e) - skin(q - step * e)) / (2 * step) for e in np.eye(9)], axis=2)
+    np.testing.assert_allclose(contact_jacobian_m(pose, grip), numeric, atol=1e-8)
+
+
+def test_the_damping_of_the_object_dissipates_what_the_joints_do(wide):
+    """q' follows from the object's velocity by rolling, since each finger has three joints: q'^T B q'."""
+    config, hand = wide
+    pose = hand.pose(START_RAD + np.linspace(-0.05, 0.05, 9))
+    grip = apex_grip(pose)
+    B = np.array([joint.B_Nms_rad for joint in config.joints])
+    D = object_damping(pose, grip, B)
+    J = contact_jacobian_m(pose, grip).reshape(9, 9)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        velocity, spin = rng.normal(size=3), rng.normal(size=3)
+        qdot = np.linalg.solve(J, (velocity + np.cross(spin, grip.arm_m)).ravel())
+        twist = np.concatenate((velocity, spin))
+        assert twist @ D @ twist == pytest.approx(qdot @ (B * qdot))
+
+
+@pytest.mark.parametrize("tick_Hz", [50, 100, 1000])
+def test_the_stiffness_leaves_a_gain_margin_of_three_at_every_rate(wide, tick_Hz):
+    """K <= 0.5 D/T with T = 2 ticks; never above the configured stiffness."""
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose, tick_Hz)
+    tick(manipulation, pose, tick_s=1 / tick_Hz)
+    used = manipulation.pose_law.stiffness
+    B = np.array([joint.B_Nms_rad for joint in wide[0].joints])
+    D = object_damping(pose, manipulation.pose_law.object.grip, B)
+    bound = 0.5 * tick_Hz / 2
+    assert np.linalg.eigvalsh(used.K_p_N_m)[-1] <= 1000.0 + 1e-6
+    assert np.linalg.eigvalsh(bound * D[:3, :3] - used.K_p_N_m)[0] > -1e-6
+    assert np.linalg.eigvalsh(bound * D[3:, 3:] - used.K_o_Nm_rad)[0] > -1e-6
+    assert min(used.margin_p, used.margin_o) > 3.0
+
+
+def test_the_law_begins_in_manipulate_and_after_settling_in_grasp(wide):
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose)
+    for _ in range(45):  # of settle_ms = 500
+        tick(manipulation, pose, Mode.GRASP)
+    assert manipulation.pose_law.object is None
+    for _ in range(10):
+        tick(manipulation, pose, Mode.GRASP)
+    assert manipulation.pose_law.object is not None
+    tick(manipulation, pose, Mode.HOLD)
+    assert manipulation.pose_law.object is None
+    tick(manipulation, pose, Mode.MANIPULATE)
+    assert manipulation.pose_law.object is not None
+
+
+def test_a_displaced_object_is_pulled_back_and_the_load_is_learned(wide):
+    """Joints that give way upwards: the torques push down, more and more, and stay within their limits."""
+    hand = wide[1]
+    pose = hand.pose(START_RAD)
+    manipulation = controller(wide, pose)
+    at_rest = tick(manipulation, pose)
+    moved = hand.pose(START_RAD + np.tile([0.0, 0.0, -0.02], 3))  # the tips rise
+    torques = [tick(manipulation, moved) for _ in range(50)]
+    lifted_m = manipulation.pose_law.object.place_m[2] - manipulation.pose_law.place_d_m[2]
+    assert 0.5e-3 < lifted_m < 3e-3
+    down = [(torque - at_rest).reshape(3, 3)[:, 2].sum() for torque in torques]
+    assert 0.0 < down[1] < down[-1]
+    assert manipulation.pose_law.load_N[2] < -0.1
+    assert (np.abs(torques) <= 0.5).all()
+
+
+def test_the_force_on_an_object_is_bounded(wide):
+    """However far the object is from its target, load and grip stay within what friction holds."""
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose, most_grip_N=5.0)
+    tick(manipulation, pose)
+    law = manipulation.pose_law
+    law.place_d_m = law.object.place_m + np.array([0.0, 0.0, 0.5])
+    for _ in range(100):
+        tick(manipulation, pose)
+    assert np.linalg.norm(law.load_N) <= 0.4 * 3 * 5.0 + 1e-9
+    assert 4.9 < law.grip_N <= 5.0
+
+
+def test_a_false_frame_without_contact_changes_nothing(wide):
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose)
+    before = tick(manipulation, pose)
+    manipulation.add_contact(1, touch(200_000, None), pose)
+    manipulation.add_contact(1, touch(233_333), pose)
+    np.testing.assert_allclose(tick(manipulation, pose), before, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ('mode = "proposed"', 'mode = "blind"'),
+        ("velocity_joints = false", "velocity_joints = true"),
+        ('force_law = "open"', 'force_law = "integral"'),
+    ],
+)
+def test_a_hand_that_cannot_follow_the_law_is_refused(tmp_path, change):
+    text = HAND.read_text().replace("\n[control]\n", '\n[control]\nlaw = "pose"\n')
+    path = tmp_path / "hand.toml"
+    path.write_text(text)
+    assert hand_config.load(path).control.law is ControlLaw.POSE
+    path.write_text(text.replace(*change))
+    with pytest.raises(ConfigError, match=r"control.law = 'pose' needs"):
+        hand_config.load(path)
