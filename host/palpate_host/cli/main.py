@@ -14,10 +14,11 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
     "check": ("palpate_host.cli.check:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.cli.command:command", "Command a running hand: grasp, rotate, release, stop."),
     "console": ("palpate_host.cli.console:console", "Show and command a running hand in the browser."),
-    "replay": ("palpate_host.cli.replay:replay", "Feed a bus log through the host on a virtual clock."),
+    "replay": ("palpate_host.cli.replay:replay", "Repeat a recorded run on a virtual clock and compare it."),
     "contract": ("palpate_host.cli.run:contract", "Print the header that binds a bus log to a hand."),
     "record": ("palpate_host.cli.record:record", "Record bus and host status: bus logs and MCAP."),
     "view": ("palpate_host.cli.view:view", "Show the hand in 3-D, live or from a recording (Rerun)."),
+    "foxglove": ("palpate_host.cli.foxglove:foxglove", "Serve a running hand to Foxglove over a WebSocket."),
     "export": ("palpate_host.cli.export:export", "Convert a recording to MCAP, CSV or Parquet."),
     "groundtruth": (
         "palpate_host.cli.groundtruth:groundtruth",
@@ -42,7 +43,14 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
 }
 
 
-EXTRAS = {"demo": "demo", "simulate": "twin", "record": "record", "export": "record", "view": "view"}
+EXTRAS = {
+    "demo": "demo",
+    "simulate": "twin",
+    "record": "record",
+    "export": "record",
+    "foxglove": "record",
+    "view": "view",
+}
 """Commands that need more than the extra `host`."""
 
 
