@@ -1,6 +1,6 @@
 """The law `pose`: a held object keeps its position and orientation, or follows a target pose.
 
-The paper's law, Eqs. (9)-(16), controls the orientation alone. This one stands beside it (control.law):
+The paper's law, Eqs. (9)-(16), controls the orientation alone. This one is an alternative (control.law):
 
 1. virtual_object.py estimates place x and orientation R of the object, its velocity v and spin w.
 2. Stiffness, damping and an integral give a wrench on the object, with e = x_d - x and p = log(R_d R^T):
