@@ -128,7 +128,7 @@ class FingertipCore:
 
     def stop(self, now_us: int) -> None:
         """Withdraw the contact before the daemon ends."""
-        self._withdraw(now_us, "the fingertip is stopped")
+        self._withdraw(now_us, "the fingertip is stopped", last=True)
 
     def bus_state_changed(self, change: BusStateChange) -> None:
         """Apply 1029h after a bus-off; by default the node enters PRE-OPERATIONAL and waits for a start."""
@@ -183,14 +183,15 @@ class FingertipCore:
         self._events.clear()
         return step
 
-    def _withdraw(self, now_us: int, reason: str) -> None:
+    def _withdraw(self, now_us: int, reason: str, *, last: bool = False) -> None:
+        """Publish a contact that is not valid, once. last: no TPDO follows, so no inhibit time is kept."""
         if not self._withdrawn:
             self._withdrawn = True
             self._withdrawals += 1
             refused = refused_contact(self._sequence, now_us, reason, 0, 0)
-            self._frames_out += self._publish(now_us, refused)
+            self._frames_out += self._publish(now_us, refused, last=last)
 
-    def _publish(self, now_us: int, contact: Contact) -> tuple[CanFrame, ...]:
+    def _publish(self, now_us: int, contact: Contact, *, last: bool = False) -> tuple[CanFrame, ...]:
         """Publish with the exposure on the bus clock; each withdrawal counts as a frame."""
         self._node.publish(
             contact,
@@ -198,7 +199,7 @@ class FingertipCore:
             sequence=contact.sequence + self._withdrawals,
             exposed_us=self.clock.to_bus_us(contact.exposed_at_us),
         )
-        return self._node.slave.due_tpdos(now_us)
+        return self._node.slave.due_tpdos(now_us, last=last)
 
     def _report_clock(self, now_us: int) -> None:
         clock = self.clock
@@ -233,7 +234,7 @@ class FingertipCore:
             Emergency.ID_COLLISION, conflict.is_active, conflict.can_id.to_bytes(2, "little")
         )
         if conflict.is_silent and not self._is_held:
-            self._withdraw(self._now_us, "another node has the same node id")
+            self._withdraw(self._now_us, "another node has the same node id", last=True)
             slave.hold()
         elif self._is_held and not conflict.is_silent:
             slave.release()

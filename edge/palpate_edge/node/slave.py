@@ -143,9 +143,12 @@ class Slave:
         """Send these TPDOs in the next call of :meth:`process`, with the values at that time."""
         self._services.tpdo.trigger(numbers)
 
-    def due_tpdos(self, now_us: int) -> tuple[CanFrame, ...]:
-        """Return the TPDOs that may be sent now, ahead of :meth:`process`."""
-        return tuple(self._services.tpdo.poll(now_us))
+    def due_tpdos(self, now_us: int, *, last: bool = False) -> tuple[CanFrame, ...]:
+        """Return the TPDOs that may be sent now, ahead of :meth:`process`.
+
+        last: the node stops transmitting, so triggered ones do not wait for their inhibit time.
+        """
+        return tuple(self._services.tpdo.poll(now_us, last=last))
 
     def accept_ids(self) -> tuple[int, ...]:
         """Return the identifiers for a receive filter: those to process and those of an id conflict."""

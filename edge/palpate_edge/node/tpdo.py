@@ -124,15 +124,17 @@ class TpdoService:
         """
         return [self._send(tpdo, now_us) for tpdo in self._tpdos.values() if tpdo.count_sync(counter)]
 
-    def poll(self, now_us: int) -> list[CanFrame]:
+    def poll(self, now_us: int, *, last: bool = False) -> list[CanFrame]:
         """Return the event-driven TPDOs that are due, lowest identifier first.
+
+        last: the node stops transmitting, so requested ones do not wait for their inhibit time.
 
         A controller with several transmit buffers sends in this order too, so it holds on every board.
         """
         frames = []
         for tpdo in self._tpdos.values():
             due_us = tpdo.due_us()
-            if due_us is not None and due_us <= now_us:
+            if due_us is not None and (due_us <= now_us or (last and tpdo.requested)):
                 frames.append(self._send(tpdo, now_us))
         return frames
 

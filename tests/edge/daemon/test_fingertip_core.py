@@ -279,6 +279,22 @@ def test_a_foreign_frame_withdraws_the_contact_and_tells_once(rig):
     assert rig.core.emergencies.names() == ["id collision"]
 
 
+@pytest.mark.parametrize("end", ["conflict", "stop"])
+def test_the_last_withdrawal_does_not_wait_for_the_inhibit_time(rig, end):
+    """1801h:03 = 500 ms: the node would be silent before it ends."""
+    for data in ("230118019002 00c0", "2b011803 8813 0000", "230118019002 0040"):
+        rig.hear(CanFrame(0x600 + NODE, bytes.fromhex(data)))
+    rig.wait(0.6)
+    rig.see(frames=2)
+    assert rig.flags()[-1][1] == VALID_TOUCH
+    if end == "conflict":
+        rig.hear(FOREIGN)
+    else:
+        rig.core.stop(rig.now_us)
+        rig.until(rig.now_us)
+    assert rig.flags()[-1] == (rig.now_us, 0)
+
+
 def test_contacts_return_by_themselves_when_the_stranger_is_silent(rig):
     rig.see(seconds=1)
     rig.hear(FOREIGN)

@@ -164,3 +164,23 @@ def test_an_abort_of_the_client_is_not_answered(slave: Slave, sdo: Ask) -> None:
 def test_no_sdo_in_stopped(slave: Slave, sdo: Ask) -> None:
     slave.process(1, (CanFrame(0x000, b"\x02\x10"),))
     assert sdo(slave, "40 00 10 00 00 00 00 00") is None
+
+
+def test_a_remap_as_dcfgen_writes_it_is_taken_and_no_remote_frame_answered(slave: Slave, sdo: Ask) -> None:
+    """dcfgen of ros2_canopen: 0x80000190, the mapping, 0x190; bit 30 (no RTR) is never set."""
+    writes = (
+        "23 00 18 01 90 01 00 80",
+        "2f 00 1a 00 00 00 00 00",
+        "23 00 1a 01 10 02 30 71",
+        "2f 00 1a 00 01 00 00 00",
+        "23 00 18 01 90 01 00 00",
+    )
+    for request in writes:
+        answer = sdo(slave, request)
+        assert answer is not None and answer.startswith("60")
+    slave.process(2, (CanFrame(0x000, b"\x01\x10"),))
+    slave.trigger((1,))
+    (tpdo,) = (frame for frame in slave.process(3, ()).frames_out if frame.can_id == 0x190)
+    assert len(tpdo.data) == 2
+    output = slave.process(4, (CanFrame(0x190, b"", True),))
+    assert (output.frames_out, output.events) == ((), ())
