@@ -1,7 +1,8 @@
 """Comparison of hand.toml with the nodes on the bus, by SDO, before anything moves; pure.
 
-The identity of each node (1000h, 1018h) is read, of drives also the modes, scale, torque limit, watchdog and
-joint angle; PDOs are compared with the EDS that both sides load (master/node_check.py).
+The identity of each node (1000h, 1018h) is read, of fingertips also software and calibration, of drives also
+the modes, scale, torque limit, watchdog and joint angle; PDOs are compared with the EDS that
+both sides load (master/node_check.py).
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.fingertip_objects import METHOD, NEVER_GIVEN, ContactFlag, MethodCode
 from palpate_host.common.joint_command import Follows
-from palpate_host.config.hand_config import ControlMode, ForceLaw, HandConfig, JointConfig
+from palpate_host.config.hand_config import ControlMode, FingerConfig, ForceLaw, HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.registry import CIA402
+from palpate_host.network.fingertip_contract import fingertip_contract
 from palpate_host.safety.supervisor import NO_FORCE, NO_PLACE
 from palpate_host.service.hand_devices import devices_of_hand
 
@@ -58,7 +60,7 @@ def check_nodes(config: HandConfig, read: Read, silent: Collection[int]) -> Iter
     for finger in config.fingers:
         tip = devices[finger.fingertip_node]
         who = f"fingertip of {finger.name}"
-        yield _missing(tip, who) if tip.node_id in silent else _fingertip(config, tip, who, read)
+        yield _missing(tip, who) if tip.node_id in silent else _fingertip(config, finger, tip, read)
         for joint in finger.joints:
             drive = devices[joint.drive_node]
             if joint.drive != CIA402:
@@ -75,14 +77,28 @@ def _missing(device: Device, who: str) -> NodeReport:
     return NodeReport(device.node_id, who, "-", (problem,))
 
 
-def _fingertip(config: HandConfig, device: Device, who: str, read: Read) -> NodeReport:
+def _fingertip(config: HandConfig, finger: FingerConfig, device: Device, read: Read) -> NodeReport:
+    who = f"fingertip of {finger.name}"
     problems = list(_identity(device, FINGERTIP_PROFILE, read))
     if not problems:
+        problems += _not_as_named(finger, device, read)
         problems += differences(device, lambda key: read(device.node_id, device, key))
         if not read(device.node_id, device, CALIBRATION):
             problems.append("has no calibration, so none of its contacts is valid: palpate-edge calibrate")
         problems += _lacks(config, device, read)
     return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
+
+
+def _not_as_named(finger: FingerConfig, device: Device, read: Read) -> Iterator[str]:
+    """Yield differences in identity, software and calibration, for which a running host waits in CHECK."""
+    contract = fingertip_contract(device.node_id, serial=finger.serial, calibration=finger.calibration)
+    for wanted in contract:
+        if not wanted.pdo:
+            number = read(device.node_id, device, wanted.key)
+            data = None if number is None else number.to_bytes((number.bit_length() + 7) // 8, "little")
+            problem = wanted.problem(data)
+            if problem:
+                yield problem
 
 
 def _lacks(config: HandConfig, device: Device, read: Read) -> Iterator[str]:

@@ -58,12 +58,23 @@ def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
         (5, (0x6064, 0), 900_000, "outside min_rad"),
         (6, (0x1A00, 1), 0x60640010, "0x60640010 in the node, 0x60640020 in the EDS"),
         (0x11, (0x1801, 1), 0x299, "0x299 in the node, 0x40000291 in the EDS"),
+        (0x11, (0x100A, 0), int.from_bytes(b"0.0.9", "little"), "100Ah:00 is '0.0.9', expected '0.1.0'"),
+        (0x11, (0x1018, 3), 0x20000, "1018h:03 is 0x20000, expected 0x10000: correct fingertip_node"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_node(nodes, node, key, value, said):
     nodes[2][node, key] = value
     (found,) = problems(nodes).items()
     assert found[0] == node and any(said in problem for problem in found[1])
+
+
+def test_another_fingertip_than_the_file_names_is_reported(nodes):
+    config = nodes[0]
+    first = msgspec.structs.replace(config.fingers[0], calibration="0123456789abcdef", serial=0x2B)
+    config = msgspec.structs.replace(config, fingers=(first, *config.fingers[1:]))
+    serial, calibration = problems(nodes, config)[0x10]
+    assert serial.startswith("1018h:04 is 0x0, expected 0x2B")
+    assert calibration.startswith(f"2001h:00 is '{'0' * 16}', expected '0123456789abcdef'")
 
 
 def test_a_negative_angle_is_read_as_one(nodes):
