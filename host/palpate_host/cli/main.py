@@ -20,6 +20,7 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
     "view": ("palpate_host.cli.view:view", "Show the hand in 3-D, live or from a recording (Rerun)."),
     "foxglove": ("palpate_host.cli.foxglove:foxglove", "Serve a running hand to Foxglove over a WebSocket."),
     "export": ("palpate_host.cli.export:export", "Convert a recording to MCAP, CSV or Parquet."),
+    "lerobot": ("palpate_host.cli.lerobot:lerobot", "Convert recorded runs to a LeRobot dataset (v3.0)."),
     "groundtruth": (
         "palpate_host.cli.groundtruth:groundtruth",
         "Measure the object's pose by an external camera.",
@@ -49,6 +50,7 @@ EXTRAS = {
     "record": "record",
     "export": "record",
     "foxglove": "record",
+    "lerobot": "record",
     "view": "view",
 }
 """Commands that need more than the extra `host`."""
