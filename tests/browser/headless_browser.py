@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 DESKTOP, PHONE = (1400, 1100), (390, 844)
 TOOLS = ("chromium", "chromedriver")
@@ -78,13 +78,14 @@ class Browser:
         found = self._call("POST", "/element", {"using": "css selector", "value": selector})
         self._call("POST", f"/element/{found[ELEMENT]}/value", {"text": keys})
 
-    def until(self, condition: Callable[[], bool], what: str) -> float:
-        """Wait; return after how many seconds the condition held."""
-        begun_s = time.monotonic()
+    def until(self, condition: Callable[[], bool], what: str, *shown: str) -> None:
+        """Wait. shown: selectors whose texts are told when the condition does not hold in time."""
+        end_s = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < begun_s + PATIENCE_S, f"not within {PATIENCE_S:g} s: {what}"
+            if time.monotonic() > end_s:
+                texts = [" ".join(self.text(one).split()) for one in shown]
+                raise AssertionError(f"not within {PATIENCE_S:g} s: {what}; {texts} {self.console_errors()}")
             time.sleep(0.02)
-        return time.monotonic() - begun_s
 
     def screenshot(self, path: Path) -> None:
         """Write the whole page as PNG."""

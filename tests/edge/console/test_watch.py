@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import signal
 import stat
 import subprocess
 import sys
@@ -28,7 +29,13 @@ def picture_of(event):
     return cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
 
 
-def test_the_picture_is_the_cameras_and_comes_with_its_contact(rig, watch, drawn_dataset):
+def test_pictures_and_commands_beside_a_daemon(rig, watch, drawn_dataset):
+    check_the_picture(watch, drawn_dataset)
+    check_the_commands(rig, watch)
+    check_that_pictures_leave_the_daemon_only_while_somebody_looks(rig, watch)
+
+
+def check_the_picture(watch, drawn_dataset):
     watch.until(lambda: watch.counts.get("frame", 0) >= 3, "no frames")
     frame = watch.newest["frame"]
     shown = picture_of(frame).astype(float)[8:]  # the camera writes noise into the first rows
@@ -45,7 +52,7 @@ def test_the_picture_is_the_cameras_and_comes_with_its_contact(rig, watch, drawn
     assert {"camera", "beads", "clock", "temperature"} <= parts.keys()  # a loaded machine drops frames
 
 
-def test_pictures_leave_the_daemon_only_while_somebody_looks(rig, watch):
+def check_that_pictures_leave_the_daemon_only_while_somebody_looks(rig, watch):
     ring = rig.folder / "finger.pictures"
     watch.until(lambda: watch.counts.get("frame", 0) >= 1, "no frames")
     assert stat.S_IMODE(ring.stat().st_mode) == 0o600
@@ -58,7 +65,7 @@ def test_pictures_leave_the_daemon_only_while_somebody_looks(rig, watch):
     watch.until(lambda: watch.counts["frame"] > before + 1, "no more frames")
 
 
-def test_commands_reach_the_daemon_and_what_it_cannot_do_is_refused_with_the_reason(rig, watch):
+def check_the_commands(rig, watch):
     watch.until(lambda: watch.counts.get("frame", 0) >= 1, "no frames")
     assert watch.command("record", token="wrong")[0] == 401
     assert watch.command("record") == (200, f"recording under {rig.folder / 'recordings'}")
@@ -79,8 +86,11 @@ def test_commands_reach_the_daemon_and_what_it_cannot_do_is_refused_with_the_rea
     assert watch.command("pictures") == (409, f"unknown command; known: {known}")
 
 
-def test_a_daemon_that_dies_is_shown_and_a_new_one_is_found(rig, watch):
-    watch.until(lambda: watch.counts.get("frame", 0) >= 1, "no frames")
+def test_a_daemon_that_hangs_or_dies_is_shown_and_a_new_one_is_found(rig, watch):
+    rig.process.send_signal(signal.SIGSTOP)
+    watch.until(lambda: "does not answer" in watch.newest["state"]["text"], "not shown")
+    rig.process.send_signal(signal.SIGCONT)
+    watch.until(lambda: watch.newest["state"]["connected"], "not shown")
     rig.process.kill()
     rig.process.wait()
     watch.until(lambda: not watch.newest["state"]["connected"], "not shown")

@@ -3,6 +3,7 @@
 export const byId = (id) => document.getElementById(id);
 
 const SILENT_MS = 900; // the server sends a beat each 0.4 s
+const RETRY_MS = 1000;
 const token = takeToken();
 export const mayCommand = token !== "";
 
@@ -27,14 +28,22 @@ export function follow(handlers, program) {
     byId("link").textContent = alive ? state.text : `no answer from ${program}: start it again, this page reconnects`;
     document.body.dataset.live = live;
   };
-  const source = new EventSource("/events");
   const hear = () => { heard = performance.now(); if (!alive) { alive = true; show(); } };
-  source.addEventListener("beat", hear);
-  source.addEventListener("state", (event) => { state = JSON.parse(event.data); hear(); show(); });
-  for (const [kind, handle] of Object.entries(handlers)) {
-    source.addEventListener(kind, (event) => { hear(); handle(JSON.parse(event.data)); });
-  }
-  source.addEventListener("error", () => { alive = false; show(); });
+  const connect = () => {
+    const source = new EventSource("/events");
+    source.addEventListener("beat", hear);
+    source.addEventListener("state", (event) => { state = JSON.parse(event.data); hear(); show(); });
+    for (const [kind, handle] of Object.entries(handlers)) {
+      source.addEventListener(kind, (event) => { hear(); handle(JSON.parse(event.data)); });
+    }
+    source.addEventListener("error", () => {
+      alive = false;
+      show();
+      // After a refusal, as with too many pages, the browser itself does not connect again.
+      if (source.readyState === EventSource.CLOSED) setTimeout(connect, RETRY_MS);
+    });
+  };
+  connect();
   setInterval(() => {
     if (alive && performance.now() - heard > SILENT_MS) { alive = false; show(); }
   }, 200);
