@@ -70,6 +70,22 @@ class HandConsole:
         found = self.event(lambda kind, value: kind == "hand" and value["status"]["mode"] in names, names)
         return found["status"], found["scene"]
 
+    def lead_to(self, mode, **command):
+        """Send a command until the hand is in this mode; a busy machine may stop it meanwhile."""
+        end_s = time.monotonic() + PATIENCE_S
+        starting = ("init", "check", "home")
+        while (status := self.mode_now())["mode"] != mode:
+            assert time.monotonic() < end_s, status
+            if status["mode"] in ("fault", "stop"):
+                self.command(command="recover")
+            elif status["mode"] not in starting:
+                self.command(**command)
+            time.sleep(0.2)
+        return self.mode(mode)
+
+    def mode_now(self):
+        return self.event(lambda kind, _value: kind == "hand", "no status")["status"]
+
     def close(self):
         self.process.terminate()
         with suppress(subprocess.TimeoutExpired):

@@ -10,6 +10,8 @@ from tests.browser.headless_browser import PHONE, Browser, missing_tools
 
 pytestmark = pytest.mark.long
 
+RECOVER = "[data-command=recover]"
+
 
 @pytest.fixture
 def browser(tmp_path):
@@ -26,11 +28,11 @@ def in_mode(browser, *modes):
 
 def lead_to(browser, button, *modes):
     """Press buttons until the hand is in one of the modes; a busy machine may stop it meanwhile."""
-    next_button = {"ready": "[data-command=grasp]", "fault": "[data-command=recover]"}
+    next_button = {"ready": "[data-command=grasp]", **dict.fromkeys(("fault", "stop"), RECOVER)}
 
     def is_there():
         mode = browser.text("#mode")
-        if mode not in modes:
+        if mode not in modes and mode not in ("init", "check", "home"):
             browser.click(next_button.get(mode, button))
             time.sleep(0.3)
         return mode in modes
@@ -44,16 +46,16 @@ def answers(browser, text):
 
 def test_a_watcher_then_every_button_and_the_loss_of_the_host(console, browser):
     browser.open(console.url.split("#")[0])
-    in_mode(browser, "ready")
+    in_mode(browser, "ready", "fault")
     assert browser.text("#permission").startswith("Watching only.")
     browser.run("document.querySelector('#stop').disabled = false")
     browser.click("#stop")
     answers(browser, "watching only")
-    in_mode(browser, "ready")
+    in_mode(browser, "ready", "fault")
 
     browser.open("about:blank")
     browser.open(console.url)
-    in_mode(browser, "ready")
+    in_mode(browser, "ready", "fault")
     assert browser.run("return document.querySelector('#scene').dataset.fingers") == "3"
     assert browser.run("return document.querySelectorAll('#joints tr').length") == 9
     browser.click("#turn")
@@ -61,31 +63,20 @@ def test_a_watcher_then_every_button_and_the_loss_of_the_host(console, browser):
     browser.run("document.querySelector('#yaw').value = document.querySelector('#ramp').value = ''")
     browser.press_keys("#yaw", "5")
     browser.press_keys("#ramp", "0.5")
-    browser.click("[data-command=grasp]")
-    answers(browser, "grasp: accepted")
+    lead_to(browser, "[data-command=grasp]", "grasp")
     lead_to(browser, "#turn", "manipulate", "blind")
     assert "0, 0, 5°" in browser.text("#state")
-    browser.click("[data-command=release]")
-    browser.until(lambda: browser.text("#answer") != "rotate: accepted", "no answer")
     lead_to(browser, "[data-command=release]", "release", "ready")
     browser.resize(PHONE)
     assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
     browser.click("#stop")
     answers(browser, "stop: accepted")
-    in_mode(browser, "stop")
-    browser.until(lambda: _recovers(browser), "no recovery")
-    in_mode(browser, "ready")
+    in_mode(browser, "stop", "fault")
+    lead_to(browser, RECOVER, "ready")
     console.kill_host()
-    browser.until(
-        lambda: browser.run("return document.querySelector('#link').dataset.state") == "lost", "lost"
-    )
+    link = "return document.querySelector('#link').dataset.state"
+    browser.until(lambda: browser.run(link) == "lost", "not shown")
     console.start_host()
     browser.until(lambda: browser.text("#link") == "live, from the host", "no reconnection")
-    assert all("409 (Conflict)" in entry or "401" in entry for entry in browser.console_errors())
-
-
-def _recovers(browser):
-    """Recover, which the host refuses while the drives are still stopping."""
-    browser.click("[data-command=recover]")
-    browser.until(lambda: "recover" in browser.text("#answer"), "no answer")
-    return "accepted" in browser.text("#answer")
+    refusals = ("401 (Unauthorized)", "409 (Conflict)")
+    assert all(any(text in entry for text in refusals) for entry in browser.console_errors())
