@@ -35,8 +35,12 @@ def plane(image: Image, appearance: Appearance) -> Plane:
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         return np.asarray(cv2.bitwise_not(grey) if appearance.bright else grey, dtype=np.uint8)
     sign = -1.0 if appearance.bright else 1.0
-    weights = np.asarray([CHANNELS[appearance.channel]], dtype=np.float32) * np.float32(sign)
-    return np.asarray(cv2.transform(image.astype(np.float32), weights), dtype=np.float32)
+    weights = {index: sign * w for index, w in enumerate(CHANNELS[appearance.channel]) if w}
+    first, *others = (cv2.extractChannel(image, index) for index in weights)
+    if not others:
+        return np.asarray(first, dtype=np.float32) * np.float32(sign)
+    alpha, beta = weights.values()
+    return np.asarray(cv2.addWeighted(first, alpha, others[0], beta, 0.0, dtype=cv2.CV_32F), np.float32)
 
 
 def unlit_grey(appearance: Appearance) -> float | None:
