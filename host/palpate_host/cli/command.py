@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
 from palpate_host.common.mode import STOPPED
 from palpate_host.common.status import LATE_BINS_US, HostStatus
 from palpate_host.operator.client import OperatorClient
@@ -16,6 +16,7 @@ from palpate_host.operator.protocol import Status
 from palpate_host.operator.server import default_control_socket
 
 ANGLE = click.FloatRange(-180, 180)
+LENGTH = click.FloatRange(-1000, 1000)
 
 
 @click.group()
@@ -74,6 +75,40 @@ def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | No
       palpate-host command rotate 0 0 30 --ramp 3
     """
     _send(path, Rotate((roll, pitch, yaw), ramp_s))
+
+
+@command.command(context_settings={"ignore_unknown_options": True})
+@click.argument("x", type=LENGTH)
+@click.argument("y", type=LENGTH)
+@click.argument("z", type=LENGTH)
+@click.option(
+    "--turn",
+    "rpy_deg",
+    type=(ANGLE, ANGLE, ANGLE),
+    default=(0.0, 0.0, 0.0),
+    metavar="ROLL PITCH YAW",
+    help="Turn by these angles in degrees at the same time.",
+)
+@click.option(
+    "--ramp",
+    "ramp_s",
+    type=click.FloatRange(0, 600),
+    help="Duration in s.",
+)
+@click.pass_obj
+def move(
+    path: Path, x: float, y: float, z: float, rpy_deg: tuple[float, float, float], ramp_s: float | None
+) -> None:
+    """Move the held object by X Y Z millimetres.
+
+    The axes are the hand's. Needs control.law = "pose" in hand.toml; a target beyond pose_law.reach_mm or
+    reach_deg is refused.
+
+    \b
+    Example:
+      palpate-host command move 0 0 10 --turn 0 0 15 --ramp 2
+    """
+    _send(path, Move((x, y, z), rpy_deg, ramp_s))
 
 
 @command.command()

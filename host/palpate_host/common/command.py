@@ -9,6 +9,7 @@ import msgspec
 from palpate_edge.common.errors import PalpateError
 
 Angle = Annotated[float, msgspec.Meta(ge=-180, le=180)]
+Length = Annotated[float, msgspec.Meta(ge=-1000, le=1000)]
 RampSeconds = Annotated[float, msgspec.Meta(ge=0, le=600)]
 
 
@@ -36,6 +37,18 @@ class Rotate(_Command, frozen=True):
     ramp_s: RampSeconds | None = None
 
 
+class Move(_Command, frozen=True):
+    """Move and turn the held object, from where it was to be before, along and about the hand's fixed axes.
+
+    Only under control.law = "pose", within pose_law.reach_mm and reach_deg of the place where the hold began.
+    ramp_s: as for `Rotate`.
+    """
+
+    xyz_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    ramp_s: RampSeconds | None = None
+
+
 class Release(_Command, frozen=True):
     """Open for control.release_ms, then let the joints go."""
 
@@ -48,4 +61,4 @@ class Recover(_Command, frozen=True):
     """Leave FAULT or STOP: reset the nodes, restart from INIT without movement."""
 
 
-Command = Grasp | Rotate | Release | Stop | Recover
+Command = Grasp | Rotate | Move | Release | Stop | Recover

@@ -143,7 +143,7 @@ class PoseLawConfig(Strict, frozen=True):
     most_grip_N: largest mean normal force of the grip. relax_s: time constant with which the grip relaxes.
     contact_time_s: time constant with which contact normals correct the orientation. doubt_deg: a normal
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
-    smaller; 0: rigid.
+    smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.
     """
 
     position_stiffness_N_m: Positive = 1000.0
@@ -157,6 +157,8 @@ class PoseLawConfig(Strict, frozen=True):
     contact_time_s: Positive = 0.5
     doubt_deg: Positive = 8.0
     tip_stiffness_N_m2: NotNegative = 0.0
+    reach_mm: Positive = 20.0
+    reach_deg: Positive = 45.0
 
 
 class TargetConfig(Strict, frozen=True):

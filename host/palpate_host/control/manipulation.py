@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.command import CommandError
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.tip_contact import TipContact
@@ -73,6 +74,23 @@ class Manipulation:
         self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
         self._ramp_s, self._turned_s = ramp_s, 0.0
         self._start = self.R_d
+        if self.pose_law is not None:
+            self.pose_law.shift(np.zeros(3))
+
+    def move(
+        self, xyz_mm: tuple[float, float, float], rpy_deg: tuple[float, float, float], ramp_s: float
+    ) -> None:
+        """Start a move and a turn from the last desired pose.
+
+        Raises CommandError, and changes nothing, under another law, while no object is held, or when the
+        target is beyond the workspace.
+        """
+        if self.pose_law is None:
+            raise CommandError("move is refused: it needs control.law = 'pose' in hand.toml")
+        shift_m = 1e-3 * np.array(xyz_mm)
+        self.pose_law.check_reach(shift_m, rotation.from_rpy_deg(*rpy_deg))
+        self.turn(rpy_deg, ramp_s)
+        self.pose_law.shift(shift_m)
 
     def stop_turning(self) -> None:
         """Forget the desired orientation: the next turn starts from the measured one."""
@@ -179,6 +197,7 @@ class Manipulation:
         if mode is Mode.MANIPULATE:
             self._advance(R_vir, dt_s)
             law.R_d = self.R_d
+            law.follow_shift(self.turned)
         return law.torque_Nm(pose, qdot_rad_s, dt_s)
 
     def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:

@@ -1,6 +1,6 @@
 """The law `pose`: a held object keeps its position and orientation, or follows a target pose.
 
-The paper's law, Eqs. (9)-(16), controls the orientation alone. This one is an alternative (control.law):
+The paper's law, Eqs. (9)-(16), controls the orientation alone. This law also controls the position:
 
 1. virtual_object.py estimates place x and orientation R of the object, its velocity v and spin w.
 2. Stiffness, damping and an integral give a wrench on the object, with e = x_d - x and p = log(R_d R^T):
@@ -31,6 +31,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.command import CommandError
 from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import forces_within_cones
@@ -74,6 +75,9 @@ class PoseLaw:
         self._object: VirtualObject | None = None
         self.stiffness: Stiffness | None = None
         self.place_d_m = self.R_d = None  # type: Array | None
+        self._origin_m, self._origin_R = np.zeros(3), np.eye(3)
+        self._from_m: Array | None = None
+        self._shift_m = np.zeros(3)
         self.grip_N = self._least_grip_N = 0.0
         self.share = 1.0
         self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
@@ -118,7 +122,7 @@ class PoseLaw:
     def drop(self) -> None:
         """End the hold: the object is no longer followed, and its load is forgotten."""
         self._object = None
-        self.place_d_m = self.R_d = None
+        self.place_d_m = self.R_d = self._from_m = None
         self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
 
     def hold(self, pose: HandPose, R_vir: Array, R: Array, dt_s: float) -> None:
@@ -131,12 +135,43 @@ class PoseLaw:
         self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
         self.stiffness = self._stable_stiffness(pose, self._object.grip, dt_s)
+        self._origin_m, self._origin_R = self._object.place_m, R
         self.hold_here()
 
     def hold_here(self) -> None:
         """Take the present pose as the target."""
         if self._object is not None:
             self.place_d_m, self.R_d = self._object.place_m, self._object.R
+            self.shift(np.zeros(3))
+
+    def check_reach(self, shift_m: Array, turn: Array) -> None:
+        """Raise CommandError when the target, moved by (3,) and turned by (3, 3), is beyond the workspace."""
+        if self._object is None or self.place_d_m is None or self.R_d is None:
+            raise CommandError(
+                "move is refused: the object is not held yet; wait until the grasp has settled"
+            )
+        config = self._config
+        far_mm = 1e3 * float(np.linalg.norm(self.place_d_m + shift_m - self._origin_m))
+        far_deg = rotation.angle_deg(turn @ self.R_d @ self._origin_R.T)
+        if far_mm > config.reach_mm:
+            raise CommandError(
+                f"move is refused: {far_mm:.1f} mm from where the hold began, pose_law.reach_mm is"
+                f" {config.reach_mm:g}: move less, or grasp again"
+            )
+        if far_deg > config.reach_deg:
+            raise CommandError(
+                f"move is refused: {far_deg:.1f} deg from where the hold began, pose_law.reach_deg is"
+                f" {config.reach_deg:g}: turn less, or grasp again"
+            )
+
+    def shift(self, shift_m: Array) -> None:
+        """Start to move the target by (3,) from where it is now; `follow_shift` leads it there."""
+        self._from_m, self._shift_m = self.place_d_m, shift_m
+
+    def follow_shift(self, share: float) -> None:
+        """Set the target after this share of the shift."""
+        if self._from_m is not None:
+            self.place_d_m = self._from_m + share * self._shift_m
 
     def advance(self, pose: HandPose, dt_s: float) -> None:
         """Follow the object for one tick; call it before `torque_Nm`."""

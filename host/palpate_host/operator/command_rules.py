@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
 from palpate_host.common.mode import MOVING, STOPPED, Mode
 from palpate_host.safety.supervisor import Decision, Goal
 
@@ -25,9 +25,9 @@ def check_allowed(
                 raise _refusal("recover", decision, "the bus is lost, the host reopens it by itself")
             if not is_off:
                 raise _refusal("recover", decision, "the drives are still stopping, try again")
-        case Rotate():
+        case Rotate() | Move():
             if mode not in MOVING or goal is Goal.NOTHING:
-                raise _refusal("rotate", decision, "grasp first")
+                raise _refusal(type(command).__name__.lower(), decision, "grasp first")
         case Grasp() | Release():
             if mode not in (Mode.READY, *MOVING):
                 way_out = "recover first" if mode in STOPPED else "wait until it is ready"

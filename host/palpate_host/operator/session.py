@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from palpate_edge.common.errors import PalpateError
-from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
 from palpate_host.common.mode import MOVING, STOPPED, Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.client import NoHostError, OperatorClient
@@ -94,6 +94,24 @@ class Hand:
             timeout_s,
             "turn the object",
         )
+
+    def move(
+        self,
+        xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        ramp_s: float | None = None,
+        timeout_s: float = 60.0,
+    ) -> HostStatus:
+        """Move and turn the object along and about the hand's fixed axes, from its last desired pose.
+
+        Only under control.law = "pose". ramp_s: the duration, None for target.ramp_s of hand.toml. Returns
+        when the ramp ends. CommandError when the target is beyond the hand's workspace.
+        """
+        x, y, z = (float(length) for length in xyz_mm)
+        roll, pitch, yaw = (float(angle) for angle in rpy_deg)
+        self._send(Move((x, y, z), (roll, pitch, yaw), ramp_s))
+        sent_us = self.status().time_us  # of a tick that may be earlier than the command
+        return self.wait_for(lambda s: s.time_us > sent_us and s.turned >= 1.0, timeout_s, "move the object")
 
     def release(self, timeout_s: float = 10.0) -> HostStatus:
         """Open the hand and return to READY, with torque 0."""

@@ -16,7 +16,7 @@ import numpy as np
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
-from palpate_host.common.command import Command, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Command, Grasp, Move, Recover, Release, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
@@ -173,6 +173,10 @@ class HostCore:
                 self._goal = Goal.TURN
                 self._target_rpy_deg = rpy_deg
                 self._control.turn(rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
+            case Move(xyz_mm=xyz_mm, rpy_deg=rpy_deg, ramp_s=ramp_s):
+                self._control.move(xyz_mm, rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
+                self._goal = Goal.TURN
+                self._target_rpy_deg = rpy_deg
             case Release():
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)

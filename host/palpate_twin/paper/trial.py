@@ -47,6 +47,7 @@ class Trial:
     contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
     disturbances: as [[twin.disturbances]] of hand.toml and in its place, but start_s counts from the start of
     the turn. has_weight: the object's support is removed at the start of the turn. law: replaces control.law.
+    xyz_mm: the commanded move (pose law only).
     """
 
     mode: ControlMode
@@ -60,6 +61,7 @@ class Trial:
     disturbances: tuple[DisturbanceConfig, ...] = ()
     has_weight: bool = False
     law: ControlLaw | None = None
+    xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,7 @@ class _Run:
     def __init__(self, config: HandConfig, hand: HandKinematics, engine: Engine, trial: Trial) -> None:
         self._hand, self._engine, self._trial = hand, engine, trial
         self._control = Manipulation(config)
-        self._settle_s = config.control.settle_ms * 1e-3
+        self._settle_s, self._ramp_s = config.control.settle_ms * 1e-3, config.target.ramp_s
         self._radius_mm = config.control.tip_radius_m * 1e3
         self._rng = np.random.default_rng(trial.seed)
         self._frames = 0
@@ -168,6 +170,8 @@ class _Run:
                     raise
                 lost_s = now_s - self._settle_s
                 break
+            if tick == settle_ticks and any(trial.xyz_mm):
+                self._control.move(trial.xyz_mm, trial.rpy_deg, self._ramp_s)
             for _ in range(round(TICK_S / engine.step_s)):
                 engine.step(torque)
         assert start is not None

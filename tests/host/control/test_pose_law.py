@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.errors import ConfigError
+from palpate_host.common import rotation
+from palpate_host.common.command import CommandError
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config import hand_config
@@ -156,7 +158,7 @@ def test_the_force_on_an_object_is_bounded(wide):
     manipulation = controller(wide, pose, most_grip_N=5.0)
     tick(manipulation, pose)
     law = manipulation.pose_law
-    law.place_d_m = law.object.place_m + np.array([0.0, 0.0, 0.5])
+    law.shift(np.array([0.0, 0.0, 0.5]))
     for _ in range(100):
         tick(manipulation, pose)
     assert np.linalg.norm(law.load_N) <= 0.4 * 3 * 5.0 + 1e-9
@@ -170,6 +172,53 @@ def test_a_false_frame_without_contact_changes_nothing(wide):
     manipulation.add_contact(1, touch(200_000, None), pose)
     manipulation.add_contact(1, touch(233_333), pose)
     np.testing.assert_allclose(tick(manipulation, pose), before, atol=1e-9)
+
+
+def test_a_move_ramps_the_target_from_where_it_was(wide):
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose)
+    with pytest.raises(CommandError, match="not held yet"):
+        manipulation.move((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 1.0)
+    tick(manipulation, pose)
+    law = manipulation.pose_law
+    start = law.place_d_m
+
+    def moved_mm(ticks):
+        for _ in range(ticks):
+            tick(manipulation, pose)
+        return 1e3 * (law.place_d_m - start)
+
+    manipulation.move((0.0, 0.0, 10.0), (0.0, 0.0, 20.0), 1.0)
+    np.testing.assert_allclose(moved_mm(50), [0.0, 0.0, 5.0], atol=1e-9)
+    assert rotation.angle_deg(law.R_d @ law.object.R.T) == pytest.approx(10.0, abs=1e-6)
+    manipulation.move((4.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)  # from the middle of the ramp
+    np.testing.assert_allclose(moved_mm(150), [4.0, 0.0, 5.0], atol=1e-9)
+    manipulation.turn((0.0, 0.0, 5.0), 0.5)
+    np.testing.assert_allclose(moved_mm(10), [4.0, 0.0, 5.0], atol=1e-9)
+    manipulation.stop_turning()
+    np.testing.assert_allclose(law.place_d_m, law.object.place_m)
+
+
+@pytest.mark.parametrize(
+    ("xyz_mm", "rpy_deg", "reason"),
+    [
+        ((0.0, 15.0, 15.0), (0.0, 0.0, 0.0), r"21.2 mm from where the hold began, pose_law.reach_mm is 20"),
+        ((0.0, 0.0, 0.0), (0.0, 46.0, 0.0), r"46.0 deg from where the hold began, pose_law.reach_deg is 45"),
+    ],
+)
+def test_a_target_beyond_the_workspace_is_refused_and_changes_nothing(wide, xyz_mm, rpy_deg, reason):
+    pose = wide[1].pose(START_RAD)
+    manipulation = controller(wide, pose)
+    tick(manipulation, pose)
+    before = manipulation.pose_law.place_d_m, manipulation.turned
+    with pytest.raises(CommandError, match=reason):
+        manipulation.move(xyz_mm, rpy_deg, 1.0)
+    assert (manipulation.pose_law.place_d_m is before[0], manipulation.turned) == (True, before[1])
+
+
+def test_the_papers_law_has_no_place_to_move_to(wide):
+    with pytest.raises(CommandError, match=r"needs control.law = 'pose'"):
+        Manipulation(wide[0]).move((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 1.0)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from palpate_host.cli.main import cli
 from palpate_host.config.hand_config import ControlLaw, ControlMode
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.paper.shake import Held, directions, run_in_chain, run_shake, shake_cases, shake_table
-from palpate_twin.paper.trial import Trial
+from palpate_twin.paper.trial import Trial, run_trial
 
 HAND = PACKAGED["table4-wide"]
 BASE = Trial(ControlMode.PROPOSED, (0.0, 0.0, 0.0), duration_s=2.5, integral_per_s=1.0)
@@ -60,6 +60,17 @@ def test_the_pose_law_turns_the_object_in_its_place(axis):
     assert held.error_deg < 0.5
     assert held.moved_most_mm < 1.3
     assert held.slip_mm < 0.2
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_pose_law_moves_the_object(axis):
+    """10 mm along each of the hand's axes in 2 s."""
+    xyz_mm = tuple(float(value) for value in 10.0 * np.eye(3)[axis])
+    outcome = run_trial(HAND, "mujoco", replace(BASE, law=ControlLaw.POSE, xyz_mm=xyz_mm))
+    moved_mm = 1e3 * (outcome.poses[-1][1] - outcome.poses[0][1])
+    np.testing.assert_allclose(moved_mm, xyz_mm, atol=0.5)
+    assert outcome.error_deg < 0.5
+    assert outcome.slip_mm.max() < 0.2
 
 
 @pytest.mark.long
