@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from palpate_host.common.command import Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Grasp, Move, Recover, Release, Rotate, Stop
 
 
 class _Event(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="command"):
@@ -35,7 +35,7 @@ class BusRestored(_Event, frozen=True, tag="bus-restored"):
     at_us: int
 
 
-HostEvent = Grasp | Rotate | Release | Stop | Recover | End | BusLost | BusRestored
+HostEvent = Grasp | Rotate | Move | Release | Stop | Recover | End | BusLost | BusRestored
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,8 @@ class TickInputs:
     """Inputs of one tick.
 
     called_us: time of the call, at or after the tick's own time. taken: frames with the host's identifiers
-    since the last tick, its own SYNC among them, without NMT frames. until_us: time stamp of the newest
+    since the last tick, its own SYNC among them, without NMT frames and SDO
+    requests, of which its own come back on some buses only. until_us: time stamp of the newest
     frame, 0 before the first. events: since the last tick. event_count: events since the start, with these.
     waits: whether the host waits for commands (run.start = "command").
     """

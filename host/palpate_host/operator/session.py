@@ -111,7 +111,7 @@ class Hand:
         roll, pitch, yaw = (float(angle) for angle in rpy_deg)
         self._send(Move((x, y, z), (roll, pitch, yaw), ramp_s))
         sent_us = self.status().time_us  # of a tick that may be earlier than the command
-        return self.wait_for(lambda s: s.time_us > sent_us and s.turned >= 1.0, timeout_s, "move the object")
+        return self.wait_for(lambda s: s.time_us > sent_us and (s.turned or 0.0) >= 1.0, timeout_s, "move")
 
     def release(self, timeout_s: float = 10.0) -> HostStatus:
         """Open the hand and return to READY, with torque 0."""

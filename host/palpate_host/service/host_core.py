@@ -25,11 +25,11 @@ from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
-from palpate_host.network.nmt_master import NMT_ID
 from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.drive_shutdown import DriveShutdown
 from palpate_host.safety.supervisor import Decision, Goal, Inputs, Tiers, decide
+from palpate_host.service.host_records import counted_ids
 from palpate_host.service.tick_schedule import TickSchedule
 
 OPERATOR_STOP = "stopped by the operator"
@@ -96,7 +96,7 @@ class HostCore:
         self._status: HostStatus | None = None
         self._taken = self._until_us = self._event_count = 0
         self._events: list[HostInput] = []
-        self._counted = set(self._nodes.accept_ids) - {NMT_ID}
+        self._counted = counted_ids(self._nodes.accept_ids)
 
     @property
     def accept_ids(self) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ drive does not carry it as a torque in RPDO 1.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,10 @@ from palpate_host.common.status import HostStatus
 from palpate_host.common.tick_inputs import HostInput, TickInputs
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.drives.registry import CIA402
+from palpate_host.network.nmt_master import NMT_ID
 
 INPUT, TICK = "input", "tick"
+SDO_REQUEST_IDS = range(0x601, 0x680)
 IN_FRAMES = ("fingers", "joints", "R_vir", "inputs")
 """Fields of the status that a tick's note leaves out: frames, kinematics, and notes of kind input."""
 
@@ -131,6 +133,11 @@ def _record(state: dict[str, Any], events: tuple[HostInput, ...]) -> TickRecord:
     status = msgspec.convert(fields, HostStatus)
     commands = None if command_Nm is None else tuple(float(value) for value in command_Nm)
     return TickRecord(status, inputs, tuple(unpaired), commands)
+
+
+def counted_ids(accept_ids: Collection[int]) -> frozenset[int]:
+    """Return the identifiers whose frames `TickInputs.taken` counts."""
+    return frozenset(accept_ids) - {NMT_ID} - set(SDO_REQUEST_IDS)
 
 
 def missing_ticks(ticks: Iterable[TickRecord]) -> list[tuple[int, int]]:

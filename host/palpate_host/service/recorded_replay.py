@@ -22,7 +22,7 @@ from palpate_host.network.nmt_master import HEARTBEAT_ID, NMT_ID, SYNC, TIME_STA
 from palpate_host.service.contract import BUILD, build
 from palpate_host.service.hand_devices import devices_of_hand
 from palpate_host.service.host_core import HostCore
-from palpate_host.service.host_records import TickRecord, missing_events, missing_ticks
+from palpate_host.service.host_records import TickRecord, counted_ids, missing_events, missing_ticks
 from palpate_host.service.replay import HandLog, ReplayStep
 
 RPDO_1_ID, SDO_REQUEST_ID = 0x200, 0x600
@@ -65,7 +65,7 @@ def recorded_steps(
         taken = source.take(tick)
         place = 0
         for given in tick.inputs.events:
-            upto = _place(taken, given.after)
+            upto = _place(taken, given.after, source.counted)
             core.process(last_us, [(record.stamp_us, record.frame) for record in taken[place:upto]])
             place = upto
             _apply(log_path, core, given.event, tick)
@@ -82,7 +82,7 @@ class _Inputs:
     """The frames of other nodes, tick by tick."""
 
     def __init__(self, log_path: Path, records: Sequence[LogRecord], accept_ids: Sequence[int]) -> None:
-        wanted = set(accept_ids)
+        wanted, self.counted = set(accept_ids), counted_ids(accept_ids)
         self._log_path = log_path
         self._frames = [record for record in records if record.frame.can_id in wanted]
         self._place = 0
@@ -97,10 +97,10 @@ class _Inputs:
         while self._place < len(self._frames) and self._frames[self._place].stamp_us <= tick.inputs.until_us:
             self._place += 1
         taken = self._frames[begin : self._place]
-        count = sum(record.frame.can_id != NMT_ID for record in taken)
+        count = sum(record.frame.can_id in self.counted for record in taken)
         if not self._has_begun and count > tick.inputs.taken:  # frames from before the host opened the bus
             keep = tick.inputs.taken
-            while taken and (count := sum(r.frame.can_id != NMT_ID for r in taken)) > keep:
+            while taken and (count := sum(r.frame.can_id in self.counted for r in taken)) > keep:
                 taken = taken[1:]
         self._has_begun = self._has_begun or count > 0
         if count != tick.inputs.taken:
@@ -113,13 +113,13 @@ class _Inputs:
         return taken
 
 
-def _place(taken: Sequence[LogRecord], after: int) -> int:
-    """Return the place in `taken` after so many frames that are not NMT."""
+def _place(taken: Sequence[LogRecord], after: int, counted: frozenset[int]) -> int:
+    """Return the place in `taken` after so many counted frames."""
     count = 0
     for place, record in enumerate(taken):
         if count == after:
             return place
-        count += record.frame.can_id != NMT_ID
+        count += record.frame.can_id in counted
     return len(taken)
 
 
