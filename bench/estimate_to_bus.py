@@ -78,7 +78,7 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
     """Return the times from an estimate until TPDO 1 to 3 are sent. scheduling: of the fingertip."""
     estimator = TimedEstimator(material.calibration)
     estimator.given_s = []
-    with _hub() as channel:
+    with hub() as channel:
         config = BusConfig(interface="palpate", channel=channel)
         with (
             closing(ReconnectingBus(lambda: open_bus(config, "fingertip"))) as link,
@@ -124,7 +124,7 @@ def _publish(link: ReconnectingBus, pixels: CaptureThread) -> tuple[list[float],
 
 
 @contextmanager
-def _hub() -> Iterator[str]:
+def hub() -> Iterator[str]:
     """Run a hub process and yield the path of its socket."""
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "hub.sock")

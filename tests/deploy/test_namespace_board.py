@@ -201,11 +201,14 @@ def test_a_run_killed_after_the_configuration_is_made_good_by_the_next(board):
     assert play(board, "site").well().changed == 0
 
 
-def test_a_unit_that_was_not_loaded_is_loaded_by_the_next_run(board):
-    before = shown(board, "MainPID")
-    board.machine.run("sh", "-c", f"echo '#' >>/etc/systemd/system/{SERVICE}")
-    play(board, "site").well()
-    assert shown(board, "MainPID") != before
+def test_a_drop_in_that_was_not_loaded_is_loaded_by_the_next_switch(board):
+    file, switch = f"/etc/systemd/system/{SERVICE}.d/own.conf", "/opt/palpate/bin/palpate-release"
+    for write, nice in ((f"printf '[Service]\\nNice=7\\n' >{file}", "7"), (f"rm {file}", "0")):
+        board.machine.run("sh", "-c", write)
+        assert board.machine.run(switch, "switch", serving(board)) == f"started {SERVICE}"
+        assert board.machine.run("ps", "-o", "ni=", "-p", shown(board, "MainPID")).strip() == nice
+        assert board.machine.run(switch, "switch", serving(board)) == f"unchanged: {serving(board)}"
+    board.master.contact_after(time.monotonic())
 
 
 def test_nothing_failed(board):

@@ -1,0 +1,92 @@
+"""Instructions of a fingertip's daemon for each frame, and from its start to the first contact.
+
+python -m bench instructions
+
+Valgrind counts the instructions of this machine's processor (x86-64 or aarch64), without the kernel's. Unlike
+times they hardly depend on the machine's load and speed. A frame goes through the daemon's parts in one
+thread (daemon_frames.py). The difference of two runs leaves the start out.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench.estimate_to_bus import hub
+from bench.frames import demo_material
+from palpate_edge.calibration.calibration_file import save_calibration
+
+FEW, MANY = 20, 60  # frames of the two runs
+MILLION = 1e6
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+COUNT = ("valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null")
+START_TO_CONTACT = """
+import sys
+from pathlib import Path
+import palpate_edge.daemon.daemon
+import numpy as np
+from palpate_edge.calibration.calibration_file import load_calibration
+from palpate_edge.common.frame import Frame
+from palpate_edge.estimation.estimator import Estimator
+estimator = Estimator(load_calibration(Path(sys.argv[1])))
+contact = estimator.estimate(Frame(np.load(sys.argv[2])[0], 0, 0, ""))
+assert contact.valid, contact.reason
+"""
+
+
+class Counter:
+    """Counts the instructions of Python programs, whose modules are compiled before, as on a board.
+
+    folder: keeps the compiled modules.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        self._environment = {**variables, **ENVIRONMENT, "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+
+    def run(self, *command: str | Path) -> int:
+        """Return the instructions of the second of two runs. Raises RuntimeError when the program fails."""
+        python = [sys.executable, *map(str, command)]
+        for words in (python, [*COUNT, *python]):
+            done = subprocess.run(words, capture_output=True, text=True, check=False, env=self._environment)
+            if done.returncode:
+                raise RuntimeError(f"{' '.join(words)}: {done.stderr[-2000:]}")
+        found = re.search(r"I\s+refs:\s+([\d,]+)", done.stderr)
+        if found is None:
+            raise RuntimeError(f"valgrind printed no count: {done.stderr[-2000:]}")
+        return int(found[1].replace(",", ""))
+
+
+def report() -> str:
+    """Return the table; one line where valgrind is missing."""
+    if shutil.which("valgrind") is None:
+        return "instructions: valgrind is missing (apt install valgrind)"
+    material = demo_material()
+    with tempfile.TemporaryDirectory() as work, hub() as channel:
+        folder = Path(work)
+        count = Counter(folder).run
+        save_calibration(material.calibration, folder / "bench.cal")
+        grey = np.array([cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE) for jpeg in material.jpegs[:MANY]])
+        np.save(folder / "grey.npy", grey)
+        files = folder / "bench.cal", folder / "grey.npy"
+        rows = [
+            ("Python alone", count("-c", "pass")),
+            ("start: imports of the daemon", count("-c", "import palpate_edge.daemon.daemon")),
+            ("start: to the first contact", count("-c", START_TO_CONTACT, *files)),
+        ]
+        for kind, name in (("grey", "the camera's own grey"), ("jpeg", "decoded from JPEG")):
+            run = ("-m", "bench.daemon_frames", kind)
+            few, many = (count(*run, str(frames), folder, channel) for frames in (FEW, MANY))
+            rows.append((f"a frame, {name}", (many - few) // (MANY - FEW)))
+    lines = [f"Instructions of a fingertip's daemon, 10^6, {platform.machine()}: {material.name}"]
+    lines += [f"{name:<36}{total / MILLION:>10.2f}" for name, total in rows]
+    return "\n".join(lines)
