@@ -139,6 +139,7 @@ def test_temperature_is_the_b_equation(
 
 
 @given(st.integers(0, 255))
+@settings(max_examples=40, deadline=None)
 def test_duty_is_the_square_of_the_level(new: Callable[[], Logic], level: int) -> None:
     core = new()
     core.write(LightRegister.LEVEL, level)
@@ -351,6 +352,7 @@ def test_reading_keeps_the_light(new: Callable[[], Logic]) -> None:
 
 
 @given(st.integers(0, 0xFF), st.integers(0, 0xFFFF))
+@settings(deadline=None)
 def test_only_what_the_table_allows_is_written(new: Callable[[], Logic], register: int, value: int) -> None:
     core = new()
     before = list(core.core.reg)
@@ -370,6 +372,7 @@ def test_only_what_the_table_allows_is_written(new: Callable[[], Logic], registe
 
 
 @given(st.binary(max_size=8))
+@settings(deadline=None)
 def test_any_bytes_leave_a_sane_controller(new: Callable[[], Logic], data: bytes) -> None:
     core = new()
     before = list(core.core.reg)
@@ -382,6 +385,7 @@ def test_any_bytes_leave_a_sane_controller(new: Callable[[], Logic], data: bytes
 
 
 @given(st.integers(0, 255))
+@settings(deadline=None)
 def test_what_does_not_exist_reads_with_a_wrong_pec(new: Callable[[], Logic], register: int) -> None:
     readable = {int(r) for r in LightRegister} - {LightRegister.FAULT_CLEAR}
     assert new().read(register)[1] == (register in readable)
