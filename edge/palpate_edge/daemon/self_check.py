@@ -66,9 +66,9 @@ def check(config: FingertipConfig, report: HealthReport | None) -> list[CheckRow
             *calibration_rows,
             judge_bus(report.bus),
             judge_clock(report.clock),
-            *_check_loaded(config, report),
         ]
-    return [*rows, _check_light(config, report), *(counter_rows(report) if report else [])]
+    rows.append(_check_light(config, report))
+    return rows if report is None else [*rows, *counter_rows(report), *_check_loaded(config, report)]
 
 
 def _check_loaded(config: FingertipConfig, report: HealthReport) -> list[CheckRow]:

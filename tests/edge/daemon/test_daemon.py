@@ -165,7 +165,7 @@ def test_check_asks_the_daemon(rig):
     rows = {row["part"]: row for row in json.loads(done.stdout)}
     parts = ["camera", "beads", "calibration", "model", "bus", "clock", "temperature"]
     counters = ["frame errors", "bead errors", "bus errors", "bus losses", "clock errors"]
-    assert list(rows) == parts + counters
+    assert list(rows) == [*parts, *counters, "configuration"]
     verdicts = {part: row["verdict"] for part, row in rows.items()}
     assert verdicts["bus"] == verdicts["calibration"] == "ok"
     assert verdicts["clock"] == "warn"  # no host
