@@ -56,7 +56,7 @@ def durand_of_eds(network, node_id, eds):
     od = load_eds(eds, node_id)
     records: dict[int, Record] = {}
     for (index, subindex), entry in od.entries.items():
-        if index in node.object_dictionary and index not in (0x1000, 0x1008):
+        if index in node.object_dictionary and index not in (0x1000, 0x1008, 0x100A, 0x1018):
             continue
         if subindex == 0 and (index, 1) in od.entries:
             continue
@@ -69,6 +69,13 @@ def durand_of_eds(network, node_id, eds):
             node.object_dictionary[index] = variable
     for index, record in records.items():
         node.object_dictionary[index] = record
+    for number in range(4):
+        if 0x1400 + number in od.indices:
+            cob_id = od.default_number(0x1400 + number, 1)
+            node.object_dictionary.write(0x1400 + number, 1, cob_id, downloaded=True)
+            count = od.default_number(0x1600 + number, 0)
+            words = [od.default_number(0x1600 + number, 1 + slot) for slot in range(count)]
+            node.rpdo[number].mapping = [(word >> 16, word >> 8 & 0xFF) for word in words]
     for number in range(9):
         if 0x1A00 + number in od.indices:
             count = od.default_number(0x1A00 + number, 0)

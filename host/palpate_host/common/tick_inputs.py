@@ -52,7 +52,7 @@ class TickInputs:
 
     called_us: time of the call, at or after the tick's own time. taken: frames with the host's identifiers
     since the last tick, its own SYNC among them, without NMT frames and SDO
-    requests, of which its own come back on some buses only. until_us: time stamp of the newest
+    requests, of which some buses return its own. until_us: time stamp of the newest
     frame, 0 before the first. events: since the last tick. event_count: events since the start, with these.
     waits: whether the host waits for commands (run.start = "command").
     """

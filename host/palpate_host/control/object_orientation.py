@@ -4,10 +4,10 @@ Each finger's normal arrives on its own, expressed in R_vir at its own exposure 
 ones are averaged to references, one normal of the object a finger; each later normal leads to a new fit of M
 to all. Four rules keep M when contacts are doubtful:
 
-- A finger without contact keeps its reference for `REFERENCE_KEPT_US`, since a single frame without contact
-  is more often false than true. After that its next contact may be elsewhere on the object, which is assumed
-  to move with the virtual frame meanwhile: M is kept, and the new references are chosen to agree with it, so
-  that the desired frame never jumps.
+- While a finger is without contact, M is kept: the object is assumed to move with the virtual frame. The
+  references are kept for `REFERENCE_KEPT_US`, since a single frame without contact is more often false than
+  true. After that the finger's next contact may be elsewhere on the object, and new references are chosen to
+  agree with M, so that the desired frame never jumps.
 - A normal more than `GATE_DEG` from M's prediction does not take part in the fit, as long as those that agree
   are the majority. A finger that stays outside for `LEFT_OUT_US` is named in `left_out`.
 - Three normals have one surplus measurement, so a slow tilt of one of them pulls M and shows late, and not at
@@ -155,6 +155,8 @@ class ObjectOrientation:
 
     def _follow(self, exposed_at_us: int) -> None:
         assert self.M is not None
+        if any(finger.without_contact_since_us is not None for finger in self._fingers):
+            return
         angles_deg = _misfits_deg(self.M, self._fingers)
         believed = self._without_frozen() or [
             one for one, angle in zip(self._fingers, angles_deg, strict=True) if angle <= GATE_DEG

@@ -109,7 +109,7 @@ class _NodeStates:
 
     def __init__(self, records: Sequence[LogRecord], config: HandConfig, hand: HandKinematics) -> None:
         self._config, self._hand = config, hand
-        self._nodes = Nodes(config, hand)
+        self._nodes = Nodes(config, hand, verifies=False)
         wanted = set(self._nodes.accept_ids)
         self._frames = [record for record in records if record.frame.can_id in wanted]
         self._place = 0

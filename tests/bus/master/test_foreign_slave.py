@@ -13,6 +13,7 @@ from pathlib import Path
 
 import durand
 import durand.network
+import mujoco  # noqa: F401 - here, since its first import starts a process, which no test may
 import pytest
 from durand.scheduler import VirtualScheduler, get_scheduler, set_scheduler
 
@@ -104,7 +105,7 @@ def rig(foreign):
 
 
 def test_the_host_starts_it_and_takes_its_contacts(rig):
-    status = rig.run(1.5)
+    status = rig.run(2.0)
     assert status.mode is Mode.MANIPULATE
     finger = status.fingers[0]
     assert finger.position_mm == pytest.approx((1.5, -4.0, 29.7), abs=0.01)
@@ -117,7 +118,7 @@ def test_the_host_starts_it_and_takes_its_contacts(rig):
 
 
 def test_its_emergency_is_heard_and_stops_nothing(rig):
-    rig.run(1.0)
+    rig.run(1.5)
     rig.tips[0].node.emcy.set(0x4210, 0x09)
     status = rig.run(0.2)
     assert status.last_emergency == "fingertip of finger-1 (node 0x10): EMCY 4210h"
@@ -126,7 +127,7 @@ def test_its_emergency_is_heard_and_stops_nothing(rig):
 
 def test_its_lost_heartbeat_leaves_only_the_grasp(rig):
     config, _ = load_bench().load_table_4()
-    rig.run(1.0)
+    rig.run(1.5)
     beats = [at for at, frame in rig.log if frame == CanFrame(0x700 + NODE, b"\x05")]
     rig.tips[0].node.object_dictionary.write(0x1017, 0, 0)
     rig.run(1.0)
@@ -137,9 +138,9 @@ def test_its_lost_heartbeat_leaves_only_the_grasp(rig):
 
 
 def test_its_restart_is_seen_and_it_is_started_again(rig):
-    rig.run(1.0)
+    rig.run(1.5)
     rig.tips[0].node.nmt.reset()
-    status = rig.run(1.0)
+    status = rig.run(1.5)
     starts = [at for at, frame in rig.log if frame == CanFrame(0x000, bytes((1, NODE)))]
     assert len(starts) == 2
     assert status.mode is Mode.MANIPULATE

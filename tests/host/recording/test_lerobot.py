@@ -158,7 +158,13 @@ def test_the_video_has_a_picture_for_each_frame(
     while (read := video.read())[0]:
         frames.append(float(read[1].mean()))
     assert len(frames) == data.num_rows and video.get(cv2.CAP_PROP_FPS) == FPS
-    begin_us = next(s.time_us for s in statuses if all(j.command_Nm is not None for j in s.joints))
+    begin_us = next(
+        status.time_us
+        for status in statuses
+        if all(
+            None not in (j.position_rad, j.velocity_rad_s, j.torque_Nm, j.command_Nm) for j in status.joints
+        )
+    )
     for number, brightness in enumerate(frames):
         time_us = begin_us + number % (data.num_rows // 2) * 1_000_000 // FPS
         picture = min(19, (time_us - statuses[0].time_us) // 100_000)

@@ -102,7 +102,7 @@ def test_a_remap_that_another_client_undoes_is_accepted_without_a_command(rig):
         ({(0x1800, 1): 0xC000_0190}, "1800h:01 is 0xC0000190, expected 0x40000190"),
         ({(0x1802, 1): 0x4000_03A1}, "1802h:01 is 0x400003A1, expected 0x40000390"),
         ({(0x1801, 2): 1}, "1801h:02 is 0x1, expected 0xFE"),
-        ({(0x1803, 1): 0x4000_0190}, "1803h:01 is 0x40000190, expected 0x40000490"),
+        ({(0x1803, 1): 0x4000_04A1}, "1803h:01 is 0x400004A1, expected 0x40000490"),
         ({(0x1A01, 0): 4}, "1A01h:00 is 0x4, expected 0x5"),
         ({(0x1A04, 2): 0x7130_0910, (0x1A04, 3): 0x7130_0810}, "1A04h:02 is 0x71300910"),
         ({(0x1400, 1): 0x1FE}, "1400h:01 is 0x1FE, expected 0x1FF"),

@@ -21,7 +21,9 @@ def test_the_hand_is_the_packaged_one_on_this_runs_bus(tmp_path):
     folder = make_run_folder(tmp_path / "run", RECORDING, 500_000)
     packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
     bus = {"interface": "palpate", "channel": str(folder.hub_socket), "bitrate": 500_000}
-    assert written == packaged | {"bus": bus, "run": packaged["run"] | {"start": "auto"}}
+    staleness = packaged["staleness"] | {"lost_ms": 60_000}  # recorded presses leave the object
+    run = packaged["run"] | {"start": "auto"}
+    assert written == packaged | {"bus": bus, "run": run, "staleness": staleness}
     assert "geometry" in written  # no further model file is needed
 
 
