@@ -160,7 +160,6 @@ class HostCore:
             bus_lost=self._is_bus_lost,
             is_off=self._shutdown.is_off,
         )
-        self._note(command)
         match command:
             case Stop():
                 self._stop_reason = self._stop_reason or OPERATOR_STOP
@@ -180,6 +179,7 @@ class HostCore:
             case Release():
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
+        self._note(command)
 
     def _note(self, event: HostEvent) -> None:
         self._events.append(HostInput(self._taken, event))

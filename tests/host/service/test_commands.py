@@ -10,7 +10,7 @@ import pytest
 from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common import rotation
-from palpate_host.common.command import CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import CommandError, Grasp, Move, Recover, Release, Rotate, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import RunConfig, StartMode
 
@@ -80,6 +80,16 @@ def test_a_command_out_of_turn_is_refused_and_changes_nothing(waiting, command, 
         waiting.core.command(command)
     assert "mode ready" in str(caught.value) and "\n" not in str(caught.value)
     assert waiting.run(0.1).mode is Mode.READY
+
+
+def test_a_move_under_the_papers_law_is_refused_and_is_not_in_the_records(waiting):
+    """A recorded command that the host refused would make every replay of the run differ."""
+    waiting.core.command(Grasp())
+    waiting.run(1.0)
+    with pytest.raises(CommandError, match=r"it needs control\.law = 'pose'"):
+        waiting.core.command(Move((0.0, 0.0, 5.0)))
+    waiting.run(0.1)
+    assert [given.event for status in waiting.statuses for given in status.inputs.events] == [Grasp()]
 
 
 def stop_by_command(rig):

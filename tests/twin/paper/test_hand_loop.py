@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.press_dataset import read_dataset
+from palpate_host.common.command import Move
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.common.mode import Mode
+from palpate_host.config.hand_config import ControlLaw
 from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.service.host import load_hand
 from palpate_twin.camera import layouts
@@ -95,6 +97,23 @@ def test_lost_contacts_end_the_turn():
     fault_us = START_US + 1e6 * next(sample.time_s for sample in record.samples if sample.mode is Mode.FAULT)
     assert fault_us - last_contact_us <= 300_000
     assert record.failure.startswith("the object is lost: no contact of ")
+
+
+@pytest.mark.long
+def test_a_move_carries_the_object_in_the_whole_chain():
+    """Law `pose`, 5 mm upwards in 1 s, by a command to the running host."""
+    config, hand = load_hand(TABLE_4)
+    still = msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 0.0))
+    law = msgspec.structs.replace(config.control, law=ControlLaw.POSE)
+    config = msgspec.structs.replace(config, control=law, target=still)
+    engine = make_engine(config, "mujoco", has_B=False)
+    loop = LockstepLoop(config, hand, engine, TrueContactSource(30.0, 0.15, 1))
+    loop.run(2.5)
+    before_m = engine.object_position_m
+    loop.host.command(Move((0.0, 0.0, 5.0), ramp_s=1.0))
+    record = loop.run(2.5)
+    assert record.failure == ""
+    np.testing.assert_allclose(1e3 * (engine.object_position_m - before_m), (0.0, 0.0, 5.0), atol=0.7)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
