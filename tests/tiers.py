@@ -55,6 +55,8 @@ LONG_FILES = (
     "host/drives/test_drive_modes.py",
     "host/experiment/test_experiment.py",
     "host/recording/test_export.py",
+    "host/recording/test_lerobot.py",
+    "host/recording/test_live_server.py",
     "host/service/test_closed_loop.py",
     "host/service/test_commands.py",
     "host/view/test_view.py",
@@ -62,6 +64,7 @@ LONG_FILES = (
     "twin/dome/test_dome_samples.py",
     "twin/paper/test_hand_loop.py",
     "twin/paper/test_hand_paper.py",
+    "twin/paper/test_shake.py",
 )
 """Files that take seconds each."""
 
