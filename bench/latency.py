@@ -28,7 +28,6 @@ from palpate_host.service.replay import EXPOSURE, TPDO_3_ID, read_bound_log
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDING = ROOT / "demo" / "recording"
-TABLE_4 = ROOT / "host" / "palpate_host" / "models" / "table4.toml"
 RPDO_1_ID = 0x200
 DURATION_S = 20
 
@@ -73,9 +72,10 @@ def report_of_a_demo() -> str:
         return report(Path(name) / "run" / "bus.log")
 
 
-def report(log: Path, hand_toml: Path = TABLE_4) -> str:
-    """Return a table of the parts, and of processing and bus together."""
-    config, _ = load_hand(hand_toml)
+def report(log: Path, hand_toml: Path | None = None) -> str:
+    """Return a table of the parts, and of processing and bus together. hand_toml: None for the one beside the
+    log."""
+    config, _ = load_hand(hand_toml or log.with_name("hand.toml"))
     processing, bus, wait, tick = parts(read_bound_log(log, config), config).T
     rows = [
         Row("exposure to torque", processing + bus + wait + tick),
