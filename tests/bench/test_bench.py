@@ -6,7 +6,8 @@ from struct import pack
 
 import numpy as np
 import pytest
-from bench.latency import TABLE_4, parts
+from bench.host import TABLE_4
+from bench.latency import parts
 from bench.tick import disagreement
 from bench.vision import drawn, pins, pressed
 
