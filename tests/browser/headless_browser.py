@@ -79,7 +79,7 @@ class Browser:
         self._call("POST", f"/element/{found[ELEMENT]}/value", {"text": keys})
 
     def until(self, condition: Callable[[], bool], what: str, *shown: str) -> None:
-        """Wait. shown: selectors whose texts are told when the condition does not hold in time."""
+        """Wait. shown: selectors whose texts are in the error when the condition does not hold in time."""
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
             if time.monotonic() > end_s:
@@ -93,7 +93,7 @@ class Browser:
         path.write_bytes(base64.b64decode(shown["data"]))
 
     def console_errors(self) -> list[str]:
-        """What the page logged as an error, a refusal by the security policy included."""
+        """Return the errors that the page logged, refusals by the security policy included."""
         entries = self._call("POST", "/se/log", {"type": "browser"})
         return [entry["message"] for entry in entries if entry["level"] == "SEVERE"]
 

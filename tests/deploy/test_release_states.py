@@ -199,7 +199,7 @@ def test_a_rollback_during_a_trial_returns_to_the_old_release(board: Board) -> N
 
 @pytest.mark.parametrize("current", ["a", "b"])
 def test_a_trial_of_an_earlier_version_is_ended(board: Board, current: str) -> None:
-    """It has the new release's name alone, and previous is the old release."""
+    """Such a trial notes only the new release's name; `previous` is the old release."""
     board.program.remove(board.program.PREVIOUS)
     board.program.point(board.program.CURRENT, current)
     if current == "b":

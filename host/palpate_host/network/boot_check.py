@@ -12,8 +12,9 @@ from collections.abc import Iterable
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.sdo_abort import AbortCode
+from palpate_host.drives.identify import SDO_REPLY_ID
 from palpate_host.network.node_contract import Wanted
-from palpate_host.network.sdo_upload import SDO_REPLY_ID, SdoUpload
+from palpate_host.network.sdo_upload import SdoUpload
 
 RETRY_US = 200_000
 """Time after which a request without a response is sent again."""

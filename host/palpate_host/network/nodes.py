@@ -20,6 +20,7 @@ from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.drives.drive_group import DriveGroup
+from palpate_host.drives.identify import SDO_REQUEST_ID
 from palpate_host.drives.registry import CIA402
 from palpate_host.network.boot_check import BootCheck
 from palpate_host.network.drive_contract import drive_contract
@@ -34,7 +35,6 @@ from palpate_host.network.nmt_master import (
     TimeStampProducer,
     foreign_stop,
 )
-from palpate_host.network.sdo_upload import SDO_REQUEST_ID
 from palpate_host.network.verified_boot import VerifiedBoot
 from palpate_host.safety import runaway
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import struct
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_host.drives.identify import SDO_REQUEST_ID
 
-SDO_REQUEST_ID = 0x600
-SDO_REPLY_ID = 0x580
 LARGEST_BYTES = 256  # of the objects that the host reads, the longest is a text of 64 characters
 
 _INITIATE, _SEGMENT = 0x40, 0x60

@@ -42,6 +42,5 @@ def _worst_percent(config: HandConfig, tick_Hz: float) -> float:
         joints=_drives(config),
         tick_Hz=tick_Hz,
         bitrate=config.bus.bitrate,
-        heartbeat_ms=100.0,
     )
     return budget(case).worst_percent

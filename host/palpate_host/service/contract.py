@@ -44,7 +44,7 @@ DIGITS = 16
 LONGEST_VALUE = 300
 """Largest value of a line; a longer table has a line for each of its keys."""
 DECIMALS = 9
-"""Of the model's numbers in m, kg and rad, so that rounding on another processor does not count."""
+"""The digest rounds the model's numbers (m, kg, rad) to so many digits: processors round differently."""
 SHOWN = 3
 
 Values = dict[str, Any]

@@ -24,11 +24,12 @@ from palpate_host.common.joint_command import Follows
 from palpate_host.common.status import HostStatus
 from palpate_host.common.tick_inputs import HostInput, TickInputs
 from palpate_host.config.hand_config import HandConfig
+from palpate_host.drives.identify import SDO_REQUEST_ID
 from palpate_host.drives.registry import CIA402
 from palpate_host.network.nmt_master import NMT_ID
 
 INPUT, TICK = "input", "tick"
-SDO_REQUEST_IDS = range(0x601, 0x680)
+SDO_REQUEST_IDS = range(SDO_REQUEST_ID + 1, SDO_REQUEST_ID + 0x80)
 IN_FRAMES = ("fingers", "joints", "R_vir", "inputs")
 """Fields of the status that a tick's note leaves out: frames, kinematics, and notes of kind input."""
 

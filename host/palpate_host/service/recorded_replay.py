@@ -17,6 +17,8 @@ from palpate_edge.common.errors import PalpateError
 from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.drives.drive_settings import RPDO_ID
+from palpate_host.drives.identify import SDO_REQUEST_ID
 from palpate_host.drives.registry import CIA402
 from palpate_host.network.nmt_master import HEARTBEAT_ID, NMT_ID, SYNC, TIME_STAMP_ID
 from palpate_host.service.contract import BUILD, build
@@ -25,7 +27,6 @@ from palpate_host.service.host_core import HostCore
 from palpate_host.service.host_records import TickRecord, counted_ids, missing_events, missing_ticks
 from palpate_host.service.replay import HandLog, ReplayStep
 
-RPDO_1_ID, SDO_REQUEST_ID = 0x200, 0x600
 OPEN_END_US = 100_000
 """Frames of the host's last ticks may be missing from a log that ends within this time after them."""
 
@@ -150,7 +151,7 @@ class _Comparison:
         self._begin_us = log.records[0].stamp_us
         nodes = config.node_names
         own = {SYNC.can_id, TIME_STAMP_ID, HEARTBEAT_ID + config.network.host_node}
-        own |= {RPDO_1_ID + joint.drive_node for joint in config.joints if joint.drive == CIA402}
+        own |= {RPDO_ID + joint.drive_node for joint in config.joints if joint.drive == CIA402}
         self._own = own  # identifiers of no other sender
         self._shared = {NMT_ID, *(SDO_REQUEST_ID + node for node in nodes)}  # other masters may send them
         begin_us = log.ticks[0].inputs.called_us

@@ -22,17 +22,17 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.drives.identify import SDO_REQUEST_ID
 from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import HEARTBEAT_ID, SYNC
 from palpate_host.network.node_contract import reads_contract
-from palpate_host.network.sdo_upload import SDO_REQUEST_ID
 from palpate_host.service.contract import check_contract, frames_header
 from palpate_host.service.host_core import HostCore, HostOutput
 from palpate_host.service.host_records import TickRecord, missing_events, missing_ticks, read_ticks
 
 FOREIGN_FORMATS = (".asc", ".blf")
 NO_HOST = "the host's records: commands, modes and orientation errors"
-"""What a log lacks that no host or recorder of palpate wrote notes to."""
+"""The missing part of a log into which no host or recorder of palpate wrote notes."""
 TPDO_3_ID = 0x380
 EXPOSURE = Struct("<IHH")  # TPDO 3: exposure time, sequence, latency
 

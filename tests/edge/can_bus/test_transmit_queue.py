@@ -1,4 +1,4 @@
-"""What waits for a full controller: bounded, the oldest goes first, an EMCY last."""
+"""The queue of frames for a full controller is bounded; the oldest frame is dropped first, an EMCY last."""
 
 from __future__ import annotations
 

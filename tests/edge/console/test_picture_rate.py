@@ -1,4 +1,4 @@
-"""How many of a camera's frames the console gets: at most ten a second, evenly."""
+"""The console gets at most ten of a camera's frames a second, evenly spaced."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ SAVED = CanFrame(0x590, bytes.fromhex("6010100100000000"))
 
 
 class SlowDisk(Disk):
-    """A disk whose flush returns when it is told to."""
+    """A disk whose flush takes until the test releases it."""
 
     def __init__(self) -> None:
         self.flushes, self.goes_on = threading.Event(), threading.Event()
