@@ -17,6 +17,12 @@ from palpate_host.operator.server import default_control_socket
 
 ANGLE = click.FloatRange(-180, 180)
 LENGTH = click.FloatRange(-1000, 1000)
+RAMP = click.option(
+    "--ramp",
+    "ramp_s",
+    type=click.FloatRange(0, 600),
+    help="Duration in s.",
+)
 
 
 @click.group()
@@ -58,12 +64,7 @@ def grasp(path: Path) -> None:
 @click.argument("roll", type=ANGLE)
 @click.argument("pitch", type=ANGLE)
 @click.argument("yaw", type=ANGLE)
-@click.option(
-    "--ramp",
-    "ramp_s",
-    type=click.FloatRange(0, 600),
-    help="Duration in s.",
-)
+@RAMP
 @click.pass_obj
 def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | None) -> None:
     """Turn the held object by ROLL PITCH YAW degrees.
@@ -89,12 +90,7 @@ def rotate(path: Path, roll: float, pitch: float, yaw: float, ramp_s: float | No
     metavar="ROLL PITCH YAW",
     help="Turn by these angles in degrees at the same time.",
 )
-@click.option(
-    "--ramp",
-    "ramp_s",
-    type=click.FloatRange(0, 600),
-    help="Duration in s.",
-)
+@RAMP
 @click.pass_obj
 def move(
     path: Path, x: float, y: float, z: float, rpy_deg: tuple[float, float, float], ramp_s: float | None

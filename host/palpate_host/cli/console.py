@@ -7,19 +7,14 @@ from pathlib import Path
 import click
 
 from palpate_edge.common.signals import stop_event
-from palpate_host.cli.run import CONFIG
+from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
 from palpate_host.config import hand_config
 from palpate_host.operator.server import default_control_socket
 
 
 @click.command()
 @CONFIG
-@click.option(
-    "--socket",
-    "socket_path",
-    type=click.Path(path_type=Path),
-    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
-)
+@CONTROL_SOCKET
 @click.option("--port", type=click.IntRange(0, 65535), default=8471, show_default=True, help="0: any free.")
 def console(config_path: Path, socket_path: Path | None, port: int) -> None:
     """Show and command a running hand in the browser.

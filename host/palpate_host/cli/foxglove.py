@@ -11,7 +11,7 @@ import click
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
-from palpate_host.cli.run import CONFIG
+from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.service.host import load_hand
@@ -21,12 +21,7 @@ WAIT_S = 0.005
 
 @click.command()
 @CONFIG
-@click.option(
-    "--socket",
-    "socket_path",
-    type=click.Path(path_type=Path),
-    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
-)
+@CONTROL_SOCKET
 @click.option(
     "--host",
     "address",

@@ -11,7 +11,7 @@ from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
-from palpate_host.cli.run import CONFIG
+from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.service.host import bus_time, load_hand
@@ -29,12 +29,7 @@ MB = 1_000_000
     required=True,
     help="Folder for the pieces: 000001.log (candump), 000001.mcap, and so on.",
 )
-@click.option(
-    "--socket",
-    "socket_path",
-    type=click.Path(path_type=Path),
-    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
-)
+@CONTROL_SOCKET
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
 @click.option(
     "--piece-mb", type=click.FloatRange(0.1), default=100.0, show_default=True, help="A piece ends after it."

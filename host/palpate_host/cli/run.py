@@ -18,6 +18,12 @@ CONFIG = click.option(
     required=True,
     help="The hand's file; models/table4.toml in the package shows every key.",
 )
+CONTROL_SOCKET = click.option(
+    "--socket",
+    "socket_path",
+    type=click.Path(path_type=Path),
+    help="The host's control socket [default: $PALPATE_CONTROL, or that of palpate-host run].",
+)
 
 
 @click.command()

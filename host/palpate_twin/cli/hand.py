@@ -10,7 +10,15 @@ import click
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.progress import notes_beside
-from palpate_twin.cli.options import FILE, FOLDER, hand_file, hand_option
+from palpate_twin.cli.options import (
+    FILE,
+    FOLDER,
+    friction_option,
+    hand_file,
+    hand_option,
+    jobs_option,
+    noise_seed_option,
+)
 
 CONTACT_NOISE_MM = 0.15
 """Standard deviation along each axis. The mean length of such a vector is sqrt(8/pi) = 1.596 times it, an
@@ -54,10 +62,8 @@ FILM_STRIDE = 2  # one picture per second
     show_default=True,
     help="Duration of each run.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the noise."
-)
-@click.option("--jobs", type=click.IntRange(1), help="Number of parallel runs.  [default: one per core]")
+@noise_seed_option
+@jobs_option
 @click.option(
     "-o",
     "--output",
@@ -163,11 +169,7 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
     show_default=True,
     help="Duration of each run.",
 )
-@click.option(
-    "--friction",
-    type=click.FloatRange(0.05, 5.0),
-    help="Friction coefficient of the tips.  [default: from hand.toml]",
-)
+@friction_option
 @click.option(
     "--integral",
     type=click.FloatRange(0.0, 10.0),

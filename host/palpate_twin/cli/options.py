@@ -33,3 +33,17 @@ hand_option = click.option(
     metavar="table3|table4|table4-wide|FILE",
     help="Hand of the paper's Table 3 or 4 (-wide: with a wider object), or a hand.toml with [twin].",
 )
+
+friction_option = click.option(
+    "--friction",
+    type=click.FloatRange(0.05, 5.0),
+    help="Friction coefficient of the tips.  [default: from hand.toml]",
+)
+
+noise_seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the noise."
+)
+
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1), help="Number of parallel runs.  [default: one per core]"
+)

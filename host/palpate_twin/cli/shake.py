@@ -9,7 +9,14 @@ import click
 
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError
-from palpate_twin.cli.options import FOLDER, hand_file, hand_option
+from palpate_twin.cli.options import (
+    FOLDER,
+    friction_option,
+    hand_file,
+    hand_option,
+    jobs_option,
+    noise_seed_option,
+)
 
 DIRECTIONS = ("1", "6", "26")
 
@@ -34,11 +41,7 @@ DIRECTIONS = ("1", "6", "26")
     show_default=True,
     help="Directions of each force: down, along the axes, or also along all diagonals; the worst is printed.",
 )
-@click.option(
-    "--friction",
-    type=click.FloatRange(0.05, 5.0),
-    help="Friction coefficient of the tips.  [default: from hand.toml]",
-)
+@friction_option
 @click.option(
     "--integral",
     type=click.FloatRange(0.0, 10.0),
@@ -61,10 +64,8 @@ DIRECTIONS = ("1", "6", "26")
     show_default=True,
     help="Duration of each run; forces begin after 1 s.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the noise."
-)
-@click.option("--jobs", type=click.IntRange(1), help="Number of parallel runs.  [default: one per core]")
+@noise_seed_option
+@jobs_option
 @click.option(
     "-o",
     "--output",
