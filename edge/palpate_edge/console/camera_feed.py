@@ -29,16 +29,14 @@ from palpate_edge.daemon.check_rows import CheckRow, Verdict
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.estimator_factory import configured_calibration, make_estimator
 from palpate_edge.daemon.frame_monitor import FrameMonitor
-from palpate_edge.daemon.health import BeadHealth, CameraHealth
-from palpate_edge.daemon.health_report import light_health, picture_health
+from palpate_edge.daemon.health_report import bead_health, camera_health, light_health, picture_health
 from palpate_edge.daemon.recording_control import RecordingControl
 from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.daemon.watching.view_tap import PictureRate
 from palpate_edge.daemon.watching.watch_messages import BeadsShown, WatchCommand, beads_shown
 from palpate_edge.daemon.watching.watched_fingertip import TARE_TEXT, describe, needed_light, refuse_tare
 from palpate_edge.estimation.frame_estimator import BeadsInView
-from palpate_edge.illumination.client import IlluminationClient
-from palpate_edge.illumination.controller_thread import FULL_LEVEL, LightController
+from palpate_edge.illumination.controller_thread import FULL_LEVEL, open_light
 from palpate_edge.web.broadcast import Broadcast
 
 HEALTH_S = 1.0
@@ -79,7 +77,8 @@ class CameraFeed:
             self._capture = stack.enter_context(
                 closing(CaptureThread(source, self._estimator, self._recording.offer, self._offer))
             )
-            self._light = _open_light(config)
+            light = config.illumination
+            self._light = open_light(light.i2c_bus, light.address, FULL_LEVEL)
             if self._light is not None:
                 stack.callback(self._light.close)
                 self._light.start()
@@ -180,27 +179,12 @@ class CameraFeed:
 
     def _health(self) -> ConsoleHealth:
         config, source, now_us = self._config, self._capture.source, self._clock.now_us()
-        monitor, estimator = self._monitor, self._estimator.health
+        monitor, measure = self._monitor, self._estimator.picture
         dropped_share = self._dropped_frames.share(now_us, monitor.frames, source.dropped)
-        contact, measure = monitor.last_contact, self._estimator.picture
-        camera = CameraHealth(
-            source=config.capture.path or config.capture.camera.usb_serial,
-            fps=monitor.fps(now_us),
-            wanted_fps=self._wanted_fps if config.capture.source == "v4l2" else None,
-            age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
-            dropped=source.dropped,
-            dropped_share=0.0 if self._loose is not None else dropped_share,
-            damaged=source.damaged,
+        camera = camera_health(
+            config.capture, self._capture, monitor, self._wanted_fps, dropped_share, now_us
         )
-        beads = BeadHealth(
-            found=contact.beads_found if contact else 0,
-            expected=contact.beads_expected if contact else 0,
-            refused=monitor.refused,
-            reason=contact.reason if contact else "no frame yet",
-            lost=estimator.beads_lost,
-            searches=estimator.searches,
-            drift_px=estimator.drift_px,
-        )
+        beads = bead_health(monitor, self._estimator.health)
         light = None if self._light is None else light_health(self._light.latest)
         rows = sensor_rows(
             camera,
@@ -217,8 +201,3 @@ class CameraFeed:
             light=light,
             rows=[*rows, calibration, NO_BUS, *light_rows(light)],
         )
-
-
-def _open_light(config: FingertipConfig) -> LightController | None:
-    bus, address = config.illumination.i2c_bus, config.illumination.address
-    return None if bus is None else LightController(lambda: IlluminationClient.open(bus, address), FULL_LEVEL)

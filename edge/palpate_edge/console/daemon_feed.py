@@ -14,6 +14,7 @@ import msgspec
 
 from palpate_edge.capture.frame_ring import RingFrame, RingReader
 from palpate_edge.common.errors import CaptureError
+from palpate_edge.common.local_sockets.unix_socket import peer_of
 from palpate_edge.console.events import ConsoleState, health_of_daemon
 from palpate_edge.console.feed import NewestPicture
 from palpate_edge.console.pictures import LooseBeads, console_frame
@@ -28,7 +29,7 @@ from palpate_edge.daemon.watching.watch_messages import (
     WatchRefusedError,
     WatchRequest,
 )
-from palpate_edge.daemon.watching.watch_socket import decode_message, peer_uid
+from palpate_edge.daemon.watching.watch_socket import decode_message
 from palpate_edge.web.broadcast import Broadcast
 
 SILENT_S = 2.5
@@ -46,7 +47,7 @@ def connect_daemon(paths: list[Path]) -> socket.socket | None:
         connection.settimeout(WAKE_S)
         with suppress(OSError):
             connection.connect(str(path))
-            if os.geteuid() == 0 or peer_uid(connection) in (0, os.geteuid()):
+            if os.geteuid() == 0 or peer_of(connection).uid in (0, os.geteuid()):
                 return connection
         connection.close()
     return None

@@ -24,7 +24,7 @@ from palpate_edge.common.contact_quantities import AI_AUTOZERO
 from palpate_edge.common.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
-from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.daemon.capture_factory import AnyCalibration, open_source, requested_stream
 from palpate_edge.daemon.capture_thread import CaptureThread
@@ -56,8 +56,7 @@ from palpate_edge.daemon.watching.watched_fingertip import (
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.frame_estimator import Method
 from palpate_edge.estimation.uncalibrated import NO_CALIBRATION
-from palpate_edge.illumination.client import IlluminationClient
-from palpate_edge.illumination.controller_thread import LightController
+from palpate_edge.illumination.controller_thread import open_light
 from palpate_edge.node.events import (
     AcceptIdsChanged,
     Event,
@@ -142,7 +141,8 @@ class _Daemon:
         if self._node.slave.stored_fault is not None:
             _parameters_log.error(f"{self._node.slave.stored_fault}; the defaults of the EDS apply")
         self._parameters = None if file is None else stack.enter_context(closing(ParameterStore(file)))
-        self._light = _open_light(config, self._node.led_set_point)
+        light = config.illumination
+        self._light = open_light(light.i2c_bus, light.address, self._node.led_set_point)
         if self._light is not None:
             stack.callback(self._light.close)
         accept_ids = self._node.slave.accept_ids
@@ -360,11 +360,6 @@ def _log_bus_change(change: BusStateChange) -> None:
 def _model_hash(calibration: AnyCalibration | None) -> str:
     model = calibration.model if isinstance(calibration, Calibration) else b""
     return hashlib.sha256(model).hexdigest() if model else ""
-
-
-def _open_light(config: FingertipConfig, level: int) -> LightController | None:
-    bus, address = config.illumination.i2c_bus, config.illumination.address
-    return None if bus is None else LightController(lambda: IlluminationClient.open(bus, address), level)
 
 
 Descriptor = tuple[int, int]

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
 from palpate_edge.daemon.capture_thread import CaptureThread
-from palpate_edge.daemon.config import FingertipConfig
+from palpate_edge.daemon.config import CaptureConfig, FingertipConfig
 from palpate_edge.daemon.fingertip_core import FingertipCore
+from palpate_edge.daemon.frame_monitor import FrameMonitor
 from palpate_edge.daemon.health import (
     BeadHealth,
     BusHealth,
@@ -21,6 +22,7 @@ from palpate_edge.daemon.health import (
     PictureHealth,
 )
 from palpate_edge.daemon.recording_control import RecordingControl
+from palpate_edge.estimation.frame_estimator import EstimatorHealth
 from palpate_edge.illumination.controller_thread import LightController, LightState
 from palpate_edge.illumination.registers import Fault
 from palpate_edge.node.fingertip_objects import Counter, Health
@@ -83,8 +85,7 @@ def health_report(
     local time."""
     config, core, bus, capture = parts.config, parts.core, parts.bus, parts.capture
     monitor = core.monitor
-    contact = monitor.last_contact
-    counters, estimator = bus.counters, capture.estimator.health
+    counters = bus.counters
     measure = capture.estimator.picture
     return HealthReport(
         name=config.name,
@@ -98,24 +99,8 @@ def health_report(
         emergencies=core.emergencies.names(),
         latencies=core.latencies(),
         recording=parts.recording.folder,
-        camera=CameraHealth(
-            source=config.capture.path or config.capture.camera.usb_serial,
-            fps=monitor.fps(now_us),
-            wanted_fps=parts.wanted_fps if config.capture.source == "v4l2" else None,
-            age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
-            dropped=capture.source.dropped,
-            dropped_share=0.0 if capture.estimator.method is None else dropped_share,
-            damaged=capture.source.damaged,
-        ),
-        beads=BeadHealth(
-            found=contact.beads_found if contact else 0,
-            expected=contact.beads_expected if contact else 0,
-            refused=monitor.refused,
-            reason=contact.reason if contact else "no frame yet",
-            lost=estimator.beads_lost,
-            searches=estimator.searches,
-            drift_px=estimator.drift_px,
-        ),
+        camera=camera_health(config.capture, capture, monitor, parts.wanted_fps, dropped_share, now_us),
+        beads=bead_health(monitor, capture.estimator.health),
         bus=BusHealth(
             interface=config.bus.interface,
             state=bus.state.value,
@@ -141,6 +126,41 @@ def health_report(
         recording_left_out=parts.recording.frames_left_out,
         picture=None if measure is None else picture_health(measure),
         configuration=parts.loaded,
+    )
+
+
+def camera_health(
+    config: CaptureConfig,
+    capture: CaptureThread,
+    monitor: FrameMonitor,
+    wanted_fps: float,
+    dropped_share: float,
+    now_us: int,
+) -> CameraHealth:
+    """Return the report of the camera. dropped_share: of the last minute's frames; without a calibration it
+    is left out, since the search for blobs drops frames."""
+    return CameraHealth(
+        source=config.path or config.camera.usb_serial,
+        fps=monitor.fps(now_us),
+        wanted_fps=wanted_fps if config.source == "v4l2" else None,
+        age_ms=None if monitor.last_us is None else (now_us - monitor.last_us) / 1000,
+        dropped=capture.source.dropped,
+        dropped_share=0.0 if capture.estimator.method is None else dropped_share,
+        damaged=capture.source.damaged,
+    )
+
+
+def bead_health(monitor: FrameMonitor, estimator: EstimatorHealth) -> BeadHealth:
+    """Return the report of the beads in the last frame, and of the estimator since its start."""
+    contact = monitor.last_contact
+    return BeadHealth(
+        found=contact.beads_found if contact else 0,
+        expected=contact.beads_expected if contact else 0,
+        refused=monitor.refused,
+        reason=contact.reason if contact else "no frame yet",
+        lost=estimator.beads_lost,
+        searches=estimator.searches,
+        drift_px=estimator.drift_px,
     )
 
 

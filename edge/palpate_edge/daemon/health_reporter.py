@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from palpate_edge.common.sd_notify import Notifier
+from palpate_edge.common.local_sockets.sd_notify import Notifier
 from palpate_edge.daemon.health import HealthFile, HealthReport, health_path
 from palpate_edge.daemon.health_report import FingertipParts, board_health, health_report
 from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow

@@ -112,3 +112,10 @@ class LightController:
     def _run(self) -> None:
         while not self._stop.wait(UPDATE_PERIOD_S):
             self.update()
+
+
+def open_light(i2c_bus: int | None, address: int, level: int) -> LightController | None:
+    """Return the controller at an I2C address, with this level; None without a bus."""
+    if i2c_bus is None:
+        return None
+    return LightController(lambda: IlluminationClient.open(i2c_bus, address), level)

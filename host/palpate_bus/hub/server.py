@@ -12,7 +12,6 @@ import selectors
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from struct import Struct
 
 from palpate_bus.hub import protocol
 from palpate_bus.hub.control import Statistics
@@ -22,9 +21,9 @@ from palpate_bus.hub.protocol import GarbledStreamError, Kind
 from palpate_bus.logs.candump import LogRecord, LogWriter
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.local_clock import LocalClock
+from palpate_edge.common.local_sockets.unix_socket import peer_of
 
 RECEIVE_BYTES = 64 * 1024
-PEER = Struct("iII")  # struct ucred: process, user, group
 LOG_FLUSH_US = 500_000
 
 # Shortest interval between two steps of the wire: frames in between share one wake-up and one system call. It
@@ -122,7 +121,7 @@ class Hub:
         except (BlockingIOError, ConnectionAbortedError):  # closed before it was accepted
             return
         connection.setblocking(False)
-        self._clients[connection] = Client(process=_peer_process(connection))
+        self._clients[connection] = Client(process=peer_of(connection).pid)
         self._selector.register(connection, selectors.EVENT_READ)
 
     def _read(self, connection: socket.socket) -> None:
@@ -200,13 +199,6 @@ def _listen(path: Path) -> socket.socket:
         listener.close()
         raise
     return listener
-
-
-def _peer_process(connection: socket.socket) -> int:
-    """Return the process id at the other end; 0 where it is not visible (another pid namespace)."""
-    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER.size)
-    process: int = PEER.unpack(credentials)[0]
-    return process
 
 
 def _remove_stale(path: Path) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from palpate_edge.can_bus.bus import open_bus
+from palpate_edge.common.local_sockets.sd_notify import Notifier
 from palpate_edge.common.logs import logging_to_stderr
 from palpate_edge.common.plugins import load_part
-from palpate_edge.common.sd_notify import Notifier
 from palpate_edge.common.signals import stop_event
 from palpate_host.common.plugin_groups import SIMULATORS
 from palpate_host.drives.az import config as az_config

@@ -11,12 +11,12 @@ import os
 import selectors
 import socket
 import stat
-import struct
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError, PalpateError
+from palpate_edge.common.local_sockets.unix_socket import peer_of, remove_if_stale
 from palpate_host.common.command import Command, CommandError
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.protocol import (
@@ -34,7 +34,6 @@ MOST_CLIENTS = 16
 MOST_UNSENT = 1 << 18
 """Bytes that a client may leave unread; beyond them it is disconnected."""
 RECEIVE_BYTES = 4096
-_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: struct ucred of unix(7)
 _SO_PEERGROUPS = 59  # asm-generic/socket.h; not in Python's socket module
 _GROUPS_BYTES = 1024  # the most that Python asks for: 256 groups of the peer
 
@@ -183,9 +182,8 @@ def may_command(connection: socket.socket) -> bool:
     The kernel provides the peer's groups. A look-up of its user would fail in the service, where every user
     but root and the service's own appears as 65534 (PrivateUsers= of systemd.exec).
     """
-    raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    _, uid, gid = _CREDENTIALS.unpack(raw)
-    if uid in (0, os.getuid()) or gid == os.getgid():
+    peer = peer_of(connection)
+    if peer.uid in (0, os.getuid()) or peer.gid == os.getgid():
         return True
     try:
         groups = connection.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _GROUPS_BYTES)
@@ -227,17 +225,13 @@ def _remove_stale(path: Path) -> None:
             )
     except FileNotFoundError:
         return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        probe.settimeout(1.0)
-        try:
-            probe.connect(str(path))
-        except ConnectionRefusedError:
-            path.unlink()
-            return
-        except OSError as exc:
-            raise ConfigError(
-                f"control socket {path}: {exc.strerror or exc}: give another path with --socket"
-            ) from exc
-    raise ConfigError(
-        f"control socket {path}: a host is running there: stop it, or give another path with --socket"
-    )
+    try:
+        is_free = remove_if_stale(path, socket.SOCK_STREAM)
+    except OSError as exc:
+        raise ConfigError(
+            f"control socket {path}: {exc.strerror or exc}: give another path with --socket"
+        ) from exc
+    if not is_free:
+        raise ConfigError(
+            f"control socket {path}: a host is running there: stop it, or give another path with --socket"
+        )

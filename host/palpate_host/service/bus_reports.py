@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
-from palpate_edge.common.sd_notify import Notifier
+from palpate_edge.common.local_sockets.sd_notify import Notifier
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host_core import HostCore

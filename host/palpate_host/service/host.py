@@ -18,7 +18,7 @@ from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.simulated_clock import clock_of
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
-from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 
 
 @pytest.fixture(params=["path", "abstract"])

@@ -17,7 +17,7 @@ from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_RESTARTED, Bus, Bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.reconnecting_bus import BusState
 from palpate_edge.common.errors import BusError, BusOffError
-from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_host.common.command import CommandError, Grasp, Recover, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import RunConfig, StartMode

@@ -9,7 +9,6 @@ import os
 import selectors
 import socket
 import stat
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.errors import ConfigError, PalpateError, reason_of
+from palpate_edge.common.local_sockets.unix_socket import peer_of, remove_if_stale
 from palpate_edge.daemon.watching.watch_messages import (
     LONGEST_PACKET,
     WatchAnswer,
@@ -29,7 +29,6 @@ from palpate_edge.daemon.watching.watch_messages import (
 
 MOST_WATCHERS = 8
 LONGEST_REQUEST = 1024
-_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: struct ucred of unix(7)
 _requests = msgspec.json.Decoder(WatchRequest)
 
 Execute = Callable[[WatchRequest], str]
@@ -97,7 +96,7 @@ class WatchSocket:
             connection, _ = self._listener.accept()
         except OSError:
             return
-        if len(self._watchers) >= MOST_WATCHERS or peer_uid(connection) not in (0, os.geteuid()):
+        if len(self._watchers) >= MOST_WATCHERS or peer_of(connection).uid not in (0, os.geteuid()):
             connection.close()
             return
         connection.setblocking(False)
@@ -150,12 +149,6 @@ class WatchSocket:
             watcher.connection.close()
 
 
-def peer_uid(connection: socket.socket) -> int:
-    """Return the user of the process at the other end of a Unix socket."""
-    raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    return int(_CREDENTIALS.unpack(raw)[1])
-
-
 def decode_message(packet: bytes) -> WatchMessage | None:
     """Return a daemon's message; None for that of another version."""
     try:
@@ -195,11 +188,5 @@ def _remove_stale(path: Path) -> None:
             raise ConfigError(f"watch socket {path}: exists and is no socket: remove it")
     except FileNotFoundError:
         return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-        probe.settimeout(1.0)
-        try:
-            probe.connect(str(path))
-        except ConnectionRefusedError:
-            path.unlink()
-            return
-    raise ConfigError(f"watch socket {path}: another daemon of this name runs: give it another name")
+    if not remove_if_stale(path, socket.SOCK_SEQPACKET):
+        raise ConfigError(f"watch socket {path}: another daemon of this name runs: give it another name")

@@ -18,7 +18,7 @@ from palpate_edge.can_bus.bus import Bus
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import monotonic_us
-from palpate_edge.common.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_host.drives.az.axis import AzAxis, ExtraRead
 from palpate_host.drives.az.common_rounds import CommonRounds
 from palpate_host.drives.az.config import AzConfig, PortConfig

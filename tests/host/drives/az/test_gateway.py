@@ -20,7 +20,7 @@ from canopen.profiles.p402 import BaseNode402
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.errors import BusError
-from palpate_edge.common.sd_notify import Notifier
+from palpate_edge.common.local_sockets.sd_notify import Notifier
 from palpate_host.drives.az import alarms, axis, gateway
 from palpate_host.drives.az import config as az_config
 from palpate_host.drives.az.config import AzConfig

@@ -1,0 +1,1 @@
+"""Unix sockets of one machine: systemd's notifications, the peers and leftover files of other sockets."""
