@@ -74,7 +74,7 @@ class ConsoleServer:
     def serving(self) -> Iterator[None]:
         """Serve in threads until the end of the block."""
         thread = threading.Thread(
-            target=self._server.serve_forever, kwargs={"poll_interval": 0.2}, daemon=True
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True
         )
         thread.start()
         try:
