@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -19,6 +20,9 @@ from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
+
+if TYPE_CHECKING:
+    from palpate_edge.calibration.training.apex_stiffness import ApexStiffness
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -42,11 +46,11 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, stiffness_scale = b"", None
+    model, stiffness_scale, apex = b"", None, None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
-        model, stiffness_scale = _train(
+        model, stiffness_scale, apex = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
@@ -60,9 +64,7 @@ def calibrate(
         contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
-        source=CalibrationSource(
-            dataset.folder.resolve().name, len(dataset.reference), len(measured.touches), measured.dropped
-        ),
+        source=_source(dataset, measured, apex),
         model=model,
         stiffness_scale=stiffness_scale,
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
@@ -72,10 +74,22 @@ def calibrate(
     )
 
 
+def _source(dataset: PressDataset, measured: Measured, apex: ApexStiffness | None) -> CalibrationSource:
+    weighed = sum(press.is_weighed for press, _ in measured.touches)
+    return CalibrationSource(
+        dataset.folder.resolve().name,
+        len(dataset.reference),
+        len(measured.touches) - weighed,
+        measured.dropped,
+        weighed,
+        None if apex is None else 100 * apex.spread,
+    )
+
+
 def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) -> PaperModel:
     """Fit the paper's correction function and, where forces are known, its stiffness to the presses."""
-    has_forces = all(press.force_N is not None for press, _ in measured.touches)
     firm, raw = _raw_contacts(measured, ring_of, radius_mm)
+    has_forces = all(press.force_N is not None for press in firm)
     places = _places(firm)
     return fit_paper_model(
         theta_raw=np.array([contact.theta_rad for contact in raw]),
@@ -88,12 +102,14 @@ def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) 
 def _raw_contacts(
     measured: Measured, ring_of: NDArray[np.intp], radius_mm: float
 ) -> tuple[list[Press], list[RawContact]]:
-    """Return the presses that are firm enough for the paper's method, and their uncorrected contacts."""
+    """Return the presses of known place that are firm enough for the paper's method, and their uncorrected
+    contacts."""
     mesh = VirtualPointMesh(measured.reference.position_px, ring_of)
     firm = [
         (press, beads)
         for press, beads in measured.touches
-        if press.normal_force_N is None or press.normal_force_N >= MIN_PRESS_FORCE_N
+        if press.position_mm is not None
+        and (press.normal_force_N is None or press.normal_force_N >= MIN_PRESS_FORCE_N)
     ]
     raw = [
         raw_contact(mesh, mesh.points(beads.position_px, beads.found), measured.view, radius_mm)
@@ -134,11 +150,16 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
 
 def _train(
     sensor: Sensor, dome: DomeModel, measured: Measured, progress: Callable[[int], None]
-) -> tuple[bytes, float | None]:
-    """The correction model's ONNX file, and the sensor's stiffness over the dome model's."""
+) -> tuple[bytes, float | None, ApexStiffness | None]:
+    """The correction model's ONNX file, the sensor's stiffness over the dome model's, and whether that comes
+    from weighed presses."""
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
-    from palpate_edge.calibration.training.samples import make_samples, training_presses  # noqa: PLC0415
+    from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
+        make_samples,
+        training_presses,
+        weighed_samples,
+    )
 
     radius_mm = sensor.markers.radius_mm
     reader = DisplacementReader(
@@ -150,8 +171,10 @@ def _train(
         dome.for_markers(radius_mm),
         sensor.dome.outer_radius_mm,
         lambda done, steps: progress(TRAINING_STEPS * done // steps),
+        weighed_samples(measured, reader),
     )
-    return export(regression, sensor.fingerprint(), dome.fields), regression.stiffness_scale
+    model = export(regression, sensor.fingerprint(), dome.fields)
+    return model, regression.stiffness_scale, regression.apex
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:

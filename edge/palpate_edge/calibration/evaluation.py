@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from palpate_edge.calibration.calibration_file import check_sensor
 from palpate_edge.calibration.quantity_figures import (
     TorsionFigures,
+    WeighedFigures,
     force_covered_percent,
     torsion_figures,
+    weighed_figures,
 )
 from palpate_edge.calibration.stopwatch import Stopwatch
 from palpate_edge.common.atomic_write import write_atomically
@@ -101,6 +103,7 @@ class Figures(msgspec.Struct, frozen=True):
     times: tuple[StageTime, ...]
     torsion: TorsionFigures | None = None
     force_covered_percent: float | None = None
+    weighed: WeighedFigures | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,9 +153,9 @@ def _figures(
     watch: Stopwatch,
     threshold_N: float | None,
 ) -> Figures:
-    forces_N = [answer.press.force_N for answer in answers]
+    forces_N = [answer.press.force_N for answer in answers if not answer.press.is_weighed]
     known_N = [float(np.linalg.norm(force_N)) for force_N in forces_N if force_N is not None]
-    largest_N = max(known_N) if len(known_N) == len(forces_N) else None
+    largest_N = max(known_N) if known_N and len(known_N) == len(forces_N) else None
     valid = [answer for answer in answers if answer.contact.valid]
     both = [a for a in valid if a.press.position_mm is not None and a.contact.position_mm is not None]
     angle = np.array([_angle_above_base_deg(answer.press) for answer in both])
@@ -178,6 +181,7 @@ def _figures(
         times=tuple(StageTime(stage, *watch.median_and_p99_ms(stage)) for stage in watch.stages),
         torsion=torsion_figures([(answer.press, answer.contact) for answer in both]),
         force_covered_percent=force_covered_percent([(answer.press, answer.contact) for answer in both]),
+        weighed=weighed_figures([(answer.press, answer.contact) for answer in valid]),
     )
 
 
@@ -221,18 +225,16 @@ def _band(name: str, answers: Sequence[_Answer], largest_N: float | None) -> Ban
 
 
 def _confusion(answers: Sequence[_Answer], threshold_N: float | None) -> Confusion:
-    counts = Counter((a.press.position_mm is not None, a.contact.in_contact) for a in answers)
+    counts = Counter((a.press.touches, a.contact.in_contact) for a in answers)
     missed = [
         answer.press.normal_force_N
         for answer in answers
-        if answer.press.position_mm is not None
-        and answer.press.normal_force_N is not None
-        and not answer.contact.in_contact
+        if answer.press.touches and answer.press.normal_force_N is not None and not answer.contact.in_contact
     ]
     below = [
         answer
         for answer in answers
-        if answer.press.position_mm is not None
+        if answer.press.touches
         and answer.press.normal_force_N is not None
         and answer.press.normal_force_N < (threshold_N or 0.0)
     ]

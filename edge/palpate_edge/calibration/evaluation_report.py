@@ -23,7 +23,7 @@ def as_table(figures: Figures) -> str:
         for row in rows
     ]
     tail = [
-        *quantity_lines(figures.torsion, figures.force_covered_percent),
+        *quantity_lines(figures.torsion, figures.force_covered_percent, figures.weighed),
         *_flag_lines(figures.confusion),
         f"refused: {sum(figures.refused.values())} of {figures.frames}"
         + "".join(f"; {count} x {reason}" for reason, count in figures.refused.items()),

@@ -87,7 +87,7 @@ def measure(
             torn.append(press)
         elif beads.doubt > MAX_DOUBT:
             doubtful.append(press)
-        elif press.position_mm is None:
+        elif not press.touches:
             rest.append(beads)
         else:
             pressed.append((press, beads))
@@ -214,7 +214,7 @@ def _judged(
     dataset: PressDataset, presses: Sequence[Press], references: list[Image]
 ) -> tuple[list[Image], list[Image]]:
     """Return the frames without contact, and others, by which it is chosen how places are measured."""
-    untouched = [press for press in presses if press.position_mm is None]
+    untouched = [press for press in presses if not press.touches]
     enough = len(untouched) >= MIN_UNTOUCHED
     chosen = untouched if enough else presses
     step = max(1, -(-len(chosen) // MAX_JUDGED))

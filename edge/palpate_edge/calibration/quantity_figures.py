@@ -1,4 +1,4 @@
-"""Figures of single quantities: the torsion's error, and how often 95 % intervals hold."""
+"""Figures of single quantities: errors of torsion and weighed presses, how often 95 % intervals hold."""
 
 from __future__ import annotations
 
@@ -25,6 +25,29 @@ class TorsionFigures(msgspec.Struct, frozen=True):
     rmse_Nmm: float
     rmse_percent: float
     covered_percent: float | None = None
+
+
+class WeighedFigures(msgspec.Struct, frozen=True):
+    """Normal force of the presses on a scale against its display. rmse_percent: of the largest."""
+
+    count: int
+    largest_N: float
+    rmse_N: float
+    rmse_percent: float
+
+
+def weighed_figures(pairs: Pairs) -> WeighedFigures | None:
+    """Return the figures of the weighed presses whose force is estimated; None without any."""
+    known = [
+        (press.normal_force_N, contact.normal_force_N)
+        for press, contact in pairs
+        if press.is_weighed and contact.normal_force_N is not None
+    ]
+    if not known:
+        return None
+    truth, given = np.array(known, dtype=np.float64).T
+    rmse_N, largest_N = float(np.sqrt(((given - truth) ** 2).mean())), float(truth.max())
+    return WeighedFigures(len(known), largest_N, rmse_N, 100 * rmse_N / largest_N)
 
 
 def torsion_figures(pairs: Pairs) -> TorsionFigures | None:
@@ -59,9 +82,16 @@ def force_covered_percent(pairs: Pairs) -> float | None:
     return 100 * sum(held) / len(held) if held else None
 
 
-def quantity_lines(torsion: TorsionFigures | None, force_percent: float | None) -> list[str]:
+def quantity_lines(
+    torsion: TorsionFigures | None, force_percent: float | None, weighed: WeighedFigures | None = None
+) -> list[str]:
     """Return the figures for people; none of quantities that are not known."""
     lines = []
+    if weighed is not None:
+        lines.append(
+            f"weighed: {weighed.count} presses up to {weighed.largest_N:.2f} N, normal force RMSE "
+            f"{weighed.rmse_N:.3f} N, {weighed.rmse_percent:.2f} % of the largest"
+        )
     if force_percent is not None:
         lines.append(f"force: {force_percent:.1f} % within its 95 % radius")
     if torsion is not None:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from palpate_edge.estimation.calibration import Calibration, CalibrationSource
 
 
+WEIGHED_ACCURACY = "an error of 3 to 7 % of the largest force (root mean square, simulated sensors)"
+
+
 @click.command()
 @click.argument("dataset", type=INPUT)
 @click.option("-o", "--output", type=OUTPUT, required=True, help="Calibration file to write.")
@@ -47,7 +50,8 @@ def calibrate(
 
     Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
     and the correction model are fitted to the train split of the presses; without presses the correction
-    model is the dome model, and no force is estimated. A DATASET whose truth.csv has pose labels in place of
+    model is the dome model, and no force is estimated. Presses of the apex on a kitchen scale (weights.csv)
+    give it the force. A DATASET whose truth.csv has pose labels in place of
     contact places needs no drawing of the sensor (docs/own-sensor.md). Where it has both, --labels chooses;
     a calibration gives contacts or poses.
 
@@ -80,6 +84,7 @@ def calibrate(
         f"{output}: sensor {calibration.sensor.fingerprint()}, {len(calibration.beads)} beads "
         f"({'bright' if calibration.appearance.bright else 'dark'} on {calibration.appearance.channel}), "
         f"{source.reference_frames} reference frames, {source.presses} presses"
+        + (f", {source.weighed} weighed" if source.weighed else "")
     )
     _print_dropped(source)
     click.echo(
@@ -108,8 +113,7 @@ def calibrate(
         )
     elif not trainable and not no_model:
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
-    if not calibration.paper.stiffness_N_px:
-        click.echo("  no press of known force: no force is estimated")
+    _print_force(calibration)
     if has_both_labels(dataset):
         click.echo("  the pose labels of truth.csv are not in it: learn them with --labels pose")
 
@@ -143,6 +147,18 @@ def _calibrate_pose(dataset: Path, output: Path, model: Path | None, has_dome_op
         f"  estimates {', '.join(calibration.labels)}; "
         f"contact above {calibration.contact_threshold_px:.2f} px of skin motion"
     )
+
+
+def _print_force(calibration: Calibration) -> None:
+    """Print where the force comes from and how exact it is, or that there is none."""
+    spread_percent = calibration.source.weighed_spread_percent
+    if spread_percent is not None:
+        click.echo(
+            f"  stiffness x {calibration.stiffness_scale:.3f} of the dome model's, from the weighed presses; "
+            f"it misses them by {spread_percent:.1f} % of the largest; expect {WEIGHED_ACCURACY}"
+        )
+    elif calibration.stiffness_scale is None and not calibration.paper.stiffness_N_px:
+        click.echo("  no press of known force: no force is estimated")
 
 
 def _print_dropped(source: CalibrationSource) -> None:

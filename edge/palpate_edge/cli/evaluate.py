@@ -34,7 +34,8 @@ def evaluate(dataset: Path, calibration_path: Path, split: str, json_path: Path 
     """Measure position, force and contact errors on a DATASET.
 
     The DATASET has to contain presses with truth. Errors are printed by the regions of the paper's Fig. 8b (1
-    = 15-30 deg above the base plane, 5 = 75-90), by thirds of the largest force, and over all presses. With a
+    = 15-30 deg above the base plane, 5 = 75-90), by thirds of the largest force, and over all presses; of
+    presses on a scale the error of the normal force. With a
     calibration of pose labels the errors of each label are printed, and how many are within its interval.
 
     \b

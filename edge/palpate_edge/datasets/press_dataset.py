@@ -19,6 +19,7 @@ from palpate_edge.datasets.truth_table import (
     finite_number,
     read_rows,
 )
+from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM, WEIGHTS, read_weight_rows
 from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
@@ -34,9 +35,12 @@ class Press:
     """One row of truth.csv.
 
     frame: file name under frames/. position_mm: point of first touch on the undeformed outer surface, None
-    without contact. normal_force_N: >= 0; force_N: total force on the dome; both None for a contact whose
-    force was not measured. lost: number of hidden beads. torsion_Nmm: moment of the contact about the inward
-    normal through that point, None for a contact whose torsion was not measured.
+    without contact and for a weighed press. normal_force_N: >= 0; force_N: total force on the dome; both None
+    for a contact whose force was not measured. lost: number of hidden beads. torsion_Nmm: moment of the
+    contact about the inward normal through that point, None for a contact whose torsion was not measured.
+
+    A weighed press is one at the apex, by a weight or on a scale: of its force only the normal component is
+    known, and of its place only that it is near the apex.
     """
 
     frame: str
@@ -49,10 +53,20 @@ class Press:
     lost: int
     torsion_Nmm: float | None = None
 
+    @property
+    def is_weighed(self) -> bool:
+        """Return whether this is a press of known normal force and unknown place, at the apex."""
+        return self.position_mm is None and bool(self.normal_force_N)
+
+    @property
+    def touches(self) -> bool:
+        """Return whether something touches the dome."""
+        return self.position_mm is not None or self.is_weighed
+
 
 @dataclass(frozen=True, slots=True)
 class PressDataset:
-    """One sensor's recording; `presses` is empty without a truth.csv."""
+    """One sensor's recording; `presses` is empty without a truth.csv and a weights.csv."""
 
     folder: Path
     sensor: Sensor
@@ -80,8 +94,21 @@ def read_dataset(folder: Path) -> PressDataset:
         raise DatasetError(f"{folder}: no such folder: give a press dataset's folder")
     sensor = read_sensor(folder / "sensor.toml")
     reference = tuple(list_images(folder / "reference"))
-    truth = folder / "truth.csv"
-    return PressDataset(folder, sensor, reference, read_truth(truth) if truth.exists() else ())
+    truth, weights = folder / "truth.csv", folder / WEIGHTS
+    presses = read_truth(truth) if truth.exists() else ()
+    if weights.exists():
+        presses += read_weights(weights)
+    return PressDataset(folder, sensor, reference, presses)
+
+
+def read_weights(path: Path) -> tuple[Press, ...]:
+    """Read the presses at the apex of a weights.csv. Raises DatasetError with the line and the column."""
+    return tuple(
+        Press(row.frame, row.split, 0.0, None, row.mass_g * NEWTONS_PER_GRAM, None, "weight", 0)
+        if row.mass_g
+        else Press(row.frame, row.split, 0.0, None, 0.0, (0.0, 0.0, 0.0), "none", 0, 0.0)
+        for row in read_weight_rows(path)
+    )
 
 
 def read_truth(path: Path) -> tuple[Press, ...]:
@@ -149,7 +176,9 @@ def _press(path: Path, number: int, row: list[str], columns: list[str]) -> Press
     touches = any(cell[column] for column in ("x_mm", "y_mm", "z_mm"))
     normal_force_N: float | None = None if touches else 0.0
     force_N: Vector3 | None = None if touches else (0.0, 0.0, 0.0)
-    if any(cell[column] for column in FORCES):
+    if not touches and cell["fn_N"] and not any(cell[column] for column in FORCES[1:]):
+        normal_force_N, force_N = value("fn_N"), None
+    elif any(cell[column] for column in FORCES):
         normal_force_N, force_N = value("fn_N"), (value("fx_N"), value("fy_N"), value("fz_N"))
     torsion_Nmm: float | None = None if touches else 0.0
     if cell.get(TORSION):

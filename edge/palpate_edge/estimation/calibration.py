@@ -45,13 +45,20 @@ class DroppedPresses(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Origin of a calibration: dataset folder, number of reference frames and of presses used, and what was
-    left out (an older file does not have it)."""
+    """Origin of a calibration.
+
+    dataset: its folder; reference_frames, presses, weighed: numbers of frames, placed and weighed presses
+    that were used; dropped: what was left out; weighed_spread_percent: what the model misses the weighed
+    forces by, in % of the largest, None when the stiffness is not from them. Files of earlier versions lack
+    the last fields.
+    """
 
     dataset: str
     reference_frames: int
     presses: int
     dropped: tuple[DroppedPresses, ...] = ()
+    weighed: int = 0
+    weighed_spread_percent: float | None = None
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

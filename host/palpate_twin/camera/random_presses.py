@@ -15,6 +15,8 @@ DEPTH_SHARES = (0.02, 0.95)  # range of depth, as a fraction of the library's la
 MOST_SLIDE = 0.4  # largest slide, as a fraction of the depth
 CYCLE_S = 2.4  # period of a moving contact: no contact, press, hold and roll, release
 REST, DOWN, HOLD = 0.2, 0.5, 0.8  # ends of the first three phases, as fractions of the period
+TILT_SIGMA_DEG, MOST_TILT_DEG = 4.0, 10.0  # of a sensor that a hand presses against a scale
+LEAST_SLIDE = 0.1  # largest slide of such a press, as a fraction of the depth
 ROLL_DEG = 10.0  # largest movement of the contact in the hold phase
 
 
@@ -38,6 +40,18 @@ def random_press(
     free = np.sqrt(1 - (slide_mm / (MOST_SLIDE * depth_mm)) ** 2)
     largest_rad = float(free) * dome.largest_twist_rad(depth_mm, probe)
     return replace(press, twist_rad=float(rng.uniform(-1, 1)) * largest_rad)
+
+
+def weighed_press(dome: DeformableDome, rng: np.random.Generator) -> ProbePress:
+    """Return a press of a plate near the apex, as of a sensor that a hand presses against a scale."""
+    theta = min(
+        float(np.radians(TILT_SIGMA_DEG)) * abs(float(rng.standard_normal())), np.radians(MOST_TILT_DEG)
+    )
+    azimuth, direction = rng.uniform(0, 2 * np.pi, 2).tolist()
+    depth_mm = float(rng.uniform(*DEPTH_SHARES)) * dome.largest_depth_mm(theta, Probe.PLATE)
+    slide_mm = float(rng.uniform(0, LEAST_SLIDE)) * depth_mm
+    shear_mm = (slide_mm * float(np.cos(direction)), slide_mm * float(np.sin(direction)))
+    return ProbePress(theta, azimuth, depth_mm, shear_mm, Probe.PLATE)
 
 
 def moving_press(

@@ -14,24 +14,30 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.errors import DatasetError, reason_of
 from palpate_edge.datasets.press_dataset import COLUMNS, TORSION
+from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM, WEIGHTS, WeightRow, weights_text
 from palpate_edge.geometry.sensor import Sensor
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TWIN_FILE, save_twin
-from palpate_twin.camera.random_presses import moving_press, random_press
+from palpate_twin.camera.random_presses import moving_press, random_press, weighed_press
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
+SCALE_STEP_G = 1.0  # of a kitchen scale
 UNTOUCHED = 0.1  # frames without contact, as a fraction of the presses
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A frame to render: split, time, press (None without contact) and indices of hidden beads."""
+    """A frame to render: split, time, press (None without contact) and indices of hidden beads.
+
+    is_weighed: a row of weights.csv, not of truth.csv.
+    """
 
     split: str
     time_s: float
     press: ProbePress | None
     hidden: tuple[int, ...] = ()
+    is_weighed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,8 @@ class Plan:
 
     train, test: numbers of presses; a tenth as many frames without contact are added. hide: largest number of
     beads hidden in a frame. references: number of reference frames. twist: the probe twists about the contact
-    normal as well, and truth.csv has the torsion.
+    normal as well, and truth.csv has the torsion. weights: number of presses at the apex on a kitchen scale,
+    for training.
     """
 
     train: int
@@ -49,10 +56,12 @@ class Plan:
     hide: int = 0
     references: int = 8
     twist: bool = False
+    weights: int = 0
 
 
 def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
-    """Return random presses: first train, then test, each followed by the frames without contact."""
+    """Return random presses: first train, then test, each followed by the frames without contact; then those
+    on a scale."""
     rng = np.random.default_rng([seed, 5])
     shots: list[Shot] = []
     for split, count in (("train", plan.train), ("test", plan.test)):
@@ -63,6 +72,10 @@ def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
         for press in presses:
             hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
             shots.append(Shot(split, len(shots) / view.twin.sensor.camera.fps, press, hidden))
+    rng = np.random.default_rng([seed, 8])
+    for _ in range(plan.weights):
+        hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
+        shots.append(Shot("train", 0.0, weighed_press(view.dome, rng), hidden, is_weighed=True))
     return shots
 
 
@@ -115,9 +128,14 @@ def write_dataset(
         with (fresh / "truth.csv").open("w", newline="", encoding="utf-8") as file:
             truth = csv.writer(file, lineterminator="\n")
             truth.writerow([*COLUMNS, TORSION] if torsion else COLUMNS)
-            for shot, row in zip(shots, _rows(fresh / "frames", view, shots, rng), strict=True):
+            placed = [shot for shot in shots if not shot.is_weighed]
+            for shot, row in zip(placed, _rows(fresh / "frames", view, placed, rng), strict=True):
                 truth.writerow([*row, f"{view.torsion_Nmm(shot.press):.5f}"] if torsion else row)
                 progress()
+        weighed = [shot for shot in shots if shot.is_weighed]
+        if weighed:
+            rows = [_weigh(fresh / "frames", view, number, shot, rng) for number, shot in enumerate(weighed)]
+            (fresh / WEIGHTS).write_text(weights_text(rows), encoding="utf-8")
         fresh.replace(folder)
     except OSError as error:
         raise DatasetError(f"{folder} cannot be written: {reason_of(error)}; give another path") from None
@@ -169,6 +187,16 @@ def _rows(
         numbers = [*(f"{value:.4f}" for value in radius_mm * outward), f"{max(0.0, -force_N @ outward):.5f}"]
         numbers += [f"{value:.5f}" for value in force_N]
         yield [*start, *numbers, shot.press.probe.label, str(len(shot.hidden))]
+
+
+def _weigh(folder: Path, view: CameraView, number: int, shot: Shot, rng: np.random.Generator) -> WeightRow:
+    """Write the frame of a press on a scale; return its row, with the mass as the scale displays it."""
+    assert shot.press is not None
+    image, force_N = view.frame(shot.press, rng, hidden=shot.hidden)
+    name = f"weight_{number:05d}.jpg"
+    _save(folder / name, image, view.twin.look.jpeg_quality)
+    mass_g = max(0.0, float(-force_N @ shot.press.outward)) / NEWTONS_PER_GRAM
+    return WeightRow(name, round(mass_g / SCALE_STEP_G) * SCALE_STEP_G, shot.split)
 
 
 def _hidden(beads: int, most: int, rng: np.random.Generator) -> tuple[int, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -65,6 +66,12 @@ press_seed_option = click.option(
     help="Number of presses for testing.",
 )
 @click.option(
+    "--weights",
+    type=click.IntRange(0),
+    default=0,
+    help="Number of presses at the apex on a kitchen scale of 1 g, in weights.csv.",
+)
+@click.option(
     "--seconds",
     type=click.FloatRange(0, min_open=True),
     help="Write a moving contact of this duration instead of single presses.",
@@ -97,6 +104,7 @@ def dataset(
     layout: str | None,
     presses: int,
     test_presses: int,
+    weights: int,
     seconds: float | None,
     probe_names: tuple[str, ...],
     hide: int,
@@ -115,6 +123,7 @@ def dataset(
       palpate-host simulate dataset -o dome-7 --random-seed 7
       palpate-host simulate dataset -o moving-7 --sensor dome-7 --seconds 8 --press-seed 1
       palpate-host simulate dataset -o mine --sensor sensor.toml --presses 500 --probe plate --probe sphere5
+      palpate-host simulate dataset -o kitchen-7 --random-seed 7 --presses 0 --weights 12
       palpate-host simulate dataset -o uneven-7 --random-seed 7 --wall-unevenness 0.1
       palpate-host simulate dataset -o hard-7 --random-seed 7 --look veil --look bead_bgr=red --hide 12
     """
@@ -137,7 +146,8 @@ def dataset(
         twin = msgspec.structs.replace(twin, wall_unevenness=wall_unevenness)
     twin = msgspec.structs.replace(twin, look=with_properties(twin.look, look_properties))
     view = CameraView(twin, load_library())
-    plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide, twist=twist)
+    plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide)
+    plan = replace(plan, twist=twist, weights=weights)
     if seconds is None:
         shots = single_presses(view, plan, press_seed)
     else:

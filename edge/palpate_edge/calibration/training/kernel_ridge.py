@@ -15,6 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate_edge.calibration.training.answer_field import AnswerField, fit_answer_field
+from palpate_edge.calibration.training.apex_stiffness import (
+    ApexStiffness,
+    apex_stiffness,
+    typical_force_interval,
+)
 from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.confidence_radius import (
     ConfidenceRadius,
@@ -28,7 +33,7 @@ from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.interval import Interval, fit_interval
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.projection import Projection, fit_projection
-from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.samples import Samples, WeighedSamples
 from palpate_edge.calibration.training.torsion import fit_torsion
 from palpate_edge.common.arrays import Array
 
@@ -53,6 +58,7 @@ class Regression:
     sensor over the dome model's; None without presses of known force, and then forces are the dome's.
     answer_field: what field an answer would make. torsion_weights (c,): torsion over size, N; None without
     presses of known torsion. force95, torsion95: 95 % half widths of force and torsion, None where unknown.
+    apex: of weighed presses, when the stiffness comes from them.
     """
 
     projection: Projection
@@ -66,6 +72,7 @@ class Regression:
     torsion_weights: Array | None = None
     force95: Interval | None = None
     torsion95: Interval | None = None
+    apex: ApexStiffness | None = None
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
@@ -109,24 +116,30 @@ def fit(
     dome: DomeModel | None,
     radius_mm: float,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    weighed: WeighedSamples | None = None,
 ) -> Regression:
     """Fit to the sensor's own samples, to the dome model, or to both (at least one).
 
     radius_mm: of the dome, on which position errors are measured. Settings and uncertainty come from
-    predictions of presses left out in turn.
+    predictions of presses left out in turn. weighed: gives the stiffness when no sample has a force; needs
+    the dome model.
     """
     taught = samples is not None and (dome is None or samples.press.max() + 1 >= FEWEST_PRESSES)
     projection = _project(samples, dome, taught=taught)
     settings = (DOME_LENGTH, DOME_RIDGE) if taught else (ALONE_LENGTH, ALONE_RIDGE)
     base = _fit_dome(projection, dome, *settings) if dome is not None else None
-    scale = None
-    if samples is not None and not samples.has_forces:
-        samples = _with_assumed_forces(samples, projection, base)
-    elif samples is not None:
+    scale = apex = None
+    has_forces = samples is not None and samples.has_forces
+    if samples is not None and has_forces:
         scale = 1.0 if base is None else _stiffness_scale(projection, base, samples)
+    elif base is not None and weighed is not None:
+        apex = apex_stiffness(base.at(projection.points(weighed.fields)), weighed)
+        scale = apex.scale
     if base is not None and scale is not None:
         factor = np.array([1, 1, 1, scale, scale, scale])
         base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
+    if samples is not None and not has_forces:
+        samples = _with_assumed_forces(samples, projection, base)
     progress(1, 1 + SETTINGS)
     own: list[_Expansion] = []
     radius, left_out = constant_radius(radius_mm), None
@@ -146,10 +159,13 @@ def fit(
         hidden_slope=radius.hidden_slope,
         stiffness_scale=scale,
         answer_field=answer_field,
+        apex=apex,
     )
+    if apex is not None and dome is not None:
+        regression = replace(regression, force95=typical_force_interval(dome, apex.scale))
     if samples is None or left_out is None:
         return regression
-    if scale is not None:
+    if has_forces:
         size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
         missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)
         regression = replace(regression, force95=fit_interval(missed, samples))

@@ -56,8 +56,16 @@ class Samples:
         return bool(self.forces_N.any())
 
 
+@dataclass(frozen=True, slots=True)
+class WeighedSamples:
+    """Fields (w, 2 g) mm of presses at the apex in the canonical frame, and their normal forces (w,) N."""
+
+    fields: Array
+    normal_N: Array
+
+
 def training_presses(measured: Measured) -> list[TrainingPress]:
-    """The touches of a dataset as training presses; rows without a place are left out."""
+    """The touches of a dataset as training presses; weighed ones are left out."""
     skin, presses = SkinMotion(measured.reference), []
     for press, beads in measured.touches:
         if press.position_mm is None:
@@ -73,6 +81,15 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
             )
         )
     return presses
+
+
+def weighed_samples(measured: Measured, reader: DisplacementReader) -> WeighedSamples | None:
+    """Return the weighed presses of a dataset; None where it has none."""
+    weighed = [(press, beads) for press, beads in measured.touches if press.is_weighed]
+    if not weighed:
+        return None
+    fields = np.array([reader.read(beads).values for _, beads in weighed])
+    return WeighedSamples(fields, np.array([press.normal_force_N for press, _ in weighed]))
 
 
 def make_samples(

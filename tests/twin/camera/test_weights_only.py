@@ -1,0 +1,59 @@
+"""A sensor of the twin calibrated with nothing but a kitchen scale: rendered frames, weights of 1 g steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from palpate_edge.calibration.calibration_file import load_calibration
+from palpate_edge.calibration.evaluation import Figures, evaluate_dataset
+from palpate_edge.cli.main import cli
+from palpate_edge.datasets.press_dataset import read_dataset
+from palpate_edge.datasets.weights_table import read_weight_rows
+from palpate_twin.cli.simulate import simulate
+
+SEEDS = [301, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (302, 311, 312, 313, 101, 102))]
+"""Sensors that no constant was chosen on."""
+
+
+def run(command: object, *words: str) -> str:
+    result = CliRunner().invoke(command, words, catch_exceptions=False)  # type: ignore[arg-type]
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def figures(folder: Path, split: str = "test") -> Figures:
+    path = folder.with_suffix(".cal")
+    return evaluate_dataset(folder, split, load_calibration(path), path, None)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_kitchen_scale_gives_the_force_and_leaves_the_position(seed: int, tmp_path: Path) -> None:
+    folder = tmp_path / "dome"
+    run(
+        simulate, "dataset", "-o", str(folder), "--random-seed", str(seed),
+        "--presses", "0", "--test-presses", "60", "--weights", "12",
+    )  # fmt: skip
+    masses_g = [row.mass_g for row in read_weight_rows(folder / "weights.csv")]
+    assert len(masses_g) == 12
+    assert all(mass_g == round(mass_g) for mass_g in masses_g)
+    assert [press.is_weighed for press in read_dataset(folder).split("train")] == [True] * 12
+    text = run(cli, "calibrate", str(folder), "-o", str(folder.with_suffix(".cal")))
+    assert "0 presses, 12 weighed" in text
+    assert "from the weighed presses; it misses them by" in text
+    with_weights = figures(folder)
+    assert with_weights.overall.force_rmse_percent is not None
+    assert with_weights.overall.force_rmse_percent <= 6
+    assert with_weights.force_covered_percent is not None
+    assert with_weights.force_covered_percent >= 85  # of some 60; 95 % less three sigma
+    weighed = figures(folder, "train").weighed
+    assert weighed is not None and weighed.count == 12
+    assert weighed.rmse_percent <= 4
+    (folder / "weights.csv").unlink()
+    run(cli, "calibrate", str(folder), "-o", str(folder.with_suffix(".cal")))
+    without = figures(folder)
+    assert without.overall.force_rmse_N is None
+    assert with_weights.overall.mean_mm == pytest.approx(without.overall.mean_mm, rel=0.15)
