@@ -13,6 +13,7 @@ from palpate_edge.cli.check import check
 from palpate_edge.cli.estimate import estimate
 from palpate_edge.cli.evaluate import evaluate
 from palpate_edge.cli.follow import follow
+from palpate_edge.cli.guide import guide
 from palpate_edge.cli.identify import identify
 from palpate_edge.cli.inspect_frame import inspect
 from palpate_edge.cli.record import record
@@ -31,6 +32,7 @@ def cli() -> None:
     \b
     Examples:
       palpate-edge setup
+      palpate-edge guide --config finger-1.toml
       palpate-edge calibrate demo/recording/press -o finger-1.cal
       palpate-edge estimate demo/recording/press --calibration finger-1.cal --csv contacts.csv
       palpate-edge run --config finger-1.toml
@@ -52,6 +54,7 @@ def _quieten_libraries() -> None:
 
 for command in (
     setup,
+    guide,
     calibrate,
     train,
     estimate,

@@ -22,6 +22,7 @@ from palpate_edge.console.events import (
     sensor_rows,
 )
 from palpate_edge.console.feed import NewestPicture
+from palpate_edge.console.guide_feed import GuideFeed
 from palpate_edge.console.pictures import LooseBeads, console_frame
 from palpate_edge.daemon.capture_factory import open_source, requested_stream
 from palpate_edge.daemon.capture_thread import CaptureThread
@@ -65,6 +66,7 @@ class CameraFeed:
         self._stopped = threading.Event()
         self._rate, self._shown = PictureRate(), threading.Condition()
         self._newest: Shown | None = None
+        self._guide = GuideFeed(config, broadcast)
         self._dropped_frames = DroppedFrames()
         self._health_at_s = 0.0
         with ExitStack() as stack:
@@ -114,15 +116,21 @@ class CameraFeed:
                 return "the LED ring blinks for 10 s"
         raise ValueError(command)
 
+    def guide(self, action: str, number: float | None) -> str:
+        """Start the guided calibration or answer it."""
+        return self._guide.answer(action, number)
+
     def close(self) -> None:
         """Release the camera; end a recording."""
         self._stopped.set()
+        self._guide.close()
         for thread in self._threads:
             thread.join(2.0)
         self._stack.close()
 
     def _offer(self, frame: Frame, contact: Contact) -> bool:
-        """Keep a frame for the page; called by the capture thread."""
+        """Keep a frame for the page and for the guide; called by the capture thread."""
+        self._guide.offer(frame.image, frame.exposed_at_us, self._capture.source.exposure_us)
         if self._broadcast.listeners and self._rate.takes(frame.exposed_at_us):
             latency_ms = (self._clock.now_us() - frame.exposed_at_us) / 1000
             with self._shown:

@@ -92,6 +92,13 @@ class DaemonFeed:
             raise WatchRefusedError(answer.refused)
         return answer.text
 
+    def guide(self, _action: str, _number: float | None) -> str:
+        """Refuse: the daemon estimates with its calibration, and has the camera."""
+        raise WatchRefusedError(
+            f"the daemon of {self._name} has the camera: end it and this console, then start palpate-edge "
+            "watch again to calibrate"
+        )
+
     def close(self) -> None:
         """Disconnect."""
         self._stopped.set()

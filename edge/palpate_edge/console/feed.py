@@ -19,10 +19,13 @@ OLDEST_S = 2.0
 
 
 class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A command of a page. level: of the LEDs, for ``light``."""
+    """A command of a page. level: of the LEDs, for ``light``; action, number: an answer to the guided
+    calibration, for ``guide``."""
 
     command: str
     level: Level = 0
+    action: str = ""
+    number: float | None = None
 
 
 class Feed(Protocol):
@@ -30,6 +33,13 @@ class Feed(Protocol):
 
     def execute(self, command: WatchCommand, level: int) -> str:
         """Carry out a command; return what happened. Raises PalpateError to refuse it."""
+        ...
+
+    def guide(self, action: str, number: float | None) -> str:
+        """Start the guided calibration or answer it; return what happened.
+
+        Raises PalpateError to refuse it.
+        """
         ...
 
     def close(self) -> None:
@@ -82,10 +92,12 @@ class PageCommands:
             raise WatchRefusedError(f"not a command ({json_fault(body, PageCommand)})") from None
         if request.command == "snapshot":
             return f"snapshot {self._picture.save(self._snapshots)}"
+        if request.command == "guide":
+            return self._feed.guide(request.action, request.number)
         for command in FEED_COMMANDS:
             if command == request.command:
                 return self._feed.execute(command, request.level)
-        raise WatchRefusedError(f"unknown command; known: snapshot, {', '.join(FEED_COMMANDS)}")
+        raise WatchRefusedError(f"unknown command; known: snapshot, {', '.join(FEED_COMMANDS)}, guide")
 
 
 FEED_COMMANDS: tuple[WatchCommand, ...] = ("record", "record_no_more", "tare", "light", "identify")

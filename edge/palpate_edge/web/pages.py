@@ -9,9 +9,9 @@ SHARED = Path(__file__).parent / "page"
 
 
 def page_files(folder: Path, name: str) -> Mapping[str, Path]:
-    """Return path of the URL -> file: `name`.html of `folder` at /, its script, and the shared files."""
-    files = {f"/{file.name}": file for file in sorted(SHARED.iterdir())}
-    return {**files, "/": folder / f"{name}.html", f"/{name}.js": folder / f"{name}.js"}
+    """Return path of the URL -> file: `name`.html of `folder` at /, its scripts, and the shared files."""
+    files = {f"/{file.name}": file for file in (*sorted(SHARED.iterdir()), *sorted(folder.glob("*.js")))}
+    return {**files, "/": folder / f"{name}.html"}
 
 
 def addresses(port: int, token: str) -> list[str]:

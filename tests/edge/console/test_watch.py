@@ -82,7 +82,7 @@ def check_the_commands(rig, watch):
     assert watch.command("identify")[0] == 409
     for values in ({"level": 300}, {"level": "x"}, {"other": 1}):
         assert watch.command("light", **values)[0] == 409
-    known = "snapshot, record, record_no_more, tare, light, identify"
+    known = "snapshot, record, record_no_more, tare, light, identify, guide"
     assert watch.command("pictures") == (409, f"unknown command; known: {known}")
 
 

@@ -1,5 +1,6 @@
 // The console of one fingertip.
 import { arrow, byId, command, drawn, figures, follow, healthTable, History, number, prepareButtons } from "/console.js";
+import { prepareGuide, showGuide } from "/guide.js";
 
 const PROGRAM = "palpate-edge watch";
 const ARROW_SCALE = 5; // of displacements in the picture
@@ -11,8 +12,9 @@ let fingertip = { outer_radius_mm: null };
 let shownAt = 0, arrivals = [];
 let isRecording = false, levelTouchedAt = 0;
 
-follow({ fingertip: showFingertip, frame: showFrame, health: showHealth }, PROGRAM);
+follow({ fingertip: showFingertip, frame: showFrame, health: showHealth, guide: showGuide }, PROGRAM);
 prepareButtons(PROGRAM);
+prepareGuide();
 byId("tunnel").textContent = `ssh -L ${location.port}:127.0.0.1:${location.port} USER@BOARD`;
 
 for (const button of document.querySelectorAll("[data-command]")) {

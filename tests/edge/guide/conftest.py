@@ -1,0 +1,80 @@
+"""A person at the guide: twin frames as the camera gives them, time by the frame, answers by the step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from palpate_edge.calibration.calibrate import Progress
+from palpate_edge.common.arrays import Image
+from palpate_edge.common.frame import Frame
+from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM
+from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.guide.calibration_guide import FitCalibration
+from palpate_edge.guide.guide_files import GuideFiles
+from palpate_twin.camera.random_presses import weighed_press
+from palpate_twin.camera.random_sensor import random_sensor
+from palpate_twin.camera.renderer import CameraView
+from palpate_twin.camera.write_dataset import sensor_toml
+from palpate_twin.dome.library import load_library
+
+SEED = 301
+UNTOUCHED = 4
+
+
+class Bench:
+    """A sensor of the twin on a kitchen table: pictures of the untouched dome, presses with their grams."""
+
+    def __init__(self) -> None:
+        self.view = CameraView(random_sensor(SEED), load_library())
+        rng = np.random.default_rng(1)
+        self.untouched: list[Image] = [self.view.frame(None, rng)[0].copy() for _ in range(UNTOUCHED)]
+        self.presses: list[tuple[Image, float]] = []
+        for _ in range(12):
+            press = weighed_press(self.view.dome, rng)
+            image, force_N = self.view.frame(press, rng)
+            self.presses.append((image.copy(), float(round(-force_N @ press.outward / NEWTONS_PER_GRAM))))
+
+    def files(self, folder: Path) -> GuideFiles:
+        """A folder with the sensor's description alone."""
+        folder.mkdir()
+        (folder / "sensor.toml").write_text(sensor_toml(self.view.twin.sensor))
+        return FittedOnce(folder, folder.with_suffix(".cal"))
+
+
+class FittedOnce(GuideFiles):
+    """Fits to the reference frames once for all tests: the dome's pictures are always the same."""
+
+    rest: ClassVar[Calibration | None] = None
+
+    def fit(self, work: FitCalibration, progress: Progress) -> Calibration:
+        if work.with_presses:
+            return super().fit(work, progress)
+        FittedOnce.rest = FittedOnce.rest or super().fit(work, progress)
+        return FittedOnce.rest
+
+
+class PlayedSource:
+    """A capture source that shows what the person does: `image` is the picture in front of the camera."""
+
+    dropped = damaged = exposure_us = 0
+
+    def __init__(self, pictures: Callable[[int], Image], fps: float = 10.0) -> None:
+        self._pictures, self._fps, self._sequence = pictures, fps, 0
+
+    def read(self) -> Frame | None:
+        self._sequence += 1
+        return Frame(
+            self._pictures(self._sequence), round(1e6 * self._sequence / self._fps), self._sequence, ""
+        )
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture(scope="session")
+def bench() -> Bench:
+    return Bench()
