@@ -22,7 +22,7 @@ from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
 if TYPE_CHECKING:
-    from palpate_edge.calibration.training.apex_stiffness import ApexStiffness
+    from palpate_edge.calibration.training.kernel_ridge import Regression
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -46,11 +46,11 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, stiffness_scale, apex = b"", None, None
+    model, regression = b"", None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
-        model, stiffness_scale, apex = _train(
+        model, regression = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
@@ -64,9 +64,9 @@ def calibrate(
         contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
-        source=_source(dataset, measured, apex),
+        source=_source(dataset, measured, regression),
         model=model,
-        stiffness_scale=stiffness_scale,
+        stiffness_scale=None if regression is None else regression.stiffness_scale,
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
         fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
         fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
@@ -74,7 +74,8 @@ def calibrate(
     )
 
 
-def _source(dataset: PressDataset, measured: Measured, apex: ApexStiffness | None) -> CalibrationSource:
+def _source(dataset: PressDataset, measured: Measured, regression: Regression | None) -> CalibrationSource:
+    apex = None if regression is None else regression.apex
     weighed = sum(press.is_weighed for press, _ in measured.touches)
     return CalibrationSource(
         dataset.folder.resolve().name,
@@ -83,6 +84,7 @@ def _source(dataset: PressDataset, measured: Measured, apex: ApexStiffness | Non
         measured.dropped,
         weighed,
         None if apex is None else 100 * apex.spread,
+        () if regression is None else regression.regions,
     )
 
 
@@ -150,9 +152,8 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
 
 def _train(
     sensor: Sensor, dome: DomeModel, measured: Measured, progress: Callable[[int], None]
-) -> tuple[bytes, float | None, ApexStiffness | None]:
-    """The correction model's ONNX file, the sensor's stiffness over the dome model's, and whether that comes
-    from weighed presses."""
+) -> tuple[bytes, Regression]:
+    """The correction model's ONNX file, and the regression in it."""
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
@@ -173,8 +174,7 @@ def _train(
         lambda done, steps: progress(TRAINING_STEPS * done // steps),
         weighed_samples(measured, reader),
     )
-    model = export(regression, sensor.fingerprint(), dome.fields)
-    return model, regression.stiffness_scale, regression.apex
+    return export(regression, sensor.fingerprint(), dome.fields), regression
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:

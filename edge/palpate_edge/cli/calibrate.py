@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate_edge.cli.options import INPUT, OUTPUT
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.common.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ WEIGHED_ACCURACY = "an error of 3 to 7 % of the largest force (root mean square,
     "--picture", type=OUTPUT, help="Also draw the distance of each bead from the fitted layout (.png)."
 )
 @click.option(
+    "--report", "report_path", type=OUTPUT, help="Also draw the errors by region and the verdict (.svg)."
+)
+@click.option(
     "--labels",
     type=click.Choice(["contact", "pose"]),
     help="Labels to learn from a DATASET that has contact places and poses. [default: contact]",
@@ -44,6 +47,7 @@ def calibrate(
     no_model: bool,
     dome_model: Path | None,
     picture: Path | None,
+    report_path: Path | None,
     labels: str | None,
 ) -> None:
     """Make a calibration from a press DATASET.
@@ -64,13 +68,17 @@ def calibrate(
     if labels == "contact" and is_pose_dataset(dataset):
         raise DatasetError(f"{dataset / 'truth.csv'} has no contact places: leave out --labels contact")
     if labels == "pose" or is_pose_dataset(dataset):
-        _calibrate_pose(dataset, output, dome_model, no_model or picture is not None)
+        has_dome_option = no_model or picture is not None or report_path is not None
+        _calibrate_pose(dataset, output, dome_model, has_dome_option)
         return
     from palpate_edge.calibration.calibrate import calibrate as make  # noqa: PLC0415 - the daemon never needs it
     from palpate_edge.calibration.calibration_file import save_calibration  # noqa: PLC0415
     from palpate_edge.calibration.mounting import UPRIGHT_RAD  # noqa: PLC0415
     from palpate_edge.calibration.training.dome_model import SHIPPED, load_dome_model  # noqa: PLC0415
+    from palpate_edge.common.atomic_write import write_atomically  # noqa: PLC0415
     from palpate_edge.datasets.press_dataset import read_dataset  # noqa: PLC0415
+    from palpate_edge.guide.calibration_report import region_figures, report_judgement  # noqa: PLC0415
+    from palpate_edge.guide.report_picture import report_svg  # noqa: PLC0415
 
     trainable = all(find_spec(name) for name in ("onnx", "onnxruntime"))
     with progress_bar("calibrating") as progress:
@@ -114,6 +122,12 @@ def calibrate(
     elif not trainable and not no_model:
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
     _print_force(calibration)
+    judgement = report_judgement(calibration)
+    for name, text in region_figures(source.regions):
+        click.echo(f"  {name}: {text}")
+    click.echo(f"  {judgement.verdict.value}: {judgement.text}")
+    if report_path is not None:
+        write_atomically(report_path, report_svg(calibration).encode(), CalibrationError)
     if has_both_labels(dataset):
         click.echo("  the pose labels of truth.csv are not in it: learn them with --labels pose")
 
@@ -127,7 +141,7 @@ def _calibrate_pose(dataset: Path, output: Path, model: Path | None, has_dome_op
 
     if has_dome_option:
         raise DatasetError(
-            f"{dataset} has pose labels: --no-model and --picture need a press dataset; leave them out"
+            f"{dataset} has pose labels: leave out --no-model, --picture and --report, which need places"
         )
     with progress_bar("calibrating") as progress:
         if model is None:

@@ -61,6 +61,6 @@ def guide(config_path: Path) -> None:
             is_live=sys.stdout.isatty(),
         )
     if done:
-        click.echo(f"\n{status_line(runner.view)}\n{files.calibration}: written")
+        click.echo(f"\n{status_line(runner.view)}\n{files.calibration}, {files.report}: written")
     else:
         click.echo(f"\n{files.folder}: kept; the same command goes on from here")

@@ -44,13 +44,28 @@ class DroppedPresses(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frames: tuple[str, ...]
 
 
+class RegionErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Errors of presses left out in turn, from low_deg to high_deg above the base plane.
+
+    presses: their number; mean_mm, largest_mm: of their position errors; held: how many are within their 95 %
+    radius.
+    """
+
+    low_deg: int
+    high_deg: int
+    presses: int
+    mean_mm: float = 0.0
+    largest_mm: float = 0.0
+    held: int = 0
+
+
 class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Origin of a calibration.
 
     dataset: its folder; reference_frames, presses, weighed: numbers of frames, placed and weighed presses
     that were used; dropped: what was left out; weighed_spread_percent: what the model misses the weighed
-    forces by, in % of the largest, None when the stiffness is not from them. Files of earlier versions lack
-    the last fields.
+    forces by, in % of the largest, None when the stiffness is not from them; regions: errors of presses left
+    out in turn, empty with too few. Files of earlier versions lack the last fields.
     """
 
     dataset: str
@@ -59,6 +74,7 @@ class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     dropped: tuple[DroppedPresses, ...] = ()
     weighed: int = 0
     weighed_spread_percent: float | None = None
+    regions: tuple[RegionErrors, ...] = ()
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -2,40 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from palpate_edge.daemon.check_rows import Verdict
-from palpate_edge.estimation.calibration import Calibration
+from palpate_edge.estimation.calibration import Calibration, RegionErrors
 from palpate_edge.guide.guide_view import Judgement
 from palpate_edge.guide.picture_steps import Figures
 
 POOR_SPREAD_PERCENT = 5.0
+GOOD_MM, LEAST_HELD = 0.6, 0.8  # mean error of 20 presses (docs/accuracy.md); share in the 95 % radius
 POOR_RESIDUAL_DIAMETERS = 0.15
 """Residual of the layout over a bead's diameter: beads were drawn 0.2 mm off of 3 mm at most."""
 
 
 def report_judgement(calibration: Calibration) -> Judgement:
     """Judge a calibration: what can be relied upon, and what would make it better."""
-    source = calibration.source
+    source, spread_percent = calibration.source, calibration.source.weighed_spread_percent
     if not calibration.model:
         text = "only the paper's method: pip install 'palpate[train]' gives the correction model"
-        return Judgement(Verdict.WARN, text)
-    if _residual_diameters(calibration) > POOR_RESIDUAL_DIAMETERS:
+    elif _residual_diameters(calibration) > POOR_RESIDUAL_DIAMETERS:
         text = "the beads do not fit sensor.toml well: compare its layout and camera with the sensor"
-        return Judgement(Verdict.WARN, text)
-    spread_percent = source.weighed_spread_percent
-    if spread_percent is None and calibration.stiffness_scale is None:
-        return Judgement(Verdict.WARN, "positions, and no force: add presses on a kitchen scale")
-    if spread_percent is not None and spread_percent > POOR_SPREAD_PERCENT:
+    elif spread_percent is not None and spread_percent > POOR_SPREAD_PERCENT:
         text = (
             f"the weights disagree by {spread_percent:.0f} %: look for a wrong number of grams in weights.csv"
         )
-        return Judgement(Verdict.WARN, text)
-    if not source.presses:
+    elif source.regions:
+        return _judge_regions(source.regions)
+    elif calibration.stiffness_scale is None:
+        text = "positions, and no force: add presses on a kitchen scale"
+    else:
         text = (
             "positions to about a millimetre and forces to 3 to 7 % of the largest, as on simulated sensors; "
             "presses at known places would show it on this one"
         )
         return Judgement(Verdict.OK, text)
-    return Judgement(Verdict.OK, "positions and forces, from presses at known places")
+    return Judgement(Verdict.WARN, text)
+
+
+def weakest_region(regions: Sequence[RegionErrors]) -> RegionErrors:
+    """Return the region where more presses would help most: one with none, else that of the largest error."""
+    empty = [region for region in regions if not region.presses]
+    return empty[-1] if empty else max(regions, key=lambda region: region.mean_mm)
+
+
+def _judge_regions(regions: Sequence[RegionErrors]) -> Judgement:
+    presses = sum(region.presses for region in regions)
+    mean_mm = sum(region.presses * region.mean_mm for region in regions) / presses
+    held = sum(region.held for region in regions) / presses
+    weakest = weakest_region(regions)
+    error = f"{weakest.mean_mm:.2f} mm" if weakest.presses else "no press"
+    text = (
+        f"presses left out in turn are {mean_mm:.2f} mm off, {100 * held:.0f} % within their 95 % radius; "
+        f"more presses help most {_degrees(weakest)} above the base ({error})"
+    )
+    is_good = mean_mm <= GOOD_MM and held >= LEAST_HELD and all(region.presses for region in regions)
+    return Judgement(Verdict.OK if is_good else Verdict.WARN, text)
+
+
+def _degrees(region: RegionErrors) -> str:
+    return f"{region.low_deg} to {region.high_deg} deg"
 
 
 def report_figures(calibration: Calibration) -> Figures:
@@ -50,7 +75,20 @@ def report_figures(calibration: Calibration) -> Figures:
         ("presses", f"{source.presses} placed, {source.weighed} weighed, {dropped} left out"),
         ("stiffness", "unknown" if scale is None else f"{scale:.3f} of the dome model's"),
         ("weights disagree by", "–" if spread_percent is None else f"{spread_percent:.1f} %"),
+        *region_figures(source.regions),
     ]
+
+
+def region_figures(regions: Sequence[RegionErrors]) -> Figures:
+    """Return the errors of presses left out in turn, and how many are within their 95 % radius."""
+    return [(f"{_degrees(region)} above the base", _errors(region)) for region in regions]
+
+
+def _errors(region: RegionErrors) -> str:
+    if not region.presses:
+        return "no press"
+    held = f"{region.held} of {region.presses} in radius"
+    return f"{region.mean_mm:.2f} mm, at most {region.largest_mm:.2f}; {held}"
 
 
 def _residual_diameters(calibration: Calibration) -> float:

@@ -20,6 +20,7 @@ from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.datasets.weights_table import WEIGHTS, read_weight_rows, weights_text
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.guide.calibration_guide import CalibrationGuide, FitCalibration, SavePress, SaveReference
+from palpate_edge.guide.report_picture import report_svg
 
 REFERENCE = "reference"
 
@@ -29,6 +30,11 @@ class GuideFiles:
 
     def __init__(self, folder: Path, calibration: Path) -> None:
         self.folder, self.calibration = folder, calibration
+
+    @property
+    def report(self) -> Path:
+        """The picture of the result, beside the calibration."""
+        return self.calibration.with_suffix(".svg")
 
     def open_guide(self) -> CalibrationGuide:
         """Return a guide that goes on where the folder's files end. Raises DatasetError."""
@@ -70,6 +76,7 @@ class GuideFiles:
             if self.calibration.exists():
                 _keep(self.calibration)
             save_calibration(calibration, self.calibration)
+            write_atomically(self.report, report_svg(calibration).encode(), DatasetError)
         return calibration
 
 

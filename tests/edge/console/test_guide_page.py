@@ -60,83 +60,91 @@ def table(tmp_path):
         config.write_text(
             f'name = "table"\nhealth = "{tmp_path / "table.health"}"\n'
             f'[capture]\nsource = "shared_memory"\npath = "{tmp_path / "ring"}"\n'
-            '[estimator]\nsensor = "presses/sensor.toml"\ncalibration = "table.cal"\ncalibration_required = false\n'
+            '[estimator]\nsensor = "presses/sensor.toml"\n'
+            'calibration = "table.cal"\ncalibration_required = false\n'
             f'[node]\nid = 16\n[bus]\ninterface = "palpate"\nchannel = "{tmp_path / "no-hub.sock"}"\n'
         )
         yield bench, camera, config
 
 
-def button(action):
-    return f"#guide-actions button[data-action={action}]"
+class GuidedPage:
+    """The section of the page with the guide."""
+
+    def __init__(self, browser):
+        self._browser = browser
+
+    def click(self, action):
+        self._browser.click(f"#guide-actions button[data-action={action}]")
+
+    def step(self, number):
+        shown = "return document.querySelector('#guide').dataset.step"
+        self._until(lambda: self._browser.run(shown) == str(number), f"step {number}")
+
+    def shows(self, text, selector="#guide-verdict"):
+        self._until(lambda: text in self._browser.text(selector), text)
+
+    def enter(self, mass_g):
+        self._browser.press_keys("#guide-actions input", f"{mass_g:g}")
+        self.click("mass")
+
+    def _until(self, condition, what):
+        self._browser.until(condition, what, "#guide-step", "#guide-verdict", "#guide-figures", "#answer")
 
 
 @pytest.mark.slow
 def test_every_button_from_the_start_to_the_file(table, start_watch, browser, tmp_path):
     bench, camera, config = table
-    watch = start_watch(config)
-    browser.open(watch.url)
-
-    def step(number):
-        browser.until(
-            lambda: browser.run("return document.querySelector('#guide').dataset.step") == str(number),
-            f"step {number}", "#guide-step", "#guide-verdict", "#answer",
-        )  # fmt: skip
-
-    def verdict(*texts):
-        browser.until(
-            lambda: any(text in browser.text("#guide-verdict") for text in texts),
-            " or ".join(texts), "#guide-step", "#guide-verdict", "#answer",
-        )  # fmt: skip
-
+    browser.open(start_watch(config).url)
+    page = GuidedPage(browser)
     browser.until(lambda: browser.text("#link").startswith("live"), "not live")
-    browser.click(button("start"))
-    step(1)
-    verdict("ok", "warn")
-    browser.click(button("next"))
-    step(2)
-    browser.click(button("next"))
-    step(3)
-    verdict("every bead of the layout is recognised")
-    browser.click(button("next"))
-    step(4)
-    browser.click(button("next"))
-    browser.until(lambda: "of 20 pictures" in browser.text("#answer"), "not refused", "#answer")
-    verdict("20 pictures of the untouched dome")
-    browser.click(button("next"))
-    step(5)
-    verdict("measuring for 30 s")
-    browser.click(button("next"))
-    step(6)
-    browser.click(button("take"))
-    browser.until(lambda: "no contact: press harder" in browser.text("#answer"), "not refused", "#answer")
-    for number in range(3):
-        image, mass_g = bench.presses[number]
-        camera.shown = [image]
-        browser.until(
-            lambda: "a contact" in browser.text("#guide-figures"), "no contact", "#guide-figures"
-        )
-        browser.click(button("take"))
-        verdict("how many grams")
-        browser.press_keys("#guide-actions input", f"{mass_g:g}")
-        if number == 2:
-            browser.resize(PHONE)
-            assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
-        browser.click(button("mass"))
-        camera.shown = bench.untouched
-        browser.until(
-            lambda: "no contact" in browser.text("#guide-figures"), "contact stays", "#guide-figures"
-        )
-    browser.click(button("undo"))
+    walk_to_the_presses(page)
+    press_three_times(page, bench, camera, browser)
+    page.click("undo")
     weights = tmp_path / "presses" / "weights.csv"
     browser.until(lambda: len(read_weight_rows(weights)) == 2, "not deleted")
-    browser.click(button("next"))
-    step(8)
-    calibration = load_calibration(tmp_path / "table.cal")
-    assert calibration.source.weighed == 2
-    assert "0 placed, 2 weighed" in browser.text("#guide-figures")
-    browser.click(button("restart"))
-    step(1)
+    page.click("next")
+    page.step(8)
+    assert load_calibration(tmp_path / "table.cal").source.weighed == 2
+    page.shows("0 placed, 2 weighed", "#guide-figures")
+    page.click("restart")
+    page.step(1)
     assert all("409 (Conflict)" in entry for entry in browser.console_errors())  # the two refusals
+
+
+def walk_to_the_presses(page):
+    page.click("start")
+    page.step(1)
+    page.shows("sharp")
+    page.click("next")
+    page.step(2)
+    page.click("next")
+    page.step(3)
+    page.shows("every bead of the layout is recognised")
+    page.click("next")
+    page.step(4)
+    page.click("next")
+    page.shows("of 20 pictures", "#answer")  # refused
+    page.shows("20 pictures of the untouched dome")
+    page.click("next")
+    page.step(5)
+    page.shows("measuring for 30 s")
+    page.click("next")
+    page.step(6)
+    page.click("take")
+    page.shows("no contact: press harder", "#answer")  # refused
+
+
+def press_three_times(page, bench, camera, browser):
+    for image, mass_g in bench.presses[:3]:
+        camera.shown = [image]
+        page.shows("a contact", "#guide-figures")
+        page.click("take")
+        page.shows("how many grams")
+        page.enter(mass_g)
+        camera.shown = bench.untouched
+        page.shows("no contact", "#guide-figures")
+    browser.resize(PHONE)
+    assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
 
 
 def test_beside_a_daemon_the_guide_is_refused(rig, start_watch):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Mask
 
 COVERAGE = 0.95
 RIDGE = 0.3  # times the root of the number of samples
@@ -37,16 +37,22 @@ PRIOR_PRESSES = 10  # how many the deviation weighs
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceRadius:
-    """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden beads' blind spot."""
+    """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden beads' blind spot.
+
+    held (s,): whether the left-out error of a sample is within its left-out radius.
+    """
 
     level: float
     weights: Array
     hidden_slope: float
+    held: Mask
 
 
 def constant_radius(radius_mm: float) -> ConfidenceRadius:
     """For a sensor of which no press is known; radius_mm: of its dome."""
-    return ConfidenceRadius(float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE)
+    return ConfidenceRadius(
+        float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE, np.zeros(0, np.bool_)
+    )
 
 
 def strangeness(directions: Array, known: Array) -> Array:
@@ -72,7 +78,8 @@ def fit_radius(
     factor = inverse_factor(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
     weights = factor.T @ (factor @ rest)
     above = left_out_residuals(factor, weights[:, None], groups)[:, 0]
-    return ConfidenceRadius(float(level) + _upper_limit(above[samples.plain], presses), weights, slope)
+    limit = _upper_limit(above[samples.plain], presses)
+    return ConfidenceRadius(float(level) + limit, weights, slope, np.asarray(above <= limit))
 
 
 def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> Array:

@@ -32,10 +32,12 @@ from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.interval import Interval, fit_interval
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
+from palpate_edge.calibration.training.left_out_regions import region_errors
 from palpate_edge.calibration.training.projection import Projection, fit_projection
 from palpate_edge.calibration.training.samples import Samples, WeighedSamples
 from palpate_edge.calibration.training.torsion import fit_torsion
 from palpate_edge.common.arrays import Array
+from palpate_edge.estimation.calibration import RegionErrors
 
 DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
 ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
@@ -58,7 +60,7 @@ class Regression:
     sensor over the dome model's; None without presses of known force, and then forces are the dome's.
     answer_field: what field an answer would make. torsion_weights (c,): torsion over size, N; None without
     presses of known torsion. force95, torsion95: 95 % half widths of force and torsion, None where unknown.
-    apex: of weighed presses, when the stiffness comes from them.
+    apex: of weighed presses, when the stiffness comes from them. regions: errors of presses left out in turn.
     """
 
     projection: Projection
@@ -73,6 +75,7 @@ class Regression:
     force95: Interval | None = None
     torsion95: Interval | None = None
     apex: ApexStiffness | None = None
+    regions: tuple[RegionErrors, ...] = ()
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
@@ -165,6 +168,8 @@ def fit(
         regression = replace(regression, force95=typical_force_interval(dome, apex.scale))
     if samples is None or left_out is None:
         return regression
+    error_mm = _position_error_mm(left_out, samples, radius_mm)
+    regression = replace(regression, regions=region_errors(samples, error_mm, radius.held))
     if has_forces:
         size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
         missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)
