@@ -36,7 +36,7 @@ def guide(config_path: Path) -> None:
     from palpate_edge.daemon.health import read_health  # noqa: PLC0415
     from palpate_edge.guide.guide_files import configured_files  # noqa: PLC0415
     from palpate_edge.guide.guide_runner import GuideRunner  # noqa: PLC0415
-    from palpate_edge.guide.terminal import TypedLines, run_in_terminal, status_line  # noqa: PLC0415
+    from palpate_edge.guide.terminal import TypedLines, run_in_terminal  # noqa: PLC0415
 
     config = read_config(config_path)
     report = read_health(config.name, config.health, time.monotonic())
@@ -61,6 +61,6 @@ def guide(config_path: Path) -> None:
             is_live=sys.stdout.isatty(),
         )
     if done:
-        click.echo(f"\n{status_line(runner.view)}\n{files.calibration}, {files.report}: written")
+        click.echo(f"\n{files.calibration}, {files.report}: written")
     else:
         click.echo(f"\n{files.folder}: kept; the same command goes on from here")

@@ -170,7 +170,7 @@ class CalibrationGuide:
 
     def _next(self) -> None:
         judgement = self._judge()
-        if judgement.verdict is Verdict.FAIL:
+        if judgement.verdict in (Verdict.FAIL, Verdict.ABSENT):
             raise ConfigError(judgement.text)
         match self.step:
             case GuideStep.FOCUS | GuideStep.EXPOSURE:

@@ -28,7 +28,10 @@ STEPS = tuple(GuideStep)
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict on a step and its reason. OK: go on; WARN: going on is possible; FAIL: it is not."""
+    """A verdict on a step and its reason.
+
+    OK: go on; WARN: going on is possible; FAIL: it is not; ABSENT: not yet.
+    """
 
     verdict: Verdict
     text: str

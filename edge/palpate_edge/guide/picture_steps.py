@@ -18,6 +18,8 @@ EXPLORED = 1.1  # largest over smallest sharpness, when the lens was turned
 BLACK = 16  # grey level of a pixel without light
 REGISTER_EVERY_S = 1.0  # recognising the layout takes some 0.1 s
 
+NO_PICTURE = "no picture yet: see palpate-edge check"
+
 Figures = list[tuple[str, str]]
 
 
@@ -40,7 +42,7 @@ class FocusStep:
     def judge(self) -> Judgement:
         """Judge size and sharpness."""
         if self._seen_px is None:
-            return Judgement(Verdict.FAIL, "no picture yet: see palpate-edge check")
+            return Judgement(Verdict.ABSENT, NO_PICTURE)
         if self._seen_px != self._size_px:
             seen, wanted = ("x".join(map(str, size)) for size in (self._seen_px, self._size_px))
             text = f"the camera gives {seen}, sensor.toml describes {wanted}: correct camera.width and height"
@@ -66,7 +68,8 @@ class ExposureStep:
     def __init__(self, fps: float) -> None:
         """fps: frame rate, which limits the exposure time."""
         self._fps = fps
-        self._brightness = self._white = self._black = 0.0
+        self._brightness: float | None = None
+        self._white = self._black = 0.0
         self._exposure_us = self._proposed_us = 0
 
     def frame(self, image: Image, _now_s: float, exposure_us: int = 0) -> None:
@@ -80,6 +83,8 @@ class ExposureStep:
 
     def judge(self) -> Judgement:
         """Judge the light."""
+        if self._brightness is None:
+            return Judgement(Verdict.ABSENT, NO_PICTURE)
         remedy = "capture.camera.exposure_us in the configuration, or the LED level"
         if self._proposed_us and self._proposed_us != self._exposure_us:
             remedy = f"capture.camera.exposure_us = {self._proposed_us}, now {self._exposure_us}"
@@ -91,7 +96,7 @@ class ExposureStep:
 
     def figures(self) -> Figures:
         return [
-            ("brightness", f"{self._brightness:.0f} of 255"),
+            ("brightness", f"{self._brightness or 0.0:.0f} of 255"),
             ("overexposed", f"{100 * self._white:.1f} %"),
             ("black", f"{100 * self._black:.0f} %"),
         ]
@@ -108,7 +113,7 @@ class BeadsStep:
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
         self._next_s = -np.inf
-        self._fault = "looking for the beads"
+        self._fault = ""
         self.registration: Registration | None = None
 
     def frame(self, image: Image, now_s: float) -> None:
@@ -123,8 +128,10 @@ class BeadsStep:
 
     def judge(self) -> Judgement:
         """Judge the number of beads."""
-        if self.registration is None:
+        if self._fault:
             return Judgement(Verdict.FAIL, self._fault)
+        if self.registration is None:
+            return Judgement(Verdict.ABSENT, NO_PICTURE)
         seen = self.registration.seen
         if not seen.all():
             text = (

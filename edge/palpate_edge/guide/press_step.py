@@ -80,7 +80,7 @@ class PressStep:
             return Judgement(Verdict.OK, "picture taken: how many grams does the scale show?")
         if not masses_g:
             return Judgement(Verdict.WARN, "without a press the calibration gives positions and no force")
-        if max(masses_g) < LEAST_RANGE * min(masses_g):
+        if len(masses_g) > 1 and max(masses_g) < LEAST_RANGE * min(masses_g):
             range_g = f"{min(masses_g):g} to {max(masses_g):g} g"
             text = f"all presses are alike, {range_g}: press lighter and harder too"
             return Judgement(Verdict.WARN, text)

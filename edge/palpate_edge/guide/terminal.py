@@ -9,6 +9,7 @@ from typing import TextIO
 
 from palpate_edge.capture.source import Source
 from palpate_edge.common.errors import CaptureError, ConfigError
+from palpate_edge.daemon.check_rows import Verdict
 from palpate_edge.guide.guide_runner import GuideRunner
 from palpate_edge.guide.guide_view import GuideView
 
@@ -87,7 +88,8 @@ def status_line(view: GuideView) -> str:
     """Return verdict, reason, figures and progress in one line."""
     figures = ", ".join(f"{name} {text}" for name, text in view.figures)
     progress = f" [{view.done}/{view.total}]" if view.total else ""
-    return f"{view.verdict.value:<7}{view.text}{progress} ({figures})"
+    verdict = "wait" if view.verdict is Verdict.ABSENT else view.verdict.value
+    return f"{verdict:<7}{view.text}{progress}" + (f" ({figures})" if figures else "")
 
 
 def _heading(view: GuideView) -> str:

@@ -67,7 +67,7 @@ class ReferenceStep:
         if self.is_complete:
             return Judgement(Verdict.OK, f"{REFERENCE_FRAMES} pictures of the untouched dome")
         again = f" (begun {self._restarts + 1} times, since the beads moved)" if self._restarts else ""
-        return Judgement(Verdict.FAIL, f"{len(self.images)} of {REFERENCE_FRAMES} pictures{again}")
+        return Judgement(Verdict.ABSENT, f"{len(self.images)} of {REFERENCE_FRAMES} pictures{again}")
 
     def figures(self) -> Figures:
         return [("beads moved", f"{self._moved_px:.2f} px")]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from contextlib import closing
 
 import pytest
@@ -11,35 +9,7 @@ from tests.browser.headless_browser import PHONE, Browser, missing_tools
 from tests.edge.guide.conftest import Bench
 
 from palpate_edge.calibration.calibration_file import load_calibration
-from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.datasets.weights_table import read_weight_rows
-
-FPS = 15.0
-
-
-class TableCamera:
-    """A camera whose pictures go to a ring in shared memory; `shown` is what is before it."""
-
-    def __init__(self, path, images):
-        self.shown = images
-        height, width = images[0].shape[:2]
-        self._writer = RingWriter(path, RingFormat(width, height, 3))
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        number = 0
-        while not self._stopped.wait(1 / FPS):
-            image = self.shown[number % len(self.shown)].copy()
-            image[0, 0] = number % 256  # a camera whose pictures are all alike is frozen
-            number += 1
-            self._writer.write(image, number, time.monotonic_ns() // 1000)
-
-    def close(self):
-        self._stopped.set()
-        self._thread.join()
-        self._writer.close()
 
 
 @pytest.fixture
@@ -54,16 +24,7 @@ def browser(tmp_path):
 @pytest.fixture
 def table(tmp_path):
     bench = Bench()
-    bench.files(tmp_path / "presses")
-    with closing(TableCamera(tmp_path / "ring", bench.untouched)) as camera:
-        config = tmp_path / "finger.toml"
-        config.write_text(
-            f'name = "table"\nhealth = "{tmp_path / "table.health"}"\n'
-            f'[capture]\nsource = "shared_memory"\npath = "{tmp_path / "ring"}"\n'
-            '[estimator]\nsensor = "presses/sensor.toml"\n'
-            'calibration = "table.cal"\ncalibration_required = false\n'
-            f'[node]\nid = 16\n[bus]\ninterface = "palpate"\nchannel = "{tmp_path / "no-hub.sock"}"\n'
-        )
+    with bench.camera(tmp_path) as (camera, config):
         yield bench, camera, config
 
 
@@ -117,6 +78,7 @@ def walk_to_the_presses(page):
     page.shows("sharp")
     page.click("next")
     page.step(2)
+    page.shows("the light is right")
     page.click("next")
     page.step(3)
     page.shows("every bead of the layout is recognised")
@@ -130,6 +92,7 @@ def walk_to_the_presses(page):
     page.shows("measuring for 30 s")
     page.click("next")
     page.step(6)
+    page.shows("no contact", "#guide-figures")
     page.click("take")
     page.shows("no contact: press harder", "#answer")  # refused
 

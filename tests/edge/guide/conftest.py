@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -10,6 +13,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.calibrate import Progress
+from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM
@@ -23,7 +27,33 @@ from palpate_twin.camera.write_dataset import sensor_toml
 from palpate_twin.dome.library import load_library
 
 SEED = 301
+FPS = 15.0
 UNTOUCHED = 4
+
+
+class TableCamera:
+    """A camera whose pictures go to a ring in shared memory; `shown` is what is before it."""
+
+    def __init__(self, path: Path, images: list[Image]) -> None:
+        self.shown = images
+        height, width = images[0].shape[:2]
+        self._writer = RingWriter(path, RingFormat(width, height, 3))
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        number = 0
+        while not self._stopped.wait(1 / FPS):
+            image = self.shown[number % len(self.shown)].copy()
+            image[0, 0] = number % 256  # a camera whose pictures are all alike is frozen
+            number += 1
+            self._writer.write(image, number, time.monotonic_ns() // 1000)
+
+    def close(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+        self._writer.close()
 
 
 class Bench:
@@ -44,6 +74,21 @@ class Bench:
         folder.mkdir()
         (folder / "sensor.toml").write_text(sensor_toml(self.view.twin.sensor))
         return FittedOnce(folder, folder.with_suffix(".cal"))
+
+    @contextmanager
+    def camera(self, folder: Path) -> Iterator[tuple[TableCamera, Path]]:
+        """A camera before the untouched dome, and a fingertip's configuration that uses it."""
+        self.files(folder / "presses")
+        config = folder / "finger.toml"
+        config.write_text(
+            f'name = "table"\nhealth = "{folder / "table.health"}"\n'
+            f'[capture]\nsource = "shared_memory"\npath = "{folder / "ring"}"\n'
+            '[estimator]\nsensor = "presses/sensor.toml"\n'
+            'calibration = "table.cal"\ncalibration_required = false\n'
+            f'[node]\nid = 16\n[bus]\ninterface = "palpate"\nchannel = "{folder / "no-hub.sock"}"\n'
+        )
+        with closing(TableCamera(folder / "ring", self.untouched)) as camera:
+            yield camera, config
 
 
 class FittedOnce(GuideFiles):

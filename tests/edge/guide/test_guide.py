@@ -71,7 +71,7 @@ def person(bench, tmp_path):
 @pytest.mark.slow
 def test_from_the_first_picture_to_the_calibration_file(person, bench):
     files = person.runner.files
-    assert person.verdict == (Verdict.FAIL, "no picture yet: see palpate-edge check")
+    assert person.verdict == (Verdict.ABSENT, "no picture yet: see palpate-edge check")
     person.to_presses()
     assert len(list((files.folder / "reference").glob("*.png"))) == 20
     assert person.verdict == (
@@ -139,7 +139,7 @@ def test_reference_frames_are_taken_again_after_a_drift_and_kept_at_a_new_start(
     shifted = [np.roll(image, 1, axis=1) for image in bench.untouched]  # everything moves by one pixel
     person.show(*shifted[:3])
     assert "begun 2 times, since the beads moved" in person.verdict[1]
-    assert person.verdict[0] is Verdict.FAIL
+    assert person.verdict[0] is Verdict.ABSENT
     with pytest.raises(ConfigError, match="of 20 pictures"):
         person.next()
     person.rest(6.0)
@@ -181,6 +181,8 @@ def test_light_and_missing_beads_have_a_verdict(person, bench):
     image = bench.untouched[0]
     person.show(image)
     person.next()
+    with pytest.raises(ConfigError, match="no picture yet"):
+        person.next()
     person.show(np.clip(2.5 * image.astype(float), 0, 255).astype(np.uint8))
     assert "% is overexposed: lower capture.camera.exposure_us" in person.verdict[1]
     person.runner.frame(image // 6, person.now_s, 5_000)

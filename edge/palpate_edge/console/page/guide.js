@@ -25,7 +25,8 @@ export function showGuide(view) {
   byId("guide").dataset.step = view.number;
   byId("guide-step").textContent = `${view.number}/${view.steps}: ${view.title}`;
   byId("guide-instruction").textContent = view.instruction;
-  byId("guide-verdict").replaceChildren(made("span", view.verdict, `verdict ${view.verdict}`), ` ${view.text}`);
+  const verdict = view.verdict === "absent" ? "wait" : view.verdict;
+  byId("guide-verdict").replaceChildren(made("span", verdict, `verdict ${view.verdict}`), ` ${view.text}`);
   const progress = byId("guide-progress");
   progress.hidden = view.total === 0;
   progress.max = Math.max(1, view.total);
