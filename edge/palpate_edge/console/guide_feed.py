@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import threading
 
+import msgspec
+
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import PalpateError
+from palpate_edge.daemon.check_rows import Verdict
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.daemon.watching.view_tap import PictureRate
 from palpate_edge.daemon.watching.watch_messages import WatchRefusedError
 from palpate_edge.guide.guide_files import configured_files
 from palpate_edge.guide.guide_runner import GuideRunner
+from palpate_edge.guide.guide_view import GuideAction
 from palpate_edge.web.broadcast import Broadcast
 
 START = "start"
@@ -55,7 +59,7 @@ class GuideFeed:
             self._thread.join(2.0)
 
     def _start(self) -> str:
-        if self._thread is not None and self._thread.is_alive():
+        if self._runner is not None:
             raise WatchRefusedError("the guided calibration runs already")
         files = configured_files(self._config)
         self._runner = GuideRunner(files)
@@ -73,8 +77,16 @@ class GuideFeed:
             try:
                 runner.frame(*newest)
             except PalpateError as error:  # a full disk ends the guide, not the console
-                runner.fail(str(error))
+                self._end(runner, str(error))
+                return
             self._publish()
+
+    def _end(self, runner: GuideRunner, reason: str) -> None:
+        """Show why a file could not be written; a new start goes on from what was saved."""
+        self._runner = None
+        actions = [GuideAction(START, "Go on")]
+        view = msgspec.structs.replace(runner.view, verdict=Verdict.FAIL, text=reason, actions=actions)
+        self._broadcast.publish("guide", view)
 
     def _publish(self) -> None:
         if self._runner is not None:

@@ -199,8 +199,8 @@ class CalibrationGuide:
     def _restart(self) -> None:
         """Start over; the caller keeps the earlier files under other names when new ones are saved."""
         self._rows, self._is_warm, self._fault = [], False, ""
-        self._beads = BeadsStep(self._sensor)
-        self._presses = self._warm_up = None
+        self._focus, self._beads = FocusStep(self._sensor), BeadsStep(self._sensor)
+        self._presses = self._warm_up = self.calibration = None
         self.step = GuideStep.FOCUS
 
     def _fit(self, *, with_presses: bool) -> None:

@@ -36,11 +36,6 @@ class GuideRunner:
         with self._lock:
             self._guide.answer(name, number)
 
-    def fail(self, reason: str) -> None:
-        """Show why a file could not be written."""
-        with self._lock:
-            self._guide.refused(reason)
-
     @property
     def view(self) -> GuideView:
         """The view at this moment."""

@@ -102,6 +102,8 @@ def test_from_the_first_picture_to_the_calibration_file(person, bench):
     assert calibration.stiffness_scale is not None
     assert calibration.source.reference_frames == 20
     assert ("presses", "0 placed, 12 weighed, 0 left out") in again.runner.view.figures
+    again.runner.answer("restart")
+    assert not again.runner.is_finished and again.title == "Camera and focus"
 
 
 @pytest.mark.long
