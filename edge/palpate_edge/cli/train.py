@@ -34,7 +34,8 @@ def train(datasets: tuple[Path, ...], output: Path) -> None:
     with progress_bar("training") as progress:
         dome = pretrain(datasets, progress)
     save_dome_model(dome, output)
-    click.echo(f"{output}: {len(dome.fields)} samples of {len(datasets)} sensors")
+    torsion = "" if dome.twisted is None else ", with torsion"
+    click.echo(f"{output}: {len(dome.fields)} samples of {len(datasets)} sensors{torsion}")
 
 
 def _train_poses(datasets: tuple[Path, ...], output: Path) -> None:

@@ -1,7 +1,8 @@
 """Training samples of the packaged dome model: presses of the field library, measured by random sensors.
 
 Layout, bead positions, camera pose and noise vary between sensors as between real ones; presses vary in
-position, depth and slide. `palpate-host simulate dome model` writes the file.
+position, depth and slide. Further presses, which teach the torsion alone, vary in twist too. `palpate-host
+simulate dome model` writes the file.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
 from palpate_edge.calibration.training.samples import Samples, TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
@@ -21,6 +22,7 @@ from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
 
 SENSORS = 24
+TWISTED_SENSORS = 12
 PRESSES_A_SENSOR = 50
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
@@ -40,21 +42,29 @@ LAYOUTS = (
 def dome_samples(
     library: FieldLibrary, seed: int, progress: Callable[[int, int], None] = lambda _done, _total: None
 ) -> DomeModel:
-    """Return `PRESSES_A_SENSOR` presses and their mirror images for each of `SENSORS` sensors."""
-    rng = np.random.default_rng(seed)
-    parts = []
-    for sensor in range(SENSORS):
-        parts.append(_one_sensor(library, rng))
-        progress(sensor + 1, SENSORS)
+    """Return `PRESSES_A_SENSOR` presses and their mirror images for each of `SENSORS` sensors, and as many
+    twisted ones for each of `TWISTED_SENSORS`."""
+    rng, twisted_rng = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    parts, twisted = [], []
+    for sensor in range(SENSORS + TWISTED_SENSORS):
+        if sensor < SENSORS:
+            parts.append(_one_sensor(library, rng))
+        else:
+            twisted.append(_one_sensor(library, twisted_rng, twisted=True))
+        progress(sensor + 1, SENSORS + TWISTED_SENSORS)
     return DomeModel(
         np.concatenate([part.fields for part in parts]),
         np.concatenate([part.directions for part in parts]),
         np.concatenate([part.forces_N for part in parts]),
         field_grid.BEAD_RADIUS_MM,
+        TwistedPresses(
+            np.concatenate([part.fields for part in twisted]),
+            np.concatenate([part.torsions_Nmm for part in twisted if part.torsions_Nmm is not None]),
+        ),
     )
 
 
-def _one_sensor(library: FieldLibrary, rng: np.random.Generator) -> Samples:
+def _one_sensor(library: FieldLibrary, rng: np.random.Generator, *, twisted: bool = False) -> Samples:
     rings = LAYOUTS[int(rng.integers(len(LAYOUTS)))]
     turn_deg = float(rng.uniform(0, 360))
     markers = Markers(
@@ -66,7 +76,9 @@ def _one_sensor(library: FieldLibrary, rng: np.random.Generator) -> Samples:
     view = View(CAMERA, _random_pose(rng))
     reference_px = view.project(directions * field_grid.BEAD_RADIUS_MM)
     reader = DisplacementReader(reference_px, view, field_grid.BEAD_RADIUS_MM)
-    presses = [_press(library, directions, view, reference_px, rng) for _ in range(PRESSES_A_SENSOR)]
+    presses = [
+        _press(library, directions, view, reference_px, rng, twisted=twisted) for _ in range(PRESSES_A_SENSOR)
+    ]
     return make_samples(reader, presses, int(rng.integers(2**31)), COPIES, vary_all=True)
 
 
@@ -81,7 +93,13 @@ def _random_pose(rng: np.random.Generator) -> CameraPose:
 
 
 def _press(
-    library: FieldLibrary, directions: Array, view: View, reference_px: Array, rng: np.random.Generator
+    library: FieldLibrary,
+    directions: Array,
+    view: View,
+    reference_px: Array,
+    rng: np.random.Generator,
+    *,
+    twisted: bool,
 ) -> TrainingPress:
     probe = (
         Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
@@ -89,11 +107,16 @@ def _press(
     theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
     azimuth, slide_direction = rng.uniform(0, 2 * np.pi, 2)
     depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, probe)
-    slide_mm = float(rng.uniform(0, MOST_SLIDE_SHARE)) * depth_mm
+    slide_share = float(rng.uniform(0, MOST_SLIDE_SHARE))
+    slide_mm, twist_rad = slide_share * depth_mm, 0.0
     shear_mm = (slide_mm * float(np.cos(slide_direction)), slide_mm * float(np.sin(slide_direction)))
-    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth), probe)
+    if twisted:  # slide and twist share the friction
+        free = float(np.sqrt(1 - (slide_share / MOST_SLIDE_SHARE) ** 2))
+        twist_rad = float(rng.uniform(-1, 1)) * free * library.largest_twist_rad(depth_mm, probe)
+    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth), probe, twist_rad)
     moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
     moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
     found = np.ones(len(reference_px), dtype=np.bool_)
     contact = np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
-    return TrainingPress(Beads.from_positions(moved_px, found), contact, field.force_per_mu_mm2)
+    beads, torsion = Beads.from_positions(moved_px, found), field.torsion_per_mu_mm3
+    return TrainingPress(beads, contact, field.force_per_mu_mm2, torsion_Nmm=torsion)

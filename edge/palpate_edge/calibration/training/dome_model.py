@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
+from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.atomic_write import atomic_file
@@ -22,24 +23,40 @@ from palpate_edge.estimation.displacement_field import canonical_directions
 
 SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "markers_radius_mm")
+TWISTED_NAMES = ("twisted_fields", "torsions")  # of presses whose torsion is known; a file may have none
 # What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
 DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
+class TwistedPresses:
+    """m presses of known torsion: fields (m, 2 g) mm in the canonical frame, torsions (m,) about the inward
+    normal."""
+
+    fields: Array
+    torsions: Array
+
+
+@dataclass(frozen=True, slots=True)
 class DomeModel:
     """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
-    frame, of a dome whose beads lie on a sphere of markers_radius_mm."""
+    frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the torsion
+    alone, None where none is known."""
 
     fields: Array
     directions: Array
     forces: Array
     markers_radius_mm: float
+    twisted: TwistedPresses | None = None
 
     def for_markers(self, radius_mm: float) -> DomeModel:
-        """The same dome in another size: motions grow with it, forces with its square."""
+        """The same dome in another size: motions grow with it, forces with its square, torsions with its
+        cube."""
         ratio = radius_mm / self.markers_radius_mm
-        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, radius_mm)
+        twisted = self.twisted
+        if twisted is not None:
+            twisted = TwistedPresses(twisted.fields * ratio, twisted.torsions * ratio**3)
+        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, radius_mm, twisted)
 
 
 def load_dome_model(path: Path = SHIPPED) -> DomeModel:
@@ -52,7 +69,8 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
                     f"{path} is a pose model, a press dataset needs a dome model: make one with "
                     "palpate-edge train from press datasets"
                 )
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in NAMES}
+            names = NAMES + (TWISTED_NAMES if any(name in file for name in TWISTED_NAMES) else ())
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in names}
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None
     except DAMAGED as error:
@@ -60,19 +78,22 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
             f"{path} is no dome model ({error}): make it with palpate-edge train"
         ) from None
     _check(arrays, path)
+    twisted = [arrays[name] for name in TWISTED_NAMES if name in arrays]
     return DomeModel(
         arrays["fields"],
         arrays["directions"],
         arrays["forces"],
         float(arrays["markers_radius_mm"]),
+        TwistedPresses(*twisted) if twisted else None,
     )
 
 
 def _check(arrays: dict[str, Array], path: Path) -> None:
     """Refuse what a readable file can still have wrong."""
     count, width = arrays["forces"].size // 3, 2 * len(canonical_directions())
-    shapes = ((count, width), (count, 3), (count, 3), ())
-    if any(arrays[name].shape != shape for name, shape in zip(NAMES, shapes, strict=True)):
+    twisted = arrays["torsions"].size if "torsions" in arrays else 0
+    shapes = ((count, width), (count, 3), (count, 3), (), (twisted, width), (twisted,))
+    if any(array.shape != shape for array, shape in zip(arrays.values(), shapes, strict=False)):
         raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
     whole = all(np.isfinite(array).all() for array in arrays.values())
     if not (count and whole and arrays["markers_radius_mm"] > 0):
@@ -83,11 +104,14 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
 
 def save_dome_model(dome: DomeModel, path: Path) -> None:
     """Write a dome model, fields in half precision (0.1 % of a motion)."""
+    arrays: dict[str, NDArray[np.floating]] = {
+        "fields": dome.fields.astype(np.float16),
+        "directions": dome.directions.astype(np.float32),
+        "forces": dome.forces.astype(np.float32),
+        "markers_radius_mm": np.asarray(dome.markers_radius_mm),
+    }
+    if dome.twisted is not None:
+        arrays["twisted_fields"] = dome.twisted.fields.astype(np.float16)
+        arrays["torsions"] = dome.twisted.torsions.astype(np.float32)
     with atomic_file(path, CalibrationError) as file:
-        np.savez_compressed(
-            file,
-            fields=dome.fields.astype(np.float16),
-            directions=dome.directions.astype(np.float32),
-            forces=dome.forces.astype(np.float32),
-            markers_radius_mm=np.float64(dome.markers_radius_mm),
-        )
+        np.savez_compressed(file, allow_pickle=False, **arrays)

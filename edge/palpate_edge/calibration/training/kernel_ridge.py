@@ -35,7 +35,7 @@ from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.left_out_regions import region_errors
 from palpate_edge.calibration.training.projection import Projection, fit_projection
 from palpate_edge.calibration.training.samples import Samples, WeighedSamples
-from palpate_edge.calibration.training.torsion import fit_torsion
+from palpate_edge.calibration.training.torsion import KnownTorsions, fit_torsion
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.calibration import RegionErrors
 
@@ -174,17 +174,26 @@ def fit(
         size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
         missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)
         regression = replace(regression, force95=fit_interval(missed, samples))
-    return regression if samples.torsions_Nmm is None else _with_torsion(regression, samples)
+    return regression if samples.torsions_Nmm is None else _with_torsion(regression, samples, dome)
 
 
-def _with_torsion(regression: Regression, samples: Samples) -> Regression:
+def _with_torsion(regression: Regression, samples: Samples, dome: DomeModel | None) -> Regression:
     """Return the regression with the torsion of the samples, which must be known."""
     assert samples.torsions_Nmm is not None
-    centres, length = regression.centres, regression.length
-    points = regression.projection.points(samples.fields)
-    torsion = fit_torsion(
-        gaussian_kernel(points, centres, length), gaussian_kernel(centres, centres, length), samples
-    )
+    centres = regression.centres
+
+    def kernels(points: Array) -> Array:
+        return gaussian_kernel(points, centres, regression.length)
+
+    others = None
+    if dome is not None and dome.twisted is not None and regression.stiffness_scale is not None:
+        fields = dome.twisted.fields
+        torsions_Nmm = regression.stiffness_scale * dome.twisted.torsions
+        others = KnownTorsions(
+            kernels(regression.projection.points(fields)), torsions_Nmm / np.linalg.norm(fields, axis=1)
+        )
+    own = kernels(regression.projection.points(samples.fields))
+    torsion = fit_torsion(own, kernels(centres), samples, others)
     torsion95 = fit_interval(np.abs(torsion.left_out_Nmm - samples.torsions_Nmm), samples)
     if torsion95 is None:
         return regression

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate_edge.calibration.measurement import measure
-from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
 from palpate_edge.calibration.training.samples import Samples, make_samples, training_presses
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.press_dataset import read_dataset
@@ -21,7 +21,8 @@ MOST_SAMPLES = 2000
 def pretrain(
     folders: Sequence[Path], progress: Callable[[int, int], None] = lambda _done, _total: None
 ) -> DomeModel:
-    """The train presses of all datasets, brought to the first one's size and stiffness.
+    """The train presses of all datasets, brought to the first one's size and stiffness; their torsions if
+    all datasets have them.
 
     Raises DatasetError for a dataset without presses, and what measuring it raises.
     """
@@ -29,6 +30,7 @@ def pretrain(
     total = sum(len(dataset.reference) + len(dataset.split("train")) for dataset in datasets)
     radius_mm = datasets[0].sensor.markers.radius_mm
     parts: list[Samples] = []
+    larger: list[float] = []  # the first sensor over each
     before = 0
 
     def report(done: int) -> None:
@@ -50,15 +52,21 @@ def pretrain(
         reader = DisplacementReader(measured.reference.position_px, measured.view, own_radius_mm)
         copies = max(1, MOST_SAMPLES // (2 * len(found) * len(datasets)))
         samples = make_samples(reader, found, copies=copies)
-        parts.append(replace(samples, fields=samples.fields * (radius_mm / own_radius_mm)))
-    stiffness = [_stiffness(part) for part in parts]
+        larger.append(radius_mm / own_radius_mm)
+        parts.append(replace(samples, fields=samples.fields * larger[-1]))
+    softer = [_stiffness(parts[0]) / _stiffness(part) for part in parts]
+    torsions = [
+        part.torsions_Nmm * share * ratio
+        for part, share, ratio in zip(parts, softer, larger, strict=True)
+        if part.torsions_Nmm is not None
+    ]
+    fields = np.concatenate([part.fields for part in parts])
     return DomeModel(
-        np.concatenate([part.fields for part in parts]),
+        fields,
         np.concatenate([part.directions for part in parts]),
-        np.concatenate(
-            [part.forces_N * stiffness[0] / own for part, own in zip(parts, stiffness, strict=True)]
-        ),
+        np.concatenate([part.forces_N * share for part, share in zip(parts, softer, strict=True)]),
         radius_mm,
+        TwistedPresses(fields, np.concatenate(torsions)) if len(torsions) == len(parts) else None,
     )
 
 

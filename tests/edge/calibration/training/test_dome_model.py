@@ -13,13 +13,16 @@ from hypothesis import strategies as st
 from palpate_edge.calibration.training.dome_model import (
     NAMES,
     SHIPPED,
+    TWISTED_NAMES,
     DomeModel,
+    TwistedPresses,
     load_dome_model,
     save_dome_model,
 )
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import canonical_directions
 
+ALL_NAMES = (*NAMES, *TWISTED_NAMES)
 WIDTH = 2 * len(canonical_directions())
 ONE_FILE_A_TEST = settings(
     deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -34,12 +37,18 @@ def dome():
         rng.standard_normal((7, 3)),
         rng.standard_normal((7, 3)),
         26.5,
+        TwistedPresses(rng.uniform(-2, 2, (5, WIDTH)), rng.standard_normal(5)),
     )
 
 
 @pytest.fixture(scope="module")
 def arrays(dome):
-    return {name: np.asarray(getattr(dome, name)) for name in NAMES}
+    return arrays_of(dome)
+
+
+def arrays_of(dome):
+    plain = {name: np.asarray(getattr(dome, name)) for name in NAMES}
+    return plain | {"twisted_fields": dome.twisted.fields, "torsions": dome.twisted.torsions}
 
 
 def refusal(path, one_line):
@@ -64,6 +73,8 @@ def test_round_trip(dome, tmp_path):
     assert read.fields == pytest.approx(dome.fields, rel=2**-11, abs=1e-6)
     assert read.directions == pytest.approx(dome.directions, rel=1e-6)
     assert read.forces == pytest.approx(dome.forces, rel=1e-6)
+    assert read.twisted.fields == pytest.approx(dome.twisted.fields, rel=2**-11, abs=1e-6)
+    assert read.twisted.torsions == pytest.approx(dome.twisted.torsions, rel=1e-6)
     assert read.markers_radius_mm == dome.markers_radius_mm
     assert {read.fields.dtype, read.forces.dtype} == {np.dtype(np.float64)}
 
@@ -75,7 +86,17 @@ def test_the_shipped_model_is_whole():
     assert np.linalg.norm(dome.directions, axis=1) == pytest.approx(1, abs=1e-6)
     pushing = -(dome.forces * dome.directions).sum(axis=1)
     assert (pushing > 0).all()  # a probe pushes, it never pulls
+    assert len(dome.twisted.fields) >= 1000
+    assert dome.twisted.torsions[::2] == pytest.approx(-dome.twisted.torsions[1::2])  # mirror images
     assert SHIPPED.stat().st_size < 2_000_000
+
+
+def test_a_file_without_twisted_presses_is_read(arrays, tmp_path):
+    read = load_dome_model(written(tmp_path / "a.npz", {name: arrays[name] for name in NAMES}))
+    assert read.twisted is None
+    assert read.for_markers(53.0).twisted is None
+    save_dome_model(read, tmp_path / "b.npz")
+    assert load_dome_model(tmp_path / "b.npz").twisted is None
 
 
 def test_an_array_of_an_earlier_version_is_left_out(dome, arrays, tmp_path):
@@ -85,11 +106,14 @@ def test_an_array_of_an_earlier_version_is_left_out(dome, arrays, tmp_path):
 
 
 def test_another_size_of_dome(dome):
-    """A body of twice the size and one silicone: motions double, forces (stress times area) quadruple."""
+    """A body of twice the size and one silicone: motions double, forces (stress times area) quadruple, their
+    moments are eight times as large."""
     double = dome.for_markers(53.0)
     assert (double.fields == 2 * dome.fields).all()
     assert (double.forces == 4 * dome.forces).all()
     assert (double.directions == dome.directions).all()
+    assert (double.twisted.fields == 2 * dome.twisted.fields).all()
+    assert (double.twisted.torsions == 8 * dome.twisted.torsions).all()
     assert double.markers_radius_mm == 53.0
 
 
@@ -101,6 +125,8 @@ def test_another_size_of_dome(dome):
         ("directions", np.zeros((6, 3))),
         ("forces", np.zeros((3, 3))),
         ("forces", np.zeros((7, 1))),
+        ("torsions", np.zeros(6)),
+        ("twisted_fields", np.zeros((5, WIDTH + 1))),
         ("markers_radius_mm", np.ones(3)),
     ],
     ids=lambda value: value if isinstance(value, str) else str(np.shape(value)),
@@ -109,7 +135,7 @@ def test_wrong_shapes_are_refused(arrays, tmp_path, one_line, name, spoilt):
     assert "another version" in refusal(written(tmp_path / "a.npz", arrays | {name: spoilt}), one_line)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL_NAMES)
 def test_numbers_that_are_none_are_refused(arrays, tmp_path, one_line, name):
     for value in (np.nan, np.inf):
         spoilt = np.array(arrays[name])
@@ -123,7 +149,7 @@ def test_no_presses_and_no_size_are_refused(arrays, tmp_path, one_line):
     refusal(written(tmp_path / "b.npz", arrays | {"markers_radius_mm": np.float64(0)}), one_line)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL_NAMES)
 def test_a_missing_array_is_named(arrays, tmp_path, one_line, name):
     rest = {key: array for key, array in arrays.items() if key != name}
     assert name in refusal(written(tmp_path / "a.npz", rest), one_line)
@@ -158,7 +184,8 @@ def test_changed_bytes_are_refused_or_do_not_matter(dome, tmp_path, one_line, da
     except CalibrationError:
         refusal(path, one_line)
     else:
-        assert all(np.array_equal(getattr(after, name), getattr(before, name)) for name in NAMES)
+        assert arrays_of(after).keys() == arrays_of(before).keys()
+        assert all(np.array_equal(array, arrays_of(before)[name]) for name, array in arrays_of(after).items())
 
 
 @ONE_FILE_A_TEST

@@ -10,14 +10,28 @@ import pytest
 
 from palpate_edge.calibration.training.pretrain import pretrain
 from palpate_edge.common.errors import DatasetError
-from palpate_edge.datasets.press_dataset import COLUMNS, read_dataset
+from palpate_edge.datasets.press_dataset import COLUMNS, TORSION, read_dataset
 
 LENGTHS = ("outer_radius_mm", "wall_mm", "radius_mm", "diameter_mm")
 
 
 @pytest.fixture(scope="module")
 def folder(drawn_dome, tmp_path_factory):
-    return drawn_dome.write(tmp_path_factory.mktemp("pretrain") / "one", presses=16)
+    """A dataset whose torsions are those of the normal force at a lever of its row's number, mm."""
+    folder = drawn_dome.write(tmp_path_factory.mktemp("pretrain") / "one", presses=16)
+    with (folder / "truth.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for number, row in enumerate(rows):
+        row[TORSION] = str(number * float(row["fn_N"]))
+    write_truth(folder, rows)
+    return folder
+
+
+def write_truth(folder, rows):
+    with (folder / "truth.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def scaled_copy(folder, to, length, force):
@@ -37,10 +51,8 @@ def scaled_copy(folder, to, length, force):
         for column in COLUMNS[3:10]:
             if row[column]:
                 row[column] = str(float(row[column]) * (length if column.endswith("_mm") else force))
-    with (to / "truth.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
+        row[TORSION] = str(float(row[TORSION]) * length * force)
+    write_truth(to, rows)
     return to
 
 
@@ -49,6 +61,7 @@ def halves(dome):
     half = len(dome.fields) // 2
     return [
         {name: getattr(dome, name)[part] for name in ("fields", "directions", "forces")}
+        | {"torsions": dome.twisted.torsions[part]}
         for part in (slice(0, half), slice(half, None))
     ]
 
@@ -64,6 +77,14 @@ def test_a_sensor_of_other_size_and_stiffness_teaches_the_same(folder, tmp_path,
     assert second["fields"] == pytest.approx(first["fields"], abs=0.01 * size)
     assert second["forces"] == pytest.approx(first["forces"], rel=0.01, abs=1e-3)
     assert second["directions"] == pytest.approx(first["directions"], abs=0.01)
+    assert second["torsions"] == pytest.approx(first["torsions"], rel=0.01, abs=1e-3)
+    assert np.abs(first["torsions"]).max() > 1
+
+
+def test_torsions_of_one_dataset_alone_are_left_out(folder, drawn_dome, tmp_path):
+    plain = drawn_dome.write(tmp_path / "plain", presses=8)
+    assert pretrain([folder]).twisted is not None
+    assert pretrain([folder, plain]).twisted is None
 
 
 def test_forces_are_those_of_the_first_dataset(folder):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.quantity_figures import force_covered_percent, quantity_lines, torsion_figures
+from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
 from palpate_edge.calibration.training.kernel_ridge import Regression, fit
 from palpate_edge.calibration.training.onnx_export import export
 from palpate_edge.calibration.training.samples import Samples
@@ -44,6 +45,32 @@ def test_torsions_of_new_presses_are_near_the_truth_and_in_their_intervals(taugh
     _, force_N, _ = regression.predict(seen.fields, seen.hidden)
     miss_N = np.linalg.norm(force_N - seen.forces_N, axis=1)
     assert 0.9 <= (miss_N <= regression.force95.half_width(seen.fields, seen.hidden)).mean() <= 0.99
+
+
+def test_presses_of_a_softer_dome_help_where_own_ones_are_few(problem):
+    """The dome model is of a third of the stiffness, so that its forces and torsions are three times less."""
+    known, own, seen = (twisted(problem, *drawn) for drawn in ((300, 3), (12, 4), (300, 2)))
+    presses = TwistedPresses(known.fields, known.torsions_Nmm / 3)
+    dome = DomeModel(known.fields, known.directions, known.forces_N / 3, 26.5, presses)
+    rms_Nmm = [
+        np.sqrt(((fit(own, start, RADIUS_MM).torsions_Nmm(seen.fields) - seen.torsions_Nmm) ** 2).mean())
+        for start in (dome, replace(dome, twisted=None))
+    ]
+    assert rms_Nmm[0] < 0.5 * rms_Nmm[1]
+
+
+def test_torsions_of_a_dome_that_is_unlike_do_no_harm(problem):
+    own, seen = twisted(problem, 60, 4), twisted(problem, 300, 2)
+    wrong = np.random.default_rng(1).uniform(-4, 4, 300)
+    known = twisted(problem, 300, 3)
+    dome = DomeModel(
+        known.fields, known.directions, known.forces_N, 26.5, TwistedPresses(known.fields, wrong)
+    )
+    rms_Nmm = [
+        np.sqrt(((fit(own, start, RADIUS_MM).torsions_Nmm(seen.fields) - seen.torsions_Nmm) ** 2).mean())
+        for start in (dome, replace(dome, twisted=None))
+    ]
+    assert rms_Nmm[0] < 1.1 * rms_Nmm[1]
 
 
 def test_the_file_gives_them_and_a_file_without_them_gives_none(taught, problem):
