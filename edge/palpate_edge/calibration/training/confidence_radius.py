@@ -3,13 +3,11 @@
 Errors are taken in parts of what a faint touch must err by (skin_motion.faintness) and of what one must that
 is far from all presses known (:func:`strangeness`): a dome is the same all around, but not at another polar
 angle. What is left of them has much the same distribution on every sensor, so that few presses need not
-determine all of it: as many of a typical sensor as `PRIOR_PRESSES` are added, drawn from a log-normal
-distribution.
+determine all of it: some of a typical sensor are added (:mod:`upper_limit`).
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -18,21 +16,18 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.upper_limit import TypicalErrors, upper_limit
 from palpate_edge.common.arrays import Array, Mask
 
-COVERAGE = 0.95
 RIDGE = 0.3  # times the root of the number of samples
 FLOOR = 1 / 1500  # of the dome's radius; a luckily small error says nothing
 UNTAUGHT = 1 / 40  # 95 % radius over the dome's without presses of the sensor itself, nothing hidden
 UNTAUGHT_HIDDEN_SLOPE = 1.3
 STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice as large
-# Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses:
-# median and deviation, and how many presses' worth the choice of settings by the same presses flatters.
+# Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses.
 PRIOR_MEDIAN = 1 / 110  # of the dome's radius
-PRIOR_DEVIATION = 0.70  # of the logarithm
-FLATTERY_PRESSES = 6.0
 PRIOR_LEVEL_PRESSES = 5.0  # how many presses the median weighs
-PRIOR_PRESSES = 10  # how many the deviation weighs
+TYPICAL = TypicalErrors(NormalDist(0.0, 0.70), flattery_presses=6.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +73,7 @@ def fit_radius(
     factor = inverse_factor(gram + RIDGE * len(gram) ** 0.5 * np.eye(len(gram)))
     weights = factor.T @ (factor @ rest)
     above = left_out_residuals(factor, weights[:, None], groups)[:, 0]
-    limit = _upper_limit(above[samples.plain], presses)
+    limit = upper_limit(above[samples.plain], presses, TYPICAL)
     return ConfidenceRadius(float(level) + limit, weights, slope, np.asarray(above <= limit))
 
 
@@ -91,19 +86,6 @@ def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> A
         if len(others):
             found[group] = strangeness(samples.directions[group], others)
     return found
-
-
-def _upper_limit(above: Array, presses: int) -> float:
-    """Return the value that 95 % of new values stay below: the quantile of the sensor's own presses and the
-    typical ones together, and what choosing by the same presses has made too small."""
-    typical = NormalDist(0.0, PRIOR_DEVIATION)
-    prior = [typical.inv_cdf((number + 0.5) / 1000) for number in range(1000)]
-    values = np.concatenate([above, prior])
-    weight = np.repeat([presses / len(above), PRIOR_PRESSES / len(prior)], [len(above), len(prior)])
-    order = np.argsort(values)
-    below = np.cumsum(weight[order])
-    limit = float(values[order][np.searchsorted(below, COVERAGE * below[-1])])
-    return limit + math.log1p(FLATTERY_PRESSES / presses)
 
 
 def left_out_residuals(factor: Array, weights: Array, groups: list[NDArray[np.intp]]) -> Array:

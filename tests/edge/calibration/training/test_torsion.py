@@ -9,6 +9,7 @@ import pytest
 
 from palpate_edge.calibration.quantity_figures import force_covered_percent, quantity_lines, torsion_figures
 from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
+from palpate_edge.calibration.training.interval import fit_interval
 from palpate_edge.calibration.training.kernel_ridge import Regression, fit
 from palpate_edge.calibration.training.onnx_export import export
 from palpate_edge.calibration.training.samples import Samples
@@ -71,6 +72,37 @@ def test_torsions_of_a_dome_that_is_unlike_do_no_harm(problem):
         for start in (dome, replace(dome, twisted=None))
     ]
     assert rms_Nmm[0] < 1.1 * rms_Nmm[1]
+
+
+@pytest.mark.parametrize(("presses", "most"), [(8, 1.0), (200, 0.98)])
+def test_intervals_hold_from_few_presses_as_from_many(presses, most):
+    """Normal errors that grow with the root of the field's size, each press with its mirror image; 60 draws.
+
+    From few presses intervals are wide, since settings are chosen by the same presses; here they are not.
+    """
+    rng = np.random.default_rng(7)
+
+    def drawn(count):
+        size_mm = np.exp(rng.normal(0.0, 0.6, count))
+        return size_mm, np.abs(rng.standard_normal(count)) * np.sqrt(size_mm)
+
+    held = []
+    for _ in range(60):
+        size_mm, error = (np.repeat(values, 2) for values in drawn(presses))
+        samples = Samples(
+            fields=size_mm[:, None],
+            directions=np.zeros((2 * presses, 3)),
+            forces_N=np.zeros((2 * presses, 3)),
+            hidden=np.zeros(2 * presses),
+            faintness=np.ones(2 * presses),
+            press=np.repeat(np.arange(presses), 2),
+            plain=np.ones(2 * presses, dtype=np.bool_),
+        )
+        size_mm, error_then = drawn(500)
+        interval = fit_interval(error, samples)
+        held.append((error_then <= interval.half_width(size_mm[:, None], np.zeros(500))).mean())
+    assert 0.94 <= np.mean(held) <= most
+    assert np.percentile(held, 10) > 0.9
 
 
 def test_the_file_gives_them_and_a_file_without_them_gives_none(taught, problem):
