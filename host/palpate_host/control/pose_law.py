@@ -15,17 +15,12 @@ The paper's law, Eqs. (9)-(16), controls the orientation alone. This law also co
 4. u = sum J_xi^T f_i - B dq/dt + g(q), Eqs. (9)-(10), with the contact's Jacobian J_xi = J_i - [x_i - x_ci]x
    J_wi: a force at the contact turns the tip as well, unlike one at its centre in Eq. (13).
 
-Stability. The joints' damping B resists the object with the 6 x 6 matrix D = G (J_x B^-1 J_x^T)^-1 G^T. With
-a total delay T such a hand is the loop K e^(-sT)/(D s), unstable from K T/D = pi/2 on. The stiffness along
-each axis of D is therefore limited to K T/D = STABLE_SHARE with T = DELAY_TICKS ticks (gain margin 3.1, phase
-margin 61 degrees), and D_p and D_o are reduced with the square of the same share.
+stable_stiffness.py limits the gains by tick and damping.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,32 +31,12 @@ from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import forces_within_cones
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.virtual_object import Grip, VirtualObject
+from palpate_host.control.stable_stiffness import Stiffness, contact_jacobian_m, stable_stiffness
+from palpate_host.control.virtual_object import VirtualObject
 
-DELAY_TICKS = 2.0
-"""From the sample of the joint angles to the middle of the tick in which the torque acts, and half a tick."""
-STABLE_SHARE = 0.5
-INTEGRAL_SHARE = 0.25
-"""Largest rate of the integral over that of the slowest error."""
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
 VELOCITY_FILTER_S = 0.003
-
-
-@dataclass(frozen=True, slots=True)
-class Stiffness:
-    """The gains in use (3, 3) in the hand's frame, and the integral's rate.
-
-    margin_p, margin_o: how many times larger the stiffnesses could be before the loop is unstable.
-    """
-
-    K_p_N_m: Array
-    D_p_Ns_m: Array
-    K_o_Nm_rad: Array
-    D_o_Nms_rad: Array
-    integral_per_s: float
-    margin_p: float
-    margin_o: float
 
 
 class PoseLaw:
@@ -134,7 +109,7 @@ class PoseLaw:
         radius_m = self._radius_m(np.full(len(normal), self.grip_N))
         self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
-        self.stiffness = self._stable_stiffness(pose, self._object.grip, dt_s)
+        self.stiffness = stable_stiffness(self._config, pose, self._object.grip, self._gains.B_Nms_rad, dt_s)
         self._origin_m, self._origin_R = self._object.place_m, R
         self.hold_here()
 
@@ -218,76 +193,6 @@ class PoseLaw:
             return np.full(len(normal_N), self._gains.tip_radius_m)
         depth_m = np.sqrt(np.maximum(normal_N, 0.0) / self._config.tip_stiffness_N_m2)
         return np.asarray(np.maximum(self._gains.tip_radius_m - depth_m, 0.5 * self._gains.tip_radius_m))
-
-    def _stable_stiffness(self, pose: HandPose, grip: Grip, dt_s: float) -> Stiffness:
-        config, D = self._config, object_damping(pose, grip, self._gains.B_Nms_rad)
-        place = _limited(D[:3, :3], config.position_stiffness_N_m, config.position_damping_Ns_m, dt_s)
-        turn = _limited(
-            D[3:, 3:], config.orientation_stiffness_Nm_rad, config.orientation_damping_Nms_rad, dt_s
-        )
-        return Stiffness(
-            K_p_N_m=place.K,
-            D_p_Ns_m=place.D,
-            K_o_Nm_rad=turn.K,
-            D_o_Nms_rad=turn.D,
-            integral_per_s=min(
-                config.integral_per_s, INTEGRAL_SHARE * min(place.slowest_per_s, turn.slowest_per_s)
-            ),
-            margin_p=place.margin,
-            margin_o=turn.margin,
-        )
-
-
-class _Limited(NamedTuple):
-    K: Array
-    D: Array
-    slowest_per_s: float
-    margin: float
-
-
-def _limited(resisting: Array, stiffness: float, damping: float, dt_s: float) -> _Limited:
-    """Return stiffness and damping (3, 3), limited along each axis of the joints' damping `resisting` (3, 3).
-
-    slowest_per_s: smallest rate K/D with which an error vanishes. margin: pi/2 over the largest K T/D.
-    """
-    delay_s = DELAY_TICKS * dt_s
-    per_axis, axes = np.linalg.eigh(resisting)
-    K = np.minimum(stiffness, STABLE_SHARE * per_axis / delay_s)
-    rates = K / per_axis
-    return _Limited(
-        K=(axes * K) @ axes.T,
-        D=(axes * (damping * (K / stiffness) ** 2)) @ axes.T,
-        slowest_per_s=float(rates.min()),
-        margin=0.5 * math.pi / float(rates.max() * delay_s),
-    )
-
-
-def contact_jacobian_m(pose: HandPose, grip: Grip) -> Array:
-    """Return J_xi = J_i - [x_i - x_ci]x J_wi (n, 3, nq), the Jacobians of the tips' skin at the contacts."""
-    turn = pose.tip_turn_jacobian
-    assert turn is not None
-    x, y, z = (grip.to_contact_m[:, axis, None] for axis in range(3))
-    moved = pose.tip_jacobian_m.copy()
-    moved[:, 0] += turn[:, 1] * z - turn[:, 2] * y
-    moved[:, 1] += turn[:, 2] * x - turn[:, 0] * z
-    moved[:, 2] += turn[:, 0] * y - turn[:, 1] * x
-    return moved
-
-
-def object_damping(pose: HandPose, grip: Grip, B_Nms_rad: Array) -> Array:
-    """Return D (6, 6): the wrench with which the joints' damping B resists velocity and spin of the object.
-
-    A joint without damping counts as one of 1e-6 N m s/rad.
-    """
-    fingers = len(grip.arm_m)
-    J = contact_jacobian_m(pose, grip).reshape(3 * fingers, -1)
-    per_B = J @ (J.T / np.maximum(B_Nms_rad, 1e-6)[:, None])
-    G = np.zeros((6, 3 * fingers))
-    for finger, (x, y, z) in enumerate(grip.arm_m.tolist()):
-        at = slice(3 * finger, 3 * finger + 3)
-        G[:3, at] = np.eye(3)
-        G[3:, at] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    return np.asarray(G @ np.linalg.pinv(per_B, rcond=1e-9, hermitian=True) @ G.T)
 
 
 def _bounded(vector: Array, most: float) -> Array:

@@ -14,7 +14,7 @@ from palpate_host.config.hand_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.object_orientation import contact_normal
-from palpate_host.control.pose_law import contact_jacobian_m, object_damping
+from palpate_host.control.stable_stiffness import contact_jacobian_m, object_damping
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.control.virtual_object import grip_of
 from palpate_host.service.host import load_hand
