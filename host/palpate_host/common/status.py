@@ -69,6 +69,24 @@ class JointStatus:
     drive_state: str
 
 
+@dataclass(frozen=True, slots=True)
+class HoldStatus:
+    """Friction and grip of the held object; the tuples have an element for each finger.
+
+    friction_ratio: of tangential to normal force, torsion included (tip_friction.py); None where unknown.
+    friction: estimate of the skin's friction. friction_margin: friction less its ratio. slips: answered since
+    the hold began. grip_N: mean normal force of the internal forces; None unless the pose law holds the
+    object. turn_waits: the turn rests, or is undone, because friction allows no more.
+    """
+
+    friction_ratio: tuple[float | None, ...]
+    friction: tuple[float, ...]
+    friction_margin: tuple[float | None, ...]
+    slips: tuple[int, ...]
+    grip_N: float | None
+    turn_waits: bool
+
+
 @dataclass(slots=True)
 class Counters:
     """Counters since the start. late_ticks: ticks skipped because the loop came too late.
@@ -100,7 +118,8 @@ class HostStatus:
     target_rpy_deg: the turn asked for at the end of the ramp. turned: share of that ramp that is done.
     fit_residual_deg, target_rpy_deg and turned are None, and mode is Mode.UNKNOWN, where a recording lacks
     them. lateness: ticks so far by how much later than due they began (LATE_BINS_US). inputs: what the tick
-    depends on beside the frames, for a replay; None in recordings that lack it.
+    depends on beside the frames, for a replay; None in recordings that lack it. hold: friction and grip; None
+    in recordings that lack it.
     """
 
     time_us: int
@@ -121,6 +140,7 @@ class HostStatus:
     turned: float | None = 0.0
     lateness: tuple[int, ...] = ()
     inputs: TickInputs | None = None
+    hold: HoldStatus | None = None
 
 
 def matrix(R: Array | None) -> Matrix | None:

@@ -144,6 +144,7 @@ class PoseLawConfig(Strict, frozen=True):
     contact_time_s: time constant with which contact normals correct the orientation. doubt_deg: a normal
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
     smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.
+    slip_reflex: a tip that slips gets more grip, and its friction is estimated (tip_friction.py).
     """
 
     position_stiffness_N_m: Positive = 1000.0
@@ -159,6 +160,7 @@ class PoseLawConfig(Strict, frozen=True):
     tip_stiffness_N_m2: NotNegative = 0.0
     reach_mm: Positive = 20.0
     reach_deg: Positive = 45.0
+    slip_reflex: bool = True
 
 
 class TargetConfig(Strict, frozen=True):

@@ -19,6 +19,7 @@ of the wrench that the contacts get.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,12 +33,16 @@ _TINY = 1e-12
 
 
 class ContactForces(NamedTuple):
-    """The tips' forces (n, 3) on the object, their normal parts (n,), the grip, the share of the wrench."""
+    """The tips' forces (n, 3) on the object, their normal parts (n,), the grip, the share of the wrench.
+
+    reserve: smallest friction of a contact less the ratio that internal forces alone use up there.
+    """
 
     force_N: Array
     normal_N: Array
     grip_N: float
     share: float
+    reserve: float
 
 
 def wrench_forces_N(grip: Grip, force_N: Array, torque_Nm: Array) -> Array:
@@ -55,11 +60,11 @@ def internal_forces(grip: Grip) -> Array:
 
 
 def forces_within_cones(
-    grip: Grip, force_N: Array, torque_Nm: Array, friction: float, least_N: float, most_N: float
+    grip: Grip, force_N: Array, torque_Nm: Array, friction: Sequence[float], least_N: float, most_N: float
 ) -> ContactForces:
     """Return contact forces with this wrench and the smallest grip in [least_N, most_N] that friction needs.
 
-    At most_N the wrench is scaled down to what friction holds.
+    friction: of each contact. At most_N the wrench is scaled down to what friction holds.
     """
     asked, inner, normal = wrench_forces_N(grip, force_N, torque_Nm), internal_forces(grip), grip.normal
     asked_n, inner_n = -np.vecdot(asked, normal), -np.vecdot(inner, normal)
@@ -74,10 +79,11 @@ def forces_within_cones(
             strict=True,
         )
     )
-    g, slopes = least_N, []
-    for an, hn, aa, ah, hh in rows:
+    g, slopes, reserve = least_N, [], math.inf
+    for mu, (an, hn, aa, ah, hh) in zip(friction, rows, strict=True):
         used = math.sqrt(max(hh, 0.0)) / max(hn, _TINY)
-        mu2 = max(friction, used + LEAST_MARGIN) ** 2
+        reserve = min(reserve, mu - used)
+        mu2 = max(mu, used + LEAST_MARGIN) ** 2
         slopes.append(mu2)
         needed = _least_grip(mu2 * hn * hn - hh, mu2 * hn * an - ah, mu2 * an * an - aa, hn, an)
         g = needed if needed > g else g
@@ -89,7 +95,7 @@ def forces_within_cones(
                 mu2 * an * an - aa, g * (mu2 * hn * an - ah), g * g * (mu2 * hn * hn - hh), an, g * hn
             )
             share = fits if fits < share else share
-    return ContactForces(share * asked + g * inner, share * asked_n + g * inner_n, g, share)
+    return ContactForces(share * asked + g * inner, share * asked_n + g * inner_n, g, share, reserve)
 
 
 def _least_grip(a: float, b: float, c: float, hn: float, an: float) -> float:

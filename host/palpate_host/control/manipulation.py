@@ -31,6 +31,7 @@ from palpate_host.control.control_law import (
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
 from palpate_host.control.pose_law import PoseLaw
+from palpate_host.control.tip_friction import ANSWER_US, TipFriction, friction_ratio
 from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
@@ -66,6 +67,9 @@ class Manipulation:
         if control.law is ControlLaw.POSE:
             self.pose_law = PoseLaw(control, config.pose_law, self.gains, len(config.fingers))
             self._integral_per_s = 0.0  # the law has its own
+        self._pose_config = config.pose_law
+        self.friction = [TipFriction(config.pose_law.friction)] * len(config.fingers)
+        self._squeezed_until_us = 0
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
 
@@ -127,6 +131,7 @@ class Manipulation:
         Raises FrameError when the tips' centres defined no virtual frame at that moment.
         """
         self._force.note(finger, contact)
+        self._note_friction(finger, contact)
         if not contact.in_contact or contact.position_mm is None:
             self.orientation.without_contact(finger, contact.exposed_at_us)
             if self.pose_law is not None:
@@ -140,10 +145,38 @@ class Manipulation:
             if self.pose_law is not None:
                 self.pose_law.add_contact(finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us)
 
+    def _note_friction(self, finger: int, contact: TipContact) -> None:
+        """Estimate the tip's friction, and answer slip with more grip; slip of several tips is one slip.
+
+        Before the object is held, tips slide as they take hold of it: this is no slip.
+        """
+        config, law = self._pose_config, self.pose_law
+        ratio = friction_ratio(contact, self.gains.tip_radius_m, config.tip_stiffness_N_m2)
+        is_held = self.orientation.is_following if law is None else law.object is not None
+        if not is_held:
+            self.friction[finger] = TipFriction(config.friction, ratio=ratio)
+            return
+        before = self.friction[finger]
+        self.friction[finger] = after = before.after_contact(contact, ratio)
+        if law is None or not config.slip_reflex or after.slips == before.slips:
+            return
+        if contact.received_at_us >= self._squeezed_until_us:
+            self._squeezed_until_us = contact.received_at_us + ANSWER_US
+            law.squeeze()
+
+    @property
+    def turn_waits(self) -> bool:
+        """True while a turn rests, or is undone, because a tip has slipped and friction allows no more."""
+        law = self.pose_law
+        if law is None or law.object is None or not self._pose_config.slip_reflex:
+            return False
+        return law.pace < 1 and any(one.is_lowered for one in self.friction)
+
     def torque_Nm(
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
     ) -> Array:
         """Return the joint torques (nq,), within every limit; zero unless the mode moves joints."""
+        self.friction = [one.after_tick(dt_s) for one in self.friction]
         if self.pose_law is not None:
             if R_vir is not None and self._holds(self.pose_law, mode, pose, R_vir, dt_s):
                 u = self._pose_torque_Nm(self.pose_law, mode, pose, qdot_rad_s, R_vir, dt_s)
@@ -193,12 +226,15 @@ class Manipulation:
     ) -> Array:
         law.advance(pose, dt_s)
         assert law.object is not None
+        friction = [self._pose_config.friction] * len(self.friction)
+        if self._pose_config.slip_reflex:
+            friction = [one.friction for one in self.friction]
         self._law_M = R_vir.T.dot(law.object.R)
         if mode is Mode.MANIPULATE:
-            self._advance(R_vir, dt_s)
+            self._advance(R_vir, law.pace * dt_s if self.turn_waits else dt_s)
             law.R_d = self.R_d
             law.follow_shift(self.turned)
-        return law.torque_Nm(pose, qdot_rad_s, dt_s)
+        return law.torque_Nm(pose, qdot_rad_s, friction, dt_s)
 
     def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
         """Return the tips' centroid (3,) at the time when the object was first held; None while it is not."""
@@ -208,13 +244,13 @@ class Manipulation:
         return np.asarray(pose.tip_centre_m.mean(axis=0))
 
     def _advance(self, R_vir: Array, dt_s: float) -> None:
-        """Advance the ramp by one tick and compute R_d_vir, Eq. (15); neither changes in BLIND."""
+        """Advance the ramp by dt_s, back if negative, and compute R_d_vir, Eq. (15); neither in BLIND."""
         M = self.M
         if M is None:
             return
         if self._start is None:
             self._start = R_vir @ M
-        self._turned_s += dt_s
+        self._turned_s = max(0.0, min(self._turned_s + dt_s, self._ramp_s))
         self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s) @ self._start
         desired = self.R_d
         if self._integral_per_s > 0.0:

@@ -21,6 +21,7 @@ stable_stiffness.py limits the gains by tick and damping.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -37,6 +38,10 @@ from palpate_host.control.virtual_object import VirtualObject
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
 VELOCITY_FILTER_S = 0.003
+SQUEEZE = 1.5
+"""Factor by which the grip grows when a tip slips."""
+NARROW_RESERVE = 0.02
+"""Friction ratio beyond the internal forces' below which a turn rests after a slip; below 0 it is undone."""
 
 
 class PoseLaw:
@@ -55,6 +60,7 @@ class PoseLaw:
         self._shift_m = np.zeros(3)
         self.grip_N = self._least_grip_N = 0.0
         self.share = 1.0
+        self.reserve = math.inf
         self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
 
@@ -153,8 +159,18 @@ class PoseLaw:
         if self._object is not None:
             self._object.advance(pose, dt_s)
 
-    def torque_Nm(self, pose: HandPose, qdot_rad_s: Array, dt_s: float) -> Array:
-        """Return u (nq,) before the limits. The object must be held."""
+    def squeeze(self) -> None:
+        """Answer a slip: the next tick's grip is larger, within `most_grip_N`, and relaxes as any other."""
+        if self._object is not None:
+            self.grip_N = max(self.grip_N, min(SQUEEZE * self.grip_N, self._config.most_grip_N))
+
+    @property
+    def pace(self) -> int:
+        """Direction of the ramp after a slip: 1 while friction allows to turn on, else 0 or -1."""
+        return 1 if self.reserve > NARROW_RESERVE else 0 if self.reserve > 0.0 else -1
+
+    def torque_Nm(self, pose: HandPose, qdot_rad_s: Array, friction: Sequence[float], dt_s: float) -> Array:
+        """Return u (nq,) before the limits. The object must be held. friction: of each tip."""
         found, gains, config = self._object, self.stiffness, self._config
         assert found is not None and gains is not None
         assert self.place_d_m is not None and self.R_d is not None
@@ -164,7 +180,7 @@ class PoseLaw:
         self._spin_rad_s = self._spin_rad_s + fresh * (found.spin_rad_s - self._spin_rad_s)
         pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
         twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
-        most_N = config.friction * len(grip.arm_m) * config.most_grip_N
+        most_N = min(friction) * len(grip.arm_m) * config.most_grip_N
         reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.arm_m)) / len(grip.arm_m))
         if self.share >= 1.0:
             learned = gains.integral_per_s * dt_s
@@ -178,11 +194,11 @@ class PoseLaw:
             grip,
             force_N,
             _bounded(torque_Nm, most_N * reach_m),
-            config.friction,
+            friction,
             relaxed_N,
             max(config.most_grip_N, self._least_grip_N),
         )
-        self.grip_N, self.share = forces.grip_N, forces.share
+        self.grip_N, self.share, self.reserve = forces.grip_N, forces.share, forces.reserve
         found.set_radius(self._radius_m(forces.normal_N))
         at_contact = pose._replace(tip_jacobian_m=contact_jacobian_m(pose, grip))
         return force_torque_Nm(at_contact, qdot_rad_s, forces.force_N, self._gains)

@@ -4,7 +4,8 @@ timestamp (s from the first row), frame_index, episode_index, index, task_index;
 (rad), observation.velocity.JOINT (rad/s), observation.effort.JOINT (N m), action.JOINT (commanded torque,
 N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty when not known),
 .in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py);
-orientation_error_deg (from R_vir to R_d_vir). A cell is empty when it is not known.
+orientation_error_deg (from R_vir to R_d_vir); observation.friction_ratio.FINGER, observation.friction.FINGER
+and observation.friction_margin.FINGER; grip_N. A cell is empty when it is not known.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def rows(statuses: Iterable[HostStatus]) -> Iterator[dict[str, Cell]]:
             for finger in status.fingers:
                 row |= _measured(finger, [quantity])
         row["orientation_error_deg"] = status.orientation_error_deg
-        yield row
+        yield row | _hold(status)
 
 
 def _tactile(finger: FingerStatus) -> dict[str, Cell]:
@@ -63,6 +64,22 @@ def _measured(finger: FingerStatus, quantities: Iterable[Quantity]) -> dict[str,
     """Return the columns of `quantities` for one finger; empty without a valid contact."""
     known = finger.valid and finger.in_contact
     return {row.recording_column(finger.name): row.of(finger) if known else None for row in quantities}
+
+
+def _hold(status: HostStatus) -> dict[str, Cell]:
+    """Return the columns of friction and grip; empty in a recording that lacks them."""
+    hold, names = status.hold, [finger.name for finger in status.fingers]
+    per_finger = {
+        "friction_ratio": None if hold is None else hold.friction_ratio,
+        "friction": None if hold is None else hold.friction,
+        "friction_margin": None if hold is None else hold.friction_margin,
+    }
+    row: dict[str, Cell] = {
+        f"observation.{column}.{name}": value
+        for column, values in per_finger.items()
+        for name, value in zip(names, values or [None] * len(names), strict=True)
+    }
+    return row | {"grip_N": None if hold is None else hold.grip_N}
 
 
 def write_csv(path: Path, statuses: Iterable[HostStatus]) -> int:

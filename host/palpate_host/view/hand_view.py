@@ -115,6 +115,10 @@ class HandView:
                 log(entity, rr.Scalars(value))
             if finger.age_ms is not None:
                 log(f"age_ms/{finger.name}", rr.Scalars(finger.age_ms))
+        if status.hold is not None:
+            for finger, ratio in zip(status.fingers, status.hold.friction_ratio, strict=True):
+                if ratio is not None:
+                    log(f"friction_ratio/{finger.name}", rr.Scalars(ratio))
         if status.orientation_error_deg is not None:
             log("orientation/error_deg", rr.Scalars(status.orientation_error_deg))
         if status.fit_residual_deg is not None:

@@ -58,6 +58,14 @@ DIRECTIONS = ("1", "6", "26")
     help="Noise of contact positions: standard deviation along each axis in mm.",
 )
 @click.option(
+    "--force-noise",
+    type=click.FloatRange(0.0, 0.5),
+    default=0.0,
+    show_default=True,
+    help="Noise of contact forces: standard deviation along each axis over the force.",
+)
+@click.option("--no-reflex", is_flag=True, help="Do not answer slip: pose_law.slip_reflex = false.")
+@click.option(
     "--seconds",
     type=click.FloatRange(2.5, 600),
     default=6.0,
@@ -82,12 +90,14 @@ def shake(
     friction: float | None,
     integral: float,
     noise_mm: float,
+    force_noise: float,
+    no_reflex: bool,
     seconds: float,
     seed: int,
     jobs: int | None,
     output: Path,
 ) -> None:
-    """Push a held object, load it with steady forces and its weight, and turn it.
+    """Push a held object, load it with steady forces and its weight, turn it, let it slip.
 
     The engine is mujoco. The law runs 1000 times a second without bus and drives, and contacts arrive at
     30 Hz with a delay of 50 ms; --chain runs the whole chain. The same options give the same numbers.
@@ -110,6 +120,8 @@ def shake(
         rpy_deg=(0.0, 0.0, 0.0),
         duration_s=seconds,
         noise_mm=noise_mm,
+        force_noise=force_noise,
+        slip_reflex=not no_reflex,
         integral_per_s=integral,
         seed=seed,
         friction=friction,

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
-from palpate_edge.common.contact import Contact
+from palpate_edge.common.contact import Contact, Vector3
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.displacement_field import tangent_basis
@@ -24,6 +24,7 @@ from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
 from palpate_twin.hand.engine import Engine
 
+SLIP_SEEN_MM = 0.1
 LARGEST_THETA_DEG = 74.0
 """Limit of rendered contacts; the field library ends at 75 degrees from the pole."""
 
@@ -33,16 +34,22 @@ class DomeContact:
     """True contact of one dome with the object, in frame F.
 
     centre_to_contact_mm: (3,) vector from the dome's centre to the contact; friction_N: (3,) tangential force
-    on the dome.
+    on the dome. slip_mm: path that the dome has slid on the object since the start.
     """
 
     centre_to_contact_mm: Array
     normal_force_N: float
     friction_N: Array
+    slip_mm: float = 0.0
 
     def on_dome_mm(self, radius_mm: float) -> Array:
         """Return the contact's position (3,) on the undeformed dome."""
         return np.asarray(radius_mm / np.linalg.norm(self.centre_to_contact_mm) * self.centre_to_contact_mm)
+
+    def force_N(self) -> Array:
+        """Return the whole force (3,) on the dome."""
+        inward = -self.centre_to_contact_mm / np.linalg.norm(self.centre_to_contact_mm)
+        return np.asarray(self.normal_force_N * inward + self.friction_N)
 
 
 class ContactSource(Protocol):
@@ -54,38 +61,66 @@ class ContactSource(Protocol):
 
 
 class TrueContactSource:
-    """Publishes the true contact plus position noise of the estimator's size; renders no frame."""
+    """Publishes the true contact and force plus noise of the estimator's size; renders no frame.
 
-    def __init__(self, radius_mm: float, noise_mm: float, seed: int) -> None:
-        self._radius_mm, self._noise_mm = radius_mm, noise_mm
+    The slip flag is set when the dome has slid by `SLIP_SEEN_MM` since the fingertip's last frame. A real
+    fingertip sees less: slip.py does not detect a flat face that slides.
+    """
+
+    def __init__(
+        self,
+        radius_mm: float,
+        noise_mm: float,
+        seed: int,
+        force_noise: float = 0.0,
+        *,
+        sees_slip: bool = True,
+    ) -> None:
+        """noise_mm, force_noise: standard deviations of the position and, relative, of the force along each
+        axis. sees_slip: set the slip flag."""
+        self._radius_mm, self._noise_mm, self._force_noise = radius_mm, noise_mm, force_noise
         self._rng = np.random.default_rng(seed)
+        self._sees_slip = sees_slip
+        self._slipped_mm: dict[int, float] = {}
 
     def contact(
         self,
-        finger: int,  # noqa: ARG002 - every finger has the same noise
+        finger: int,
         truth: DomeContact | None,
         exposed_at_us: int,
         sequence: int,
     ) -> Contact:
         """See :class:`ContactSource`."""
-        position = None
+        position = force = None
+        normal_N, slips = 0.0, False
         if truth is not None:
-            x, y, z = truth.on_dome_mm(self._radius_mm) + self._noise_mm * self._rng.normal(size=3)
-            position = (float(x), float(y), float(z))
+            position = _vector(truth.on_dome_mm(self._radius_mm) + self._noise_mm * self._rng.normal(size=3))
+            force_N, normal_N = truth.force_N(), truth.normal_force_N
+            if self._force_noise > 0.0:
+                force_N = force_N * (1.0 + self._force_noise * self._rng.normal(size=3))
+                normal_N = max(-float(force_N @ position) / self._radius_mm, 0.0)
+            force = _vector(force_N)
+            slips = truth.slip_mm - self._slipped_mm.get(finger, truth.slip_mm) >= SLIP_SEEN_MM
+            self._slipped_mm[finger] = truth.slip_mm
         return Contact(
             sequence=sequence,
             exposed_at_us=exposed_at_us,
             valid=True,
             in_contact=position is not None,
             position_mm=position,
-            normal_force_N=0.0 if truth is None else truth.normal_force_N,
-            force_N=None,
+            normal_force_N=normal_N,
+            force_N=force,
             torsion_Nmm=None,
             quality=1.0,
             reason="",
             beads_found=0,
             beads_expected=0,
+            slip=slips and self._sees_slip,
         )
+
+
+def _vector(v: Array) -> Vector3:
+    return float(v[0]), float(v[1]), float(v[2])
 
 
 class RenderedContactSource:
@@ -141,10 +176,14 @@ def dome_contacts(engine: Engine, hand: HandKinematics) -> list[DomeContact | No
     """Return the true contact of each tip in its frame F, None for a tip that touches nothing."""
     pose = hand.pose(engine.q_rad)
     found: list[DomeContact | None] = []
-    for contact, centre_m, F in zip(engine.tip_contacts(), pose.tip_centre_m, pose.tip_rotation, strict=True):
+    tips = zip(engine.tip_contacts(), pose.tip_centre_m, pose.tip_rotation, 1e3 * engine.slip_m, strict=True)
+    for contact, centre_m, F, slip_mm in tips:
         if contact is None:
             found.append(None)
         else:
             centre_to_contact_mm = 1e3 * (contact.point_m - centre_m) @ F
-            found.append(DomeContact(centre_to_contact_mm, contact.normal_force_N, contact.friction_N @ F))
+            friction_N = contact.friction_N @ F
+            found.append(
+                DomeContact(centre_to_contact_mm, contact.normal_force_N, friction_N, float(slip_mm))
+            )
     return found

@@ -29,6 +29,7 @@ PUSH_S = 0.2
 RECOVERY_S = 1.0
 PUSHES_N = (0.5, 2.0, 3.0, 5.0)
 STEADY_N = (0.5, 1.0)
+SLIPPING_N, LESS_FRICTION = 3.0, 0.3
 CHAIN_START_S = 1.0
 """Time in the whole chain from the start to the trial's: by then the host holds the object."""
 LOST_M = 0.2
@@ -73,7 +74,7 @@ def directions(count: int) -> list[tuple[float, float, float]]:
 
 
 def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
-    """Return the runs of the table: pushes and steady forces in each direction, weight, turns.
+    """Return the runs of the table: pushes and steady forces in each direction, weight, turns, slip.
 
     base: the law, noise, friction and duration of all runs.
     """
@@ -93,7 +94,21 @@ def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
         turn = STEP_DEG * np.eye(3)[axis]
         rpy_deg = (float(turn[0]), float(turn[1]), float(turn[2]))
         cases.append(ShakeCase(f"{name} {STEP_DEG:g} deg", replace(base, rpy_deg=rpy_deg)))
-    return cases
+    return cases + slip_cases(base)
+
+
+def slip_cases(base: Trial) -> list[ShakeCase]:
+    """Return the runs in which friction falls to `LESS_FRICTION`: under a steady force, and in a turn."""
+    less = DisturbanceConfig(start_s=FIRST_S, friction=LESS_FRICTION)
+    steady = DisturbanceConfig(start_s=0.5 * FIRST_S, force_N=(0.0, 0.0, -SLIPPING_N))
+    falls = f"friction falls to {LESS_FRICTION:g}"
+    return [
+        ShakeCase(f"{falls} under {SLIPPING_N:g} N", replace(base, disturbances=(steady, less))),
+        ShakeCase(
+            f"{falls} at pitch {STEP_DEG:g} deg",
+            replace(base, rpy_deg=(0.0, STEP_DEG, 0.0), disturbances=(less,)),
+        ),
+    ]
 
 
 def _forced(
@@ -139,7 +154,13 @@ def run_in_chain(hand_toml: Path, case: ShakeCase) -> Held:
     loaded, hand = load_hand(hand_toml)
     config = trial_config(loaded, trial)
     config = with_disturbances(config, after(trial.disturbances, CHAIN_START_S))
-    contacts = TrueContactSource(1e3 * config.control.tip_radius_m, trial.noise_mm, trial.seed)
+    contacts = TrueContactSource(
+        1e3 * config.control.tip_radius_m,
+        trial.noise_mm,
+        trial.seed,
+        trial.force_noise,
+        sees_slip=trial.sees_slip,
+    )
     engine = make_engine(config, "mujoco", has_B=False)
     loop = LockstepLoop(config, hand, engine, contacts, trial.has_weight)
     loop.run(CHAIN_START_S)

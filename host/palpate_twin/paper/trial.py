@@ -26,13 +26,13 @@ from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand
+from palpate_twin.closed_loop.tactile_rendering import TrueContactSource, dome_contacts
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand
 from palpate_twin.hand.twin_model import TwinModel, twin_model
 
 TICK_S = 1e-3
-FRAME_RATE_HZ = 30.0
 RECORD_S = 0.02
 UNLIMITED = 1e3
 """friction_ratio of the blind law: this limit is not in the paper and would reduce the blind law's error."""
@@ -47,7 +47,9 @@ class Trial:
     contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
     disturbances: as [[twin.disturbances]] of hand.toml and in its place, but start_s counts from the start of
     the turn. has_weight: the object's support is removed at the start of the turn. law: replaces control.law.
-    xyz_mm: the commanded move (pose law only).
+    xyz_mm: the commanded move (pose law only). force_noise: standard deviation of the contact force along
+    each axis, relative. sees_slip: the fingertips flag true slip. slip_reflex: replaces pose_law.slip_reflex.
+    frame_rate_Hz: exposures of each fingertip.
     """
 
     mode: ControlMode
@@ -62,6 +64,10 @@ class Trial:
     has_weight: bool = False
     law: ControlLaw | None = None
     xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_noise: float = 0.0
+    sees_slip: bool = True
+    slip_reflex: bool = True
+    frame_rate_Hz: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +119,8 @@ def trial_config(config: HandConfig, trial: Trial) -> HandConfig:
     if trial.mode is ControlMode.BLIND:
         control = msgspec.structs.replace(control, friction_ratio=UNLIMITED)
     target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
-    config = msgspec.structs.replace(config, control=control, target=target)
+    pose_law = msgspec.structs.replace(config.pose_law, slip_reflex=trial.slip_reflex)
+    config = msgspec.structs.replace(config, control=control, target=target, pose_law=pose_law)
     if config.twin is not None and trial.friction is not None:
         tip = msgspec.structs.replace(config.twin.tip, friction=trial.friction)
         config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
@@ -140,8 +147,13 @@ class _Run:
         self._hand, self._engine, self._trial = hand, engine, trial
         self._control = Manipulation(config)
         self._settle_s, self._ramp_s = config.control.settle_ms * 1e-3, config.target.ramp_s
-        self._radius_mm = config.control.tip_radius_m * 1e3
-        self._rng = np.random.default_rng(trial.seed)
+        self._contacts = TrueContactSource(
+            1e3 * config.control.tip_radius_m,
+            trial.noise_mm,
+            trial.seed,
+            trial.force_noise,
+            sees_slip=trial.sees_slip,
+        )
         self._frames = 0
         self._delayed: deque[tuple[float, int, TipContact, HandPose]] = deque()
 
@@ -202,30 +214,28 @@ class _Run:
 
     def _expose(self, now_s: float, pose: HandPose) -> None:
         """Expose a frame of every fingertip if it is due."""
-        if now_s < self._frames / FRAME_RATE_HZ - 1e-9:
+        if now_s < self._frames / self._trial.frame_rate_Hz - 1e-9:
             return
         exposed_us = round(now_s * 1e6)
-        for finger, truth in enumerate(self._engine.tip_contacts()):
+        for finger, truth in enumerate(dome_contacts(self._engine, self._hand)):
             if truth is None:
                 raise LostGraspError(
                     f"tip {finger + 1} lost contact with the object at {self._engine.time_s:.2f} s:"
                     " increase the grasping force or turn more slowly"
                 )
-            towards = pose.tip_rotation[finger].T @ (truth.point_m - pose.tip_centre_m[finger])
-            point_mm = self._radius_mm / np.linalg.norm(towards) * towards
-            point_mm = point_mm + self._trial.noise_mm * self._rng.normal(size=3)
+            found = self._contacts.contact(finger, truth, exposed_us, self._frames)
             contact = TipContact(
                 received_at_us=exposed_us + round(self._trial.delay_s * 1e6),
                 exposed_at_us=exposed_us,
                 sequence=self._frames,
                 latency_us=0,
-                position_mm=(float(point_mm[0]), float(point_mm[1]), float(point_mm[2])),
-                normal_force_N=truth.normal_force_N,
-                shear_N=(0.0, 0.0),
-                torsion_Nmm=0.0,
+                position_mm=found.position_mm,
+                normal_force_N=found.normal_force_N,
+                shear_N=None if found.shear_N is None else found.shear_N[:2],
+                torsion_Nmm=found.torsion_Nmm,
                 valid=True,
                 in_contact=True,
-                slip=False,
+                slip=found.slip,
                 quality=255,
             )
             self._delayed.append((now_s + self._trial.delay_s, finger, contact, pose))

@@ -69,7 +69,7 @@ def test_the_grip_is_the_smallest_that_holds_and_the_share_the_largest(seed):
     grip = random_grip(rng, 3 + seed % 2)
     force, torque = rng.normal(0, 2, 3), rng.normal(0, 0.08, 3)
     asked, inner = wrench_forces_N(grip, force, torque), internal_forces(grip)
-    found = forces_within_cones(grip, force, torque, FRICTION, 0.0, 10.0)
+    found = forces_within_cones(grip, force, torque, [FRICTION] * len(grip.arm_m), 0.0, 10.0)
     grips = np.linspace(0, 10, 4001)
     holding = [g for g in grips if (slack(grip, asked + g * inner) >= 0).all()]
     if holding:
@@ -86,5 +86,7 @@ def test_the_grip_is_the_smallest_that_holds_and_the_share_the_largest(seed):
 
 def test_a_grip_that_is_enough_stays_as_it_is():
     grip = random_grip(np.random.default_rng(1), 3)
-    found = forces_within_cones(grip, np.array([0.0, 0.0, 0.1]), np.zeros(3), FRICTION, 3.0, 10.0)
+    found = forces_within_cones(
+        grip, np.array([0.0, 0.0, 0.1]), np.zeros(3), [FRICTION] * len(grip.arm_m), 3.0, 10.0
+    )
     assert (found.grip_N, found.share) == (3.0, 1.0)

@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import make_reader
 
 from palpate_edge.common.contact_quantities import FLAT_POSE_FIELDS
-from palpate_host.common.status import HostStatus
+from palpate_host.common.status import HoldStatus, HostStatus
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.recording.parquet import write_parquet
 from palpate_host.recording.statuses import read_statuses
@@ -56,18 +56,54 @@ def test_csv_has_them_behind_the_columns_there_were(
     with (tmp_path / "hand.csv").open(newline="") as file:
         first, second = csv.DictReader(file)
     names = list(first)
-    assert names[names.index("mode") + 1 : -1] == [
+    assert names[names.index("mode") + 1 : names.index("orientation_error_deg")] == [
         f"observation.{column}.finger-{number}"
         for column in ("radius95_mm", "torsion_Nmm", "torsion95_Nmm", "force95_N", *FLAT_POSE_FIELDS)
         for number in (1, 2, 3)
     ]
-    assert names[-1] == "orientation_error_deg"
+    assert names[names.index("orientation_error_deg") + 1 :] == [
+        *(
+            f"observation.{column}.finger-{number}"
+            for column in ("friction_ratio", "friction", "friction_margin")
+            for number in (1, 2, 3)
+        ),
+        "grip_N",
+    ]
     tactile = [name for name in names if name.startswith("observation.tactile.finger-1.")]
     assert [name.rpartition(".")[2] for name in tactile] == [
         "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "in_contact", "slip"
     ]  # fmt: skip
     assert (first[RADIUS], first[TORSION]) == ("0.35", "-2.5")
     assert (second[RADIUS], second[TORSION]) == ("", "")
+
+
+def test_friction_and_grip_are_columns_and_empty_in_older_recordings(
+    tmp_path: Path, touching: HostStatus
+) -> None:
+    hold = HoldStatus((0.25, None, 0.1), (0.4, 0.4, 0.27), (0.15, None, 0.17), (0, 0, 1), 2.97, False)
+    held = replace(touching, hold=hold)
+    assert touching.hold is None
+    write_csv(tmp_path / "hand.csv", [touching, held])
+    with (tmp_path / "hand.csv").open(newline="") as file:
+        older, row = csv.DictReader(file)
+    columns = [name for name in row if "friction" in name or name == "grip_N"]
+    assert {older[name] for name in columns} == {""}
+    assert [row[name] for name in columns] == [
+        "0.25",
+        "",
+        "0.1",
+        "0.4",
+        "0.4",
+        "0.27",
+        "0.15",
+        "",
+        "0.17",
+        "2.97",
+    ]
+    write_parquet(tmp_path / "hand.parquet", [held])
+    table = pq.read_table(tmp_path / "hand.parquet")
+    assert table["observation.friction"][0].as_py() == pytest.approx([0.4, 0.4, 0.27])
+    assert table["grip_N"][0].as_py() == pytest.approx(2.97)
 
 
 def test_parquet_has_one_vector_a_quantity(tmp_path: Path, touching: HostStatus, unknown: HostStatus) -> None:

@@ -108,6 +108,11 @@ def test_a_finger_left_out_is_a_warning_and_the_turn_goes_on():
     assert decision.warning == "finger-2: contact does not fit the object, left out"
 
 
+def test_a_slip_is_a_warning_and_the_turn_goes_on():
+    decision = decide(at(Mode.MANIPULATE), dataclasses.replace(GOOD, slipped="finger-2: slipped"), TIERS)
+    assert (decision.mode, decision.warning) == (Mode.MANIPULATE, "finger-2: slipped")
+
+
 def test_an_old_contact_is_a_warning_first():
     assert decide(at(Mode.MANIPULATE), with_finger(contact_age_us=100), TIERS).warning == ""
     decision = decide(at(Mode.MANIPULATE), with_finger(contact_age_us=101), TIERS)

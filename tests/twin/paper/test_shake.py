@@ -9,7 +9,15 @@ from click.testing import CliRunner
 from palpate_host.cli.main import cli
 from palpate_host.config.hand_config import ControlLaw, ControlMode
 from palpate_twin.cli.options import PACKAGED
-from palpate_twin.paper.shake import Held, directions, run_in_chain, run_shake, shake_cases, shake_table
+from palpate_twin.paper.shake import (
+    Held,
+    directions,
+    run_in_chain,
+    run_shake,
+    shake_cases,
+    shake_table,
+    slip_cases,
+)
 from palpate_twin.paper.trial import Trial, run_trial
 
 HAND = PACKAGED["table4-wide"]
@@ -50,6 +58,35 @@ def test_the_pose_law_brings_the_object_back(name):
     assert held.moved_most_mm < 4.0
     assert held.moved_last_mm < 0.5
     assert held.slip_mm < 0.2
+
+
+SLIPPING = replace(BASE, law=ControlLaw.POSE, noise_mm=0.15, force_noise=0.03)
+
+
+def test_an_object_that_slips_is_caught():
+    """3 N along -z, and friction falls from 0.5 to 0.3: without the reflex the object falls out."""
+    dropped = run_shake(HAND, slip_cases(replace(SLIPPING, slip_reflex=False))[0])
+    assert 1.0 < dropped.lost_s < 1.6
+    caught = run_shake(HAND, slip_cases(SLIPPING)[0])
+    assert caught.lost_s is None
+    assert caught.slip_mm < 12.0
+    assert caught.error_deg < 0.5
+
+
+def test_an_object_is_caught_early_by_fast_fingertips():
+    """120 frames a second that arrive after 10 ms."""
+    caught = run_shake(HAND, slip_cases(replace(SLIPPING, frame_rate_Hz=120.0, delay_s=0.01))[0])
+    assert caught.slip_mm < 2.5
+
+
+def test_a_turn_ends_where_friction_ends():
+    """The internal forces of 30 deg of pitch need a friction of 0.49: with 0.3 the tips slide by 13 mm."""
+    slid = run_shake(HAND, slip_cases(replace(SLIPPING, slip_reflex=False))[1])
+    assert slid.slip_mm > 8.0
+    rested = run_shake(HAND, slip_cases(SLIPPING)[1])
+    assert rested.slip_mm < 2.0
+    assert rested.moved_most_mm < 2.0
+    assert 5.0 < rested.error_deg < 20.0  # the rest of the turn
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
@@ -106,4 +143,5 @@ def test_simulate_shake_writes_its_table(tmp_path):
     rows = (tmp_path / "results.md").read_text().splitlines()[2:]
     names = [row.split("|")[1].strip() for row in rows]
     assert names[0] == "push 0.5 N for 0.2 s"
-    assert names[-4:] == ["own weight", "roll 30 deg", "pitch 30 deg", "yaw 30 deg"]
+    assert names[-6:-2] == ["own weight", "roll 30 deg", "pitch 30 deg", "yaw 30 deg"]
+    assert names[-2:] == ["friction falls to 0.3 under 3 N", "friction falls to 0.3 at pitch 30 deg"]

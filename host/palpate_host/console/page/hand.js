@@ -38,12 +38,13 @@ function show({ status, scene }) {
   }
   force.add(status.fingers.map((finger) => (finger.valid ? finger.normal_force_N : null)));
   force.draw();
-  table("finger", ["finger", "contact", "normal force", "shear", "95 % radius", "age", "frames/s", "lost"],
-    status.fingers.map((finger) => [
+  table("finger", ["finger", "contact", "normal force", "shear", "friction ratio", "95 % radius", "age", "frames/s", "lost"],
+    status.fingers.map((finger, index) => [
       finger.name,
       !finger.valid ? "not valid" : !finger.in_contact ? "none" : finger.slip ? "slips" : "yes",
       number(finger.normal_force_N, 2, "N"),
       number(finger.shear_N && Math.hypot(...finger.shear_N), 2, "N"),
+      friction(status.hold, index),
       number(finger.radius95_mm, 2, "mm"),
       number(finger.age_ms, 0, "ms"),
       finger.frames_per_s.toFixed(0),
@@ -60,6 +61,12 @@ function show({ status, scene }) {
     ]));
   view.scene = scene;
   draw();
+}
+
+/** Ratio of tangential to normal force, and the estimated friction. */
+function friction(hold, index) {
+  const ratio = hold && hold.friction_ratio[index];
+  return typeof ratio === "number" ? `${ratio.toFixed(2)} of ${hold.friction[index].toFixed(2)}` : "";
 }
 
 function table(kind, names, rows) {
