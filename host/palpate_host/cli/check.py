@@ -14,6 +14,7 @@ from palpate_bus.master.sdo_access import read_number
 from palpate_bus.master.session import master, sdo_client
 from palpate_edge.common.errors import BusError
 from palpate_host.cli.run import CONFIG
+from palpate_host.control.turning_stability import turning_gain
 from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.hand_check import NodeReport, check_nodes, joint_angles, table
 from palpate_host.service.host import load_hand
@@ -40,6 +41,12 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
     config, hand = load_hand(config_path)
     check_bus_load(config)
     HostCore(config, hand)  # refuses fingers numbered clockwise
+    gain = turning_gain(config, hand)
+    if gain is not None:
+        at = f"at {gain.tick_Hz:g} ticks a second"
+        click.echo(f"turning gain K_r f_d: {gain.margin:.3g} times as much is stable {at}")
+        if not gain.is_stable:
+            click.echo(f"warning: {gain.warning}")
     reports: list[NodeReport] = []
     if not offline:
         with master(config.bus, "check") as network:

@@ -98,6 +98,16 @@ def contact_jacobian_m(pose: HandPose, grip: Grip) -> Array:
     return moved
 
 
+def grasp_matrix(grip: Grip) -> Array:
+    """Return G (6, 3 n): the force, and the torque about the contacts' centroid, of contact forces (3 n,)."""
+    G = np.zeros((6, 3 * len(grip.arm_m)))
+    for finger, (x, y, z) in enumerate(grip.arm_m.tolist()):
+        at = slice(3 * finger, 3 * finger + 3)
+        G[:3, at] = np.eye(3)
+        G[3:, at] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    return G
+
+
 def object_damping(pose: HandPose, grip: Grip, B_Nms_rad: Array) -> Array:
     """Return D (6, 6): the wrench with which the joints' damping B resists velocity and spin of the object.
 
@@ -106,9 +116,5 @@ def object_damping(pose: HandPose, grip: Grip, B_Nms_rad: Array) -> Array:
     fingers = len(grip.arm_m)
     J = contact_jacobian_m(pose, grip).reshape(3 * fingers, -1)
     per_B = J @ (J.T / np.maximum(B_Nms_rad, 1e-6)[:, None])
-    G = np.zeros((6, 3 * fingers))
-    for finger, (x, y, z) in enumerate(grip.arm_m.tolist()):
-        at = slice(3 * finger, 3 * finger + 3)
-        G[:3, at] = np.eye(3)
-        G[3:, at] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    G = grasp_matrix(grip)
     return np.asarray(G @ np.linalg.pinv(per_B, rcond=1e-9, hermitian=True) @ G.T)

@@ -24,6 +24,7 @@ from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.control.turning_stability import turning_gain
 from palpate_host.operator.server import OperatorSocket, default_control_socket
 from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.bus_reports import BusReports
@@ -82,6 +83,9 @@ def run(config_path: Path, options: Options) -> None:
     now_us = bus_time(config.bus)
     check_bus_load(config)
     core = HostCore(config, hand)
+    gain = turning_gain(config, hand)
+    if gain is not None and not gain.is_stable:
+        _log.warning(gain.warning)
     with ExitStack() as stack:
         stream = None
         if options.status_target is not None:

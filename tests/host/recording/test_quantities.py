@@ -88,18 +88,8 @@ def test_friction_and_grip_are_columns_and_empty_in_older_recordings(
         older, row = csv.DictReader(file)
     columns = [name for name in row if "friction" in name or name == "grip_N"]
     assert {older[name] for name in columns} == {""}
-    assert [row[name] for name in columns] == [
-        "0.25",
-        "",
-        "0.1",
-        "0.4",
-        "0.4",
-        "0.27",
-        "0.15",
-        "",
-        "0.17",
-        "2.97",
-    ]
+    found = [row[name] for name in columns]
+    assert found == ["0.25", "", "0.1", "0.4", "0.4", "0.27", "0.15", "", "0.17", "2.97"]
     write_parquet(tmp_path / "hand.parquet", [held])
     table = pq.read_table(tmp_path / "hand.parquet")
     assert table["observation.friction"][0].as_py() == pytest.approx([0.4, 0.4, 0.27])
