@@ -67,6 +67,7 @@ LONG_FILES = (
     "twin/dome/test_dome_samples.py",
     "twin/paper/test_hand_loop.py",
     "twin/paper/test_hand_paper.py",
+    "twin/paper/test_hold_states.py",
     "twin/paper/test_shake.py",
 )
 """Files that take seconds each."""

@@ -77,6 +77,10 @@ class HoldStatus:
     friction: estimate of the skin's friction. friction_margin: friction less its ratio. slips: answered since
     the hold began. grip_N: mean normal force of the internal forces; None unless the pose law holds the
     object. turn_waits: the turn rests, or is undone, because friction allows no more.
+    place_mm: of the point in the object that was the contacts' centroid when the hold began, in the hand's
+    frame; place95_mm, orientation95_deg: 95 % radii of it and of R_c. load_N: steady force that the law
+    carries, in the hand's frame; is_load_known: False while it is being learned. All of these are None, or
+    False, unless the pose law holds the object.
     """
 
     friction_ratio: tuple[float | None, ...]
@@ -85,6 +89,11 @@ class HoldStatus:
     slips: tuple[int, ...]
     grip_N: float | None
     turn_waits: bool
+    place_mm: tuple[float, float, float] | None = None
+    place95_mm: float | None = None
+    orientation95_deg: float | None = None
+    load_N: tuple[float, float, float] | None = None
+    is_load_known: bool = False
 
 
 @dataclass(slots=True)

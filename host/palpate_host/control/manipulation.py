@@ -158,6 +158,8 @@ class Manipulation:
             return
         before = self.friction[finger]
         self.friction[finger] = after = before.after_contact(contact, ratio)
+        if contact.slip and law is not None:
+            law.note_slip()
         if law is None or not config.slip_reflex or after.slips == before.slips:
             return
         if contact.received_at_us >= self._squeezed_until_us:

@@ -32,12 +32,15 @@ from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import forces_within_cones
 from palpate_host.control.kinematics import HandPose
+from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, contact_jacobian_m, stable_stiffness
 from palpate_host.control.virtual_object import VirtualObject
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
 VELOCITY_FILTER_S = 0.003
+KNOWN_LOAD_N, KNOWN_LOAD_S, NEW_LOAD_N = 0.15, 0.3, 0.4
+"""A load is known once less than this is missing for this time, and unknown again from the third on."""
 SQUEEZE = 1.5
 """Factor by which the grip grows when a tip slips."""
 NARROW_RESERVE = 0.02
@@ -61,8 +64,12 @@ class PoseLaw:
         self.grip_N = self._least_grip_N = 0.0
         self.share = 1.0
         self.reserve = math.inf
+        self.is_grip_at_limit = False
         self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
+        self.uncertainty = PoseUncertainty()
+        self.is_load_known = False
+        self._still_s = 0.0
 
     @property
     def object(self) -> VirtualObject | None:
@@ -73,6 +80,22 @@ class PoseLaw:
     def load_N(self) -> Array:
         """The steady force (3,) that the law has learned to carry."""
         return self._force_I_N
+
+    @property
+    def moved_mm(self) -> float:
+        """The distance of the object from where the hold began."""
+        return 0.0 if self._object is None else 1e3 * rotation.norm(self._object.place_m - self._origin_m)
+
+    @property
+    def turned_deg(self) -> float:
+        """The angle of the object from its orientation when the hold began."""
+        return 0.0 if self._object is None else rotation.angle_deg(self._object.R @ self._origin_R.T)
+
+    @property
+    def orientation95_deg(self) -> float:
+        """The 95 % radius of the object's orientation."""
+        share = FRAME_S / self._config.contact_time_s
+        return self.uncertainty.orientation95_deg(len(self._seen), self._control.reference_frames, share)
 
     @property
     def can_hold(self) -> bool:
@@ -90,6 +113,9 @@ class PoseLaw:
             return
         share = min(1.0, since_s / self._config.contact_time_s)
         is_believed = self._object.correct(finger, normal, pose, share)
+        if is_believed:
+            residual_rad = math.radians(self._object.residual_deg)
+            self.uncertainty = self.uncertainty.after_normal(residual_rad)
         if not is_believed and self._was_released[finger]:
             self._object.touch_elsewhere(finger, normal)
         self._was_released[finger] = False
@@ -117,6 +143,8 @@ class PoseLaw:
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
         self.stiffness = stable_stiffness(self._config, pose, self._object.grip, self._gains.B_Nms_rad, dt_s)
         self._origin_m, self._origin_R = self._object.place_m, R
+        self.uncertainty = PoseUncertainty()
+        self.is_load_known, self._still_s = False, 0.0
         self.hold_here()
 
     def hold_here(self) -> None:
@@ -159,6 +187,10 @@ class PoseLaw:
         if self._object is not None:
             self._object.advance(pose, dt_s)
 
+    def note_slip(self) -> None:
+        """Take a frame that flags slip: the place is less certain."""
+        self.uncertainty = self.uncertainty.after_slip()
+
     def squeeze(self) -> None:
         """Answer a slip: the next tick's grip is larger, within `most_grip_N`, and relaxes as any other."""
         if self._object is not None:
@@ -178,15 +210,17 @@ class PoseLaw:
         fresh = dt_s / (dt_s + VELOCITY_FILTER_S)
         self._velocity_m_s = self._velocity_m_s + fresh * (found.velocity_m_s - self._velocity_m_s)
         self._spin_rad_s = self._spin_rad_s + fresh * (found.spin_rad_s - self._spin_rad_s)
-        pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
-        twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
+        away_m, turned_rad = self.place_d_m - found.place_m, rotation.log(self.R_d.dot(found.R.T))
+        pull_N, twist_Nm = gains.K_p_N_m.dot(away_m), gains.K_o_Nm_rad.dot(turned_rad)
+        self._note_pull(rotation.norm(pull_N), dt_s)
         most_N = min(friction) * len(grip.arm_m) * config.most_grip_N
         reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.arm_m)) / len(grip.arm_m))
         if self.share >= 1.0:
-            learned = gains.integral_per_s * dt_s
-            self._force_I_N = _bounded(self._force_I_N + learned * pull_N, most_N)
-            self._torque_I_Nm = _bounded(self._torque_I_Nm + learned * twist_Nm, most_N * reach_m)
-        force_N = _bounded(pull_N - gains.D_p_Ns_m.dot(self._velocity_m_s) + self._force_I_N, most_N)
+            self._force_I_N = _bounded(self._force_I_N + dt_s * gains.I_p_N_ms.dot(away_m), most_N)
+            more_Nm = dt_s * gains.I_o_Nm_rads.dot(turned_rad)
+            self._torque_I_Nm = _bounded(self._torque_I_Nm + more_Nm, most_N * reach_m)
+        wanted_N = pull_N - gains.D_p_Ns_m.dot(self._velocity_m_s) + self._force_I_N
+        force_N = _bounded(wanted_N, most_N)
         torque_Nm = twist_Nm - gains.D_o_Nms_rad.dot(self._spin_rad_s) + self._torque_I_Nm
         torque_Nm = torque_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
         relaxed_N = self._least_grip_N + (self.grip_N - self._least_grip_N) * math.exp(-dt_s / config.relax_s)
@@ -199,9 +233,18 @@ class PoseLaw:
             max(config.most_grip_N, self._least_grip_N),
         )
         self.grip_N, self.share, self.reserve = forces.grip_N, forces.share, forces.reserve
+        self.is_grip_at_limit = self.share < 1.0 or wanted_N is not force_N
         found.set_radius(self._radius_m(forces.normal_N))
         at_contact = pose._replace(tip_jacobian_m=contact_jacobian_m(pose, grip))
         return force_torque_Nm(at_contact, qdot_rad_s, forces.force_N, self._gains)
+
+    def _note_pull(self, pull_N: float, dt_s: float) -> None:
+        """The load is known while the stiffness pulls little for a while: the integral carries it."""
+        self._still_s = self._still_s + dt_s if pull_N < KNOWN_LOAD_N else 0.0
+        if self._still_s >= KNOWN_LOAD_S:
+            self.is_load_known = True
+        elif pull_N > NEW_LOAD_N:
+            self.is_load_known = False
 
     def _radius_m(self, normal_N: Array) -> Array:
         """Return the tips' radii (n,) less their indentation, Eq. (8)."""

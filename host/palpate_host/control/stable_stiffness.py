@@ -22,13 +22,13 @@ from palpate_host.control.virtual_object import Grip
 DELAY_TICKS = 2.0
 """From the sample of the joint angles to the middle of the tick in which the torque acts, and half a tick."""
 STABLE_SHARE = 0.5
-INTEGRAL_SHARE = 0.25
-"""Largest rate of the integral over that of the slowest error."""
+INTEGRAL_SHARE = 0.3
+"""Largest rate of the integral along an axis over that of its error, K/D."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stiffness:
-    """The gains in use (3, 3) in the hand's frame, and the integral's rate.
+    """The gains in use (3, 3) in the hand's frame; I_p, I_o: of the integrals.
 
     margin_p, margin_o: how many times larger the stiffnesses could be before the loop is unstable.
     """
@@ -37,7 +37,8 @@ class Stiffness:
     D_p_Ns_m: Array
     K_o_Nm_rad: Array
     D_o_Nms_rad: Array
-    integral_per_s: float
+    I_p_N_ms: Array
+    I_o_Nm_rads: Array
     margin_p: float
     margin_o: float
 
@@ -47,16 +48,22 @@ def stable_stiffness(
 ) -> Stiffness:
     """Return the configured gains, limited along each axis of the joints' damping at this pose."""
     D = object_damping(pose, grip, B_Nms_rad)
-    place = _limited(D[:3, :3], config.position_stiffness_N_m, config.position_damping_Ns_m, dt_s)
-    turn = _limited(D[3:, 3:], config.orientation_stiffness_Nm_rad, config.orientation_damping_Nms_rad, dt_s)
+    most_per_s = config.integral_per_s
+    place = _limited(D[:3, :3], config.position_stiffness_N_m, config.position_damping_Ns_m, most_per_s, dt_s)
+    turn = _limited(
+        D[3:, 3:],
+        config.orientation_stiffness_Nm_rad,
+        config.orientation_damping_Nms_rad,
+        most_per_s,
+        dt_s,
+    )
     return Stiffness(
         K_p_N_m=place.K,
         D_p_Ns_m=place.D,
         K_o_Nm_rad=turn.K,
         D_o_Nms_rad=turn.D,
-        integral_per_s=min(
-            config.integral_per_s, INTEGRAL_SHARE * min(place.slowest_per_s, turn.slowest_per_s)
-        ),
+        I_p_N_ms=place.integral,
+        I_o_Nm_rads=turn.integral,
         margin_p=place.margin,
         margin_o=turn.margin,
     )
@@ -65,14 +72,17 @@ def stable_stiffness(
 class _Limited(NamedTuple):
     K: Array
     D: Array
-    slowest_per_s: float
+    integral: Array
     margin: float
 
 
-def _limited(resisting: Array, stiffness: float, damping: float, dt_s: float) -> _Limited:
+def _limited(
+    resisting: Array, stiffness: float, damping: float, integral_per_s: float, dt_s: float
+) -> _Limited:
     """Return stiffness and damping (3, 3), limited along each axis of the joints' damping `resisting` (3, 3).
 
-    slowest_per_s: smallest rate K/D with which an error vanishes. margin: pi/2 over the largest K T/D.
+    integral: K times the integral's rate, at most INTEGRAL_SHARE of the axis' own K/D. margin: pi/2 over the
+    largest K T/D.
     """
     delay_s = DELAY_TICKS * dt_s
     per_axis, axes = np.linalg.eigh(resisting)
@@ -81,7 +91,7 @@ def _limited(resisting: Array, stiffness: float, damping: float, dt_s: float) ->
     return _Limited(
         K=(axes * K) @ axes.T,
         D=(axes * (damping * (K / stiffness) ** 2)) @ axes.T,
-        slowest_per_s=float(rates.min()),
+        integral=(axes * (K * np.minimum(integral_per_s, INTEGRAL_SHARE * rates))) @ axes.T,
         margin=0.5 * math.pi / float(rates.max() * delay_s),
     )
 

@@ -5,7 +5,8 @@ timestamp (s from the first row), frame_index, episode_index, index, task_index;
 N m); observation.tactile.FINGER.x_mm, .y_mm, .z_mm, .fn_N, .fx_N, .fy_N (empty when not known),
 .in_contact, .slip; mode; observation.QUANTITY.FINGER of each further quantity (contact_quantities.py);
 orientation_error_deg (from R_vir to R_d_vir); observation.friction_ratio.FINGER, observation.friction.FINGER
-and observation.friction_margin.FINGER; grip_N. A cell is empty when it is not known.
+and observation.friction_margin.FINGER; grip_N; object_x_mm, object_y_mm, object_z_mm, object_place95_mm,
+object_orientation95_deg; load_x_N, load_y_N, load_z_N. A cell is empty when it is not known.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.contact_quantities import QUANTITIES, Quantity
@@ -67,19 +69,24 @@ def _measured(finger: FingerStatus, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def _hold(status: HostStatus) -> dict[str, Cell]:
-    """Return the columns of friction and grip; empty in a recording that lacks them."""
-    hold, names = status.hold, [finger.name for finger in status.fingers]
-    per_finger = {
-        "friction_ratio": None if hold is None else hold.friction_ratio,
-        "friction": None if hold is None else hold.friction,
-        "friction_margin": None if hold is None else hold.friction_margin,
-    }
-    row: dict[str, Cell] = {
-        f"observation.{column}.{name}": value
-        for column, values in per_finger.items()
-        for name, value in zip(names, values or [None] * len(names), strict=True)
-    }
-    return row | {"grip_N": None if hold is None else hold.grip_N}
+    """Return the columns of friction, grip, pose and load; empty where the status lacks them."""
+
+    def known(name: str) -> Any:
+        return None if status.hold is None else getattr(status.hold, name)
+
+    row: dict[str, Cell] = {}
+    for name in ("friction_ratio", "friction", "friction_margin"):
+        values = known(name) or (None,) * len(status.fingers)
+        for finger, value in zip(status.fingers, values, strict=True):
+            row[f"observation.{name}.{finger.name}"] = value
+    row["grip_N"] = known("grip_N")
+    for axis, value in zip("xyz", known("place_mm") or (None,) * 3, strict=True):
+        row[f"object_{axis}_mm"] = value
+    row["object_place95_mm"] = known("place95_mm")
+    row["object_orientation95_deg"] = known("orientation95_deg")
+    for axis, value in zip("xyz", known("load_N") or (None,) * 3, strict=True):
+        row[f"load_{axis}_N"] = value
+    return row
 
 
 def write_csv(path: Path, statuses: Iterable[HostStatus]) -> int:

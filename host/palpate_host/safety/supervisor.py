@@ -75,7 +75,7 @@ class Inputs:
     Eq. (12) does not exist. no_contact_frame: why the contacts give no R_c of Eq. (16). blind_by_choice: the
     configuration selects Tahara's law, which needs no fingertip. force_is_limited: limits.contact_force_N is
     finite, so every fingertip has to measure its force. left_out: fingers whose contacts contradict the
-    others. slipped: fingers that slipped, and what the law does about it.
+    others. hold_warning: what is unusual about the hold (hold_report.py).
     """
 
     now_us: int
@@ -92,7 +92,7 @@ class Inputs:
     fingers: Sequence[FingerHealth]
     force_is_limited: bool = True
     left_out: str = ""
-    slipped: str = ""
+    hold_warning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,4 +275,4 @@ def _warning(inputs: Inputs, tiers: Tiers) -> str:
         if finger.contact_age_us is not None and finger.contact_age_us > tiers.warn_us
     ]
     doubtful = [f"{inputs.left_out}: contact does not fit the object, left out"] if inputs.left_out else []
-    return "; ".join(old + doubtful + ([inputs.slipped] if inputs.slipped else []))
+    return "; ".join(old + doubtful + ([inputs.hold_warning] if inputs.hold_warning else []))

@@ -22,7 +22,7 @@ from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
 from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent, HostInput, TickInputs
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
-from palpate_host.control.hold_report import hold_status, slip_warning
+from palpate_host.control.hold_report import hold_fault, hold_status, hold_warning
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
@@ -291,7 +291,9 @@ class HostCore:
         inputs = Inputs(
             now_us=tick_us,
             stop=self._stop_reason,
-            fault=nodes.fault or nodes.fault_now(tick_us, last.mode, qdot_rad_s),
+            fault=nodes.fault
+            or nodes.fault_now(tick_us, last.mode, qdot_rad_s)
+            or hold_fault(self._control, self._config.pose_law),
             missing=", ".join(nodes.network.missing()),
             unchecked=", ".join(nodes.unchecked(needs_contacts=not is_blind)),
             homing=nodes.drives.homing.waiting,
@@ -301,7 +303,9 @@ class HostCore:
             blind_by_choice=is_blind,
             goal=self._goal,
             left_out=", ".join(nodes.fingers[number].name for number in orientation.left_out),
-            slipped=slip_warning(self._control, [finger.name for finger in nodes.fingers]),
+            hold_warning=hold_warning(
+                self._control, self._config.pose_law, [finger.name for finger in nodes.fingers]
+            ),
             force_is_limited=math.isfinite(self._config.limits.contact_force_N),
             fingers=[
                 finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))

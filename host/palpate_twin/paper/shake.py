@@ -29,6 +29,8 @@ PUSH_S = 0.2
 RECOVERY_S = 1.0
 PUSHES_N = (0.5, 2.0, 3.0, 5.0)
 STEADY_N = (0.5, 1.0)
+LIFTED_KG = (0.05, 0.1, 0.2, 0.3)
+LIFT_S, LIFT_STEPS, GRAVITY_M_S2 = 1.0, 50, 9.81
 SLIPPING_N, LESS_FRICTION = 3.0, 0.3
 CHAIN_START_S = 1.0
 """Time in the whole chain from the start to the trial's: by then the host holds the object."""
@@ -90,11 +92,26 @@ def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
             for along in directions(direction_count)
         ]
     cases.append(ShakeCase("own weight", replace(base, has_weight=True)))
+    cases += [
+        ShakeCase(
+            f"lift {mass_kg:g} kg in {LIFT_S:g} s", replace(base, disturbances=lifted(mass_kg, FIRST_S))
+        )
+        for mass_kg in LIFTED_KG
+    ]
     for axis, name in enumerate(AXES):
         turn = STEP_DEG * np.eye(3)[axis]
         rpy_deg = (float(turn[0]), float(turn[1]), float(turn[2]))
         cases.append(ShakeCase(f"{name} {STEP_DEG:g} deg", replace(base, rpy_deg=rpy_deg)))
     return cases + slip_cases(base)
+
+
+def lifted(mass_kg: float, start_s: float) -> tuple[DisturbanceConfig, ...]:
+    """Return the weight of a mass that the hand takes over from a table, evenly within `LIFT_S`."""
+    part_N = GRAVITY_M_S2 * mass_kg / LIFT_STEPS
+    return tuple(
+        DisturbanceConfig(start_s=start_s + LIFT_S * step / LIFT_STEPS, force_N=(0.0, 0.0, -part_N))
+        for step in range(LIFT_STEPS)
+    )
 
 
 def slip_cases(base: Trial) -> list[ShakeCase]:

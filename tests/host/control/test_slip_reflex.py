@@ -8,7 +8,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlLaw
 from palpate_host.config.packaged import MODELS
-from palpate_host.control.hold_report import hold_status, slip_warning
+from palpate_host.control.hold_report import hold_status, hold_warning
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.tip_friction import TipFriction
 from palpate_host.control.virtual_frame import virtual_frame
@@ -35,6 +35,7 @@ class Hold:
             pose_law=msgspec.structs.replace(config.pose_law, **pose_law),
             target=msgspec.structs.replace(config.target, rpy_deg=rpy_deg),
         )
+        self.config = config.pose_law
         self.pose = hand.pose(START_RAD)
         self.control = Manipulation(config)
         self.frames = 0
@@ -64,6 +65,10 @@ class Hold:
     def tick(self):
         R_vir = virtual_frame(self.pose.tip_centre_m)
         return self.control.torque_Nm(Mode.MANIPULATE, self.pose, np.zeros(9), R_vir, TICK_S)
+
+    @property
+    def warning(self):
+        return hold_warning(self.control, self.config, NAMES)
 
     @property
     def grip_N(self):
@@ -112,7 +117,7 @@ def test_only_the_friction_of_the_tip_that_slips_is_lowered(wide):
     assert status.friction_ratio == pytest.approx((0.3,) * 3)
     assert status.friction_margin == pytest.approx((0.1, -0.03, 0.1))
     assert status.slips == (0, 1, 0)
-    assert slip_warning(hold.control, NAMES) == "finger-2: slipped, so less friction is assumed"
+    assert hold.warning.startswith("finger-2: slipped, so less friction is assumed; weight unknown")
 
 
 def test_a_lowered_friction_gives_more_grip_for_the_same_load(wide):
@@ -158,7 +163,7 @@ def test_a_turn_goes_back_to_where_friction_holds(wide):
     assert ticks(100) == pytest.approx(0.5, abs=0.02)
     assert ticks(50, -0.01) == pytest.approx(0.25, abs=0.02)
     assert hold_status(hold.control).turn_waits
-    assert "the turn waits" in slip_warning(hold.control, NAMES)
+    assert "the turn waits" in hold.warning
     rests_at = ticks(2, 0.01)
     assert ticks(50, 0.01) == rests_at
     assert ticks(50, 0.05) == pytest.approx(rests_at + 0.25, abs=0.02)

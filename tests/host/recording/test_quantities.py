@@ -68,6 +68,8 @@ def test_csv_has_them_behind_the_columns_there_were(
             for number in (1, 2, 3)
         ),
         "grip_N",
+        *("object_x_mm", "object_y_mm", "object_z_mm", "object_place95_mm", "object_orientation95_deg"),
+        *("load_x_N", "load_y_N", "load_z_N"),
     ]
     tactile = [name for name in names if name.startswith("observation.tactile.finger-1.")]
     assert [name.rpartition(".")[2] for name in tactile] == [
@@ -77,19 +79,23 @@ def test_csv_has_them_behind_the_columns_there_were(
     assert (second[RADIUS], second[TORSION]) == ("", "")
 
 
-def test_friction_and_grip_are_columns_and_empty_in_older_recordings(
+def test_the_hold_is_columns_and_they_are_empty_in_older_recordings(
     tmp_path: Path, touching: HostStatus
 ) -> None:
-    hold = HoldStatus((0.25, None, 0.1), (0.4, 0.4, 0.27), (0.15, None, 0.17), (0, 0, 1), 2.97, False)
+    hold = HoldStatus(
+        *((0.25, None, 0.1), (0.4, 0.4, 0.27), (0.15, None, 0.17), (0, 0, 1), 2.97, False),
+        *((1.5, 0.0, 93.2), 0.21, 0.4, (0.0, 0.0, 1.1), True),
+    )
     held = replace(touching, hold=hold)
     assert touching.hold is None
     write_csv(tmp_path / "hand.csv", [touching, held])
     with (tmp_path / "hand.csv").open(newline="") as file:
         older, row = csv.DictReader(file)
-    columns = [name for name in row if "friction" in name or name == "grip_N"]
+    columns = [name for name in row if "friction" in name or name.startswith(("grip", "object", "load"))]
     assert {older[name] for name in columns} == {""}
     found = [row[name] for name in columns]
-    assert found == ["0.25", "", "0.1", "0.4", "0.4", "0.27", "0.15", "", "0.17", "2.97"]
+    assert found[:10] == ["0.25", "", "0.1", "0.4", "0.4", "0.27", "0.15", "", "0.17", "2.97"]
+    assert found[10:] == ["1.5", "0.0", "93.2", "0.21", "0.4", "0.0", "0.0", "1.1"]
     write_parquet(tmp_path / "hand.parquet", [held])
     table = pq.read_table(tmp_path / "hand.parquet")
     assert table["observation.friction"][0].as_py() == pytest.approx([0.4, 0.4, 0.27])

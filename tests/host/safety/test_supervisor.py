@@ -109,7 +109,7 @@ def test_a_finger_left_out_is_a_warning_and_the_turn_goes_on():
 
 
 def test_a_slip_is_a_warning_and_the_turn_goes_on():
-    decision = decide(at(Mode.MANIPULATE), dataclasses.replace(GOOD, slipped="finger-2: slipped"), TIERS)
+    decision = decide(at(Mode.MANIPULATE), dataclasses.replace(GOOD, hold_warning="finger-2: slipped"), TIERS)
     assert (decision.mode, decision.warning) == (Mode.MANIPULATE, "finger-2: slipped")
 
 

@@ -143,5 +143,9 @@ def test_simulate_shake_writes_its_table(tmp_path):
     rows = (tmp_path / "results.md").read_text().splitlines()[2:]
     names = [row.split("|")[1].strip() for row in rows]
     assert names[0] == "push 0.5 N for 0.2 s"
-    assert names[-6:-2] == ["own weight", "roll 30 deg", "pitch 30 deg", "yaw 30 deg"]
+    assert [name for name in names if "weight" in name or "lift" in name] == [
+        "own weight",
+        *(f"lift {mass} kg in 1 s" for mass in ("0.05", "0.1", "0.2", "0.3")),
+    ]
+    assert names[-5:-2] == ["roll 30 deg", "pitch 30 deg", "yaw 30 deg"]
     assert names[-2:] == ["friction falls to 0.3 under 3 N", "friction falls to 0.3 at pitch 30 deg"]
