@@ -69,6 +69,7 @@ LONG_FILES = (
     "twin/paper/test_hand_paper.py",
     "twin/paper/test_hold_states.py",
     "twin/paper/test_shake.py",
+    "twin/paper/test_shake_random.py",
 )
 """Files that take seconds each."""
 

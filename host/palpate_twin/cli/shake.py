@@ -41,6 +41,12 @@ DIRECTIONS = ("1", "6", "26")
     show_default=True,
     help="Directions of each force: down, along the axes, or also along all diagonals; the worst is printed.",
 )
+@click.option(
+    "--random",
+    "random_count",
+    type=click.IntRange(1, 100_000),
+    help="Instead of the table: so many runs with random loads, friction, delays and gaps, under both laws.",
+)
 @friction_option
 @click.option(
     "--integral",
@@ -87,6 +93,7 @@ def shake(
     law: str | None,
     in_chain: bool,
     directions: str,
+    random_count: int | None,
     friction: float | None,
     integral: float,
     noise_mm: float,
@@ -107,12 +114,14 @@ def shake(
       palpate-host simulate shake --law pose
       palpate-host simulate shake --law pose --chain --noise 0.15 --seconds 8
       palpate-host simulate shake --directions 26 --friction 0.8 -o shake-26
+      palpate-host simulate shake --random 200 --seed 1 --noise 0.25 --force-noise 0.03
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.config.hand_config import ControlLaw, ControlMode  # noqa: PLC0415
     from palpate_twin.paper.shake import run_shakes, shake_cases, shake_table  # noqa: PLC0415
-    from palpate_twin.paper.trial import Trial  # noqa: PLC0415
+    from palpate_twin.paper.shake_random import LAWS, random_table, run_all  # noqa: PLC0415
+    from palpate_twin.paper.trial_parameters import Trial  # noqa: PLC0415
 
     make_folder(output, ConfigError)
     base = Trial(
@@ -127,16 +136,20 @@ def shake(
         friction=friction,
         law=None if law is None else ControlLaw(law),
     )
-    cases = shake_cases(base, int(directions))
-    with Progress() as progress:
-        task = progress.add_task("runs", total=len(cases))
-        results = run_shakes(
-            hand_file(hand_name),
-            cases,
-            in_chain,
-            jobs or os.cpu_count() or 1,
-            lambda: progress.advance(task),
-        )
-    text = shake_table(results)
+    hand_toml, jobs = hand_file(hand_name), jobs or os.cpu_count() or 1
+    if random_count is not None:
+        if in_chain:
+            raise click.UsageError("--random runs the law alone: leave out --chain")
+        laws = LAWS if base.law is None else (base.law,)
+        with Progress() as progress:
+            task = progress.add_task("runs", total=random_count * len(laws))
+            runs = run_all(hand_toml, base, laws, random_count, jobs, lambda: progress.advance(task))
+        text = random_table(runs)
+    else:
+        cases = shake_cases(base, int(directions))
+        with Progress() as progress:
+            task = progress.add_task("runs", total=len(cases))
+            results = run_shakes(hand_toml, cases, in_chain, jobs, lambda: progress.advance(task))
+        text = shake_table(results)
     write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)
     click.echo(text)

@@ -16,7 +16,8 @@ from palpate_host.common import rotation
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import ControlMode
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
-from palpate_twin.paper.trial import RECORD_S, Outcome, Trial, run_trial
+from palpate_twin.paper.trial import RECORD_S, Outcome, run_trial
+from palpate_twin.paper.trial_parameters import Trial
 
 STEP_DEG = 30.0
 AXES = ("roll", "pitch", "yaw")

@@ -21,7 +21,8 @@ from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg, turning_samples
 from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
-from palpate_twin.paper.trial import Trial, after, make_engine, run_trial, trial_config, with_disturbances
+from palpate_twin.paper.trial import make_engine, run_trial
+from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
 
 FIRST_S = 1.0
 """Time from the start of the trial to the disturbance."""

@@ -9,65 +9,32 @@ Table 3's light links.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlLaw, ControlMode, HandConfig
-from palpate_host.config.twin_config import DisturbanceConfig
+from palpate_host.config.hand_config import ControlMode, HandConfig
 from palpate_host.control.kinematics import HandKinematics, HandPose
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand
-from palpate_twin.closed_loop.tactile_rendering import TrueContactSource, dome_contacts
+from palpate_twin.closed_loop.tactile_rendering import ContactSource, TrueContactSource, dome_contacts
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand
 from palpate_twin.hand.twin_model import TwinModel, twin_model
+from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
 
 TICK_S = 1e-3
 RECORD_S = 0.02
-UNLIMITED = 1e3
-"""friction_ratio of the blind law: this limit is not in the paper and would reduce the blind law's error."""
+SLID_M = 1e-3
 ENGINES: dict[str, Callable[[TwinModel], Engine]] = {"eqs": RollingHand, "mujoco": FrictionHand}
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """Parameters of one run.
-
-    rpy_deg: the commanded rotation. integral_per_s: 0 is the paper's law. noise_mm: standard deviation of the
-    contact position along each axis. friction: replaces the tips' coefficient in hand.toml (engine mujoco).
-    disturbances: as [[twin.disturbances]] of hand.toml and in its place, but start_s counts from the start of
-    the turn. has_weight: the object's support is removed at the start of the turn. law: replaces control.law.
-    xyz_mm: the commanded move (pose law only). force_noise: standard deviation of the contact force along
-    each axis, relative. sees_slip: the fingertips flag true slip. slip_reflex: replaces pose_law.slip_reflex.
-    frame_rate_Hz: exposures of each fingertip.
-    """
-
-    mode: ControlMode
-    rpy_deg: tuple[float, float, float]
-    duration_s: float = 10.0
-    delay_s: float = 0.05
-    noise_mm: float = 0.0
-    integral_per_s: float = 0.0
-    seed: int = 1
-    friction: float | None = None
-    disturbances: tuple[DisturbanceConfig, ...] = ()
-    has_weight: bool = False
-    law: ControlLaw | None = None
-    xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    force_noise: float = 0.0
-    sees_slip: bool = True
-    slip_reflex: bool = True
-    frame_rate_Hz: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +46,8 @@ class Outcome:
     slip_mm: (3,) sliding distance of each tip since the start of the turn. friction_ratio: largest ratio of
     tangential to normal force. energy_error: spurious energy divided by the dissipated energy (engine eqs
     only). lost_s: time at which the object was lost, which ends the run; None if it was held to the end.
+    slid_s: first time at which a tip had slid by SLID_M, None without. normal_N: largest normal force of a
+    tip. slips: number of slips that the host has answered.
     """
 
     trial: Trial
@@ -90,6 +59,9 @@ class Outcome:
     friction_ratio: float
     energy_error: float | None
     lost_s: float | None = None
+    slid_s: float | None = None
+    normal_N: float = 0.0
+    slips: int = 0
 
 
 def make_engine(config: HandConfig, name: str, *, has_B: bool = True) -> Engine:
@@ -106,65 +78,52 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
     Raises LostGraspError if the object is lost before the turn.
     """
     loaded, hand = load_hand(hand_toml)
-    config = trial_config(loaded, trial)
+    config, engine = trial_setup(loaded, engine_name, trial)
+    contacts = TrueContactSource(
+        1e3 * config.control.tip_radius_m,
+        trial.noise_mm,
+        trial.seed,
+        trial.force_noise,
+        sees_slip=trial.sees_slip,
+    )
+    return TrialRun(config, hand, engine, trial, contacts).run()
+
+
+def trial_setup(config: HandConfig, engine_name: str, trial: Trial) -> tuple[HandConfig, Engine]:
+    """Return the hand with the trial's parameters, and the engine with its disturbances."""
+    config = trial_config(config, trial)
     config = with_disturbances(config, after(trial.disturbances, config.control.settle_ms * 1e-3))
-    return _Run(config, hand, make_engine(config, engine_name), trial).run()
+    return config, make_engine(config, engine_name)
 
 
-def trial_config(config: HandConfig, trial: Trial) -> HandConfig:
-    """Return the hand with the trial's law, target and friction."""
-    control = msgspec.structs.replace(config.control, mode=trial.mode, integral_per_s=trial.integral_per_s)
-    if trial.law is not None:
-        control = msgspec.structs.replace(control, law=trial.law)
-    if trial.mode is ControlMode.BLIND:
-        control = msgspec.structs.replace(control, friction_ratio=UNLIMITED)
-    target = msgspec.structs.replace(config.target, rpy_deg=trial.rpy_deg)
-    pose_law = msgspec.structs.replace(config.pose_law, slip_reflex=trial.slip_reflex)
-    config = msgspec.structs.replace(config, control=control, target=target, pose_law=pose_law)
-    if config.twin is not None and trial.friction is not None:
-        tip = msgspec.structs.replace(config.twin.tip, friction=trial.friction)
-        config = msgspec.structs.replace(config, twin=msgspec.structs.replace(config.twin, tip=tip))
-    return config
-
-
-def with_disturbances(config: HandConfig, disturbances: tuple[DisturbanceConfig, ...]) -> HandConfig:
-    """Return the hand with these disturbances in place of its own; with its own if there are none."""
-    if config.twin is None or not disturbances:
-        return config
-    twin = msgspec.structs.replace(config.twin, disturbances=disturbances)
-    return msgspec.structs.replace(config, twin=twin)
-
-
-def after(disturbances: Sequence[DisturbanceConfig], delay_s: float) -> tuple[DisturbanceConfig, ...]:
-    """Return the same disturbances, each later by `delay_s`."""
-    return tuple(msgspec.structs.replace(one, start_s=one.start_s + delay_s) for one in disturbances)
-
-
-class _Run:
+class TrialRun:
     """State of one run: engine, controller and delayed contacts."""
 
-    def __init__(self, config: HandConfig, hand: HandKinematics, engine: Engine, trial: Trial) -> None:
+    def __init__(
+        self,
+        config: HandConfig,
+        hand: HandKinematics,
+        engine: Engine,
+        trial: Trial,
+        contacts: ContactSource,
+    ) -> None:
         self._hand, self._engine, self._trial = hand, engine, trial
         self._control = Manipulation(config)
         self._settle_s, self._ramp_s = config.control.settle_ms * 1e-3, config.target.ramp_s
-        self._contacts = TrueContactSource(
-            1e3 * config.control.tip_radius_m,
-            trial.noise_mm,
-            trial.seed,
-            trial.force_noise,
-            sees_slip=trial.sees_slip,
-        )
+        self._contacts = contacts
         self._frames = 0
         self._delayed: deque[tuple[float, int, TipContact, HandPose]] = deque()
 
     def run(self) -> Outcome:
+        """Run to the end of the trial, or until the object is lost."""
         engine, trial = self._engine, self._trial
         ticks = round((self._settle_s + trial.duration_s) / TICK_S)
         settle_ticks, record_ticks = round(self._settle_s / TICK_S), round(RECORD_S / TICK_S)
         start = energy = None
         slip_m, ratio = np.zeros(3), 0.0
         poses: list[tuple[Array, Array]] = []
-        lost_s = None
+        lost_s = slid_s = None
+        normal_N = 0.0
         for tick in range(ticks + 1):
             now_s = tick * TICK_S
             if tick == settle_ticks:
@@ -175,6 +134,9 @@ class _Run:
             try:
                 if tick >= settle_ticks and (tick - settle_ticks) % record_ticks == 0:
                     ratio = max(ratio, self._friction_ratio())
+                    normal_N = max(normal_N, self._normal_N())
+                    if slid_s is None and float((engine.slip_m - slip_m).max()) > SLID_M:
+                        slid_s = now_s - self._settle_s
                     poses.append((engine.object_rotation, engine.object_position_m))
                 torque = self._torque_Nm(now_s, turning=tick >= settle_ticks)
             except LostGraspError:
@@ -199,6 +161,9 @@ class _Run:
             friction_ratio=ratio,
             energy_error=self._energy_error(energy),
             lost_s=lost_s,
+            slid_s=slid_s,
+            normal_N=normal_N,
+            slips=max(tip.slips for tip in self._control.friction),
         )
 
     def _torque_Nm(self, now_s: float, turning: bool) -> Array:
@@ -238,7 +203,9 @@ class _Run:
                 slip=found.slip,
                 quality=255,
             )
-            self._delayed.append((now_s + self._trial.delay_s, finger, contact, pose))
+            gaps = [gap for gap in self._trial.gaps if gap.finger == finger]
+            if not any(gap.contains(now_s - self._settle_s) for gap in gaps):
+                self._delayed.append((now_s + self._trial.delay_s, finger, contact, pose))
         self._frames += 1
 
     def _deliver(self, now_s: float) -> None:
@@ -250,6 +217,10 @@ class _Run:
         loaded = [one for one in self._engine.tip_contacts() if one is not None and one.normal_force_N > 0.0]
         ratios = [float(np.linalg.norm(contact.friction_N)) / contact.normal_force_N for contact in loaded]
         return max(ratios, default=0.0)
+
+    def _normal_N(self) -> float:
+        loaded = [one.normal_force_N for one in self._engine.tip_contacts() if one is not None]
+        return max(loaded, default=0.0)
 
     def _energy(self) -> tuple[float, float, float] | None:
         engine = self._engine

@@ -14,7 +14,8 @@ from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.hand.disturbance import Schedule
-from palpate_twin.paper.trial import Trial, make_engine, run_trial
+from palpate_twin.paper.trial import make_engine, run_trial
+from palpate_twin.paper.trial_parameters import Trial
 
 HAND = PACKAGED["table4-wide"]
 ENGINES = ("eqs", "mujoco")

@@ -11,7 +11,8 @@ from palpate_host.config.hand_config import ControlMode
 from palpate_host.config.packaged import MODELS
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.paper.figure_data import FigureCase, Law, Result, engines_apart_deg, engines_table
-from palpate_twin.paper.trial import Outcome, Trial, run_trial
+from palpate_twin.paper.trial import Outcome, run_trial
+from palpate_twin.paper.trial_parameters import Trial
 
 TABLE_3 = MODELS / "table3.toml"
 TABLE_4 = TABLE_3.with_name("table4.toml")

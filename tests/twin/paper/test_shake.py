@@ -18,7 +18,8 @@ from palpate_twin.paper.shake import (
     shake_table,
     slip_cases,
 )
-from palpate_twin.paper.trial import Trial, run_trial
+from palpate_twin.paper.trial import run_trial
+from palpate_twin.paper.trial_parameters import Trial
 
 HAND = PACKAGED["table4-wide"]
 BASE = Trial(ControlMode.PROPOSED, (0.0, 0.0, 0.0), duration_s=2.5, integral_per_s=1.0)
