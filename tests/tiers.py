@@ -62,6 +62,7 @@ LONG_FILES = (
     "host/recording/test_live_server.py",
     "host/service/test_closed_loop.py",
     "host/service/test_commands.py",
+    "host/setup/test_hand_setup.py",
     "host/view/test_view.py",
     "twin/closed_loop/test_live_hand.py",
     "twin/dome/test_dome_samples.py",

@@ -44,6 +44,13 @@ def read_toml(
         data = path.read_bytes()
     except OSError as refusal:
         raise error(f"{path}: {reason_of(refusal)}; {guide}") from None
+    return parse_toml(data, path, kind, guide=guide, error=error)
+
+
+def parse_toml(
+    data: bytes, path: Path, kind: type[T], *, guide: str, error: type[PalpateError] = ConfigError
+) -> T:
+    """Return the bytes of a TOML file as a `kind`; arguments and errors as `read_toml`."""
     try:
         plain = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as refusal:

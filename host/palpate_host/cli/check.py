@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
+from canopen.sdo.client import SdoClient
 
 from palpate_bus.decode.device import Device, Key
 from palpate_bus.master.scan import FoundNode
@@ -16,7 +18,7 @@ from palpate_edge.common.errors import BusError
 from palpate_host.cli.run import CONFIG
 from palpate_host.control.turning_stability import turning_gain
 from palpate_host.service.bus_load_check import check_bus_load
-from palpate_host.service.hand_check import NodeReport, check_nodes, joint_angles, table
+from palpate_host.service.hand_check import NodeReport, Read, check_nodes, joint_angles, table
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 
@@ -52,12 +54,8 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
         with master(config.bus, "check") as network:
             found = {node.node_id: node for node in scan_bus(network, 0.0, timeout_s)}
             clients = {node_id: sdo_client(network, node_id, timeout_s) for node_id in config.node_names}
-
-            def read(node_id: int, device: Device, key: Key) -> int | None:
-                return read_number(clients[node_id], node_id, device, key)
-
             silent = {node for node in config.node_names if node not in found or not found[node].answers}
-            reports = list(check_nodes(config, read, silent))
+            reports = list(check_nodes(config, reader(clients), silent))
         _print(reports, found, set(config.node_names))
     if picture is not None:
         from palpate_host.view.hand_picture import draw_hand  # noqa: PLC0415 - matplotlib takes half a second
@@ -68,6 +66,15 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
         click.echo(f"drawn: {picture}")
     if any(report.problems for report in reports):
         sys.exit(DIFFERS)
+
+
+def reader(clients: Mapping[int, SdoClient]) -> Read:
+    """Return a function that reads objects of nodes over SDO. clients: by node id."""
+
+    def read(node_id: int, device: Device, key: Key) -> int | None:
+        return read_number(clients[node_id], node_id, device, key)
+
+    return read
 
 
 def _print(reports: list[NodeReport], found: dict[int, FoundNode], expected: set[int]) -> None:

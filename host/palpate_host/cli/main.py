@@ -10,6 +10,7 @@ from palpate_host.common.lazy_group import LazyGroup
 
 COMMANDS = {  # name: module and attribute, and its summary in --help
     "demo": ("plugin:demo", "Run a simulated hand with a live view and a report."),
+    "setup": ("palpate_host.cli.setup:setup", "Write hand.toml from the nodes on the bus."),
     "run": ("palpate_host.cli.run:run", "Control the hand on its bus."),
     "check": ("palpate_host.cli.check:check", "Compare hand.toml with the nodes on its bus."),
     "command": ("palpate_host.cli.command:command", "Command a running hand: grasp, rotate, release, stop."),

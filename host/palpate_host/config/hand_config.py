@@ -9,12 +9,13 @@ from typing import Annotated
 import msgspec
 
 from palpate_edge.can_bus.bus import BusConfig
-from palpate_edge.common.config_file import Strict, read_toml
+from palpate_edge.common.config_file import Strict, parse_toml, read_toml
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.geometry_config import GeometryConfig
 from palpate_host.config.twin_config import TwinConfig
 
+GUIDE = "docs/configuration.md lists every key of a hand"
 FEWEST_FINGERS = 3  # fewer give no virtual frame, Eq. (12)
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -276,7 +277,15 @@ def load(path: Path) -> HandConfig:
     ConfigError (one line: file, key, way out) when it is missing, garbled, has an unknown or a missing key, a
     value out of range, or one node id for two nodes.
     """
-    config = read_toml(path, HandConfig, guide="docs/configuration.md lists every key of a hand")
+    return _checked(path, read_toml(path, HandConfig, guide=GUIDE))
+
+
+def parse(path: Path, text: str) -> HandConfig:
+    """Return the text of a hand.toml as `load` does; the file at `path` need not exist yet."""
+    return _checked(path, parse_toml(text.encode(), path, HandConfig, guide=GUIDE))
+
+
+def _checked(path: Path, config: HandConfig) -> HandConfig:
     _check_nodes(path, config)
     _check_ranges(path, config)
     if config.model.mjcf is not None:

@@ -127,6 +127,7 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
     if problems:
         return NodeReport(device.node_id, who, _who(device, read), tuple(problems))
     modes, rated_mNm, feed = number(MODES) or 0, number(RATED_TORQUE) or 0, number(FEED) or 0
+    cap_Nm = torque_cap_Nm(number)
     try:
         choose_mode(modes, config.control.drives_follow)
     except BusError as exc:
@@ -137,7 +138,6 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
         )
     if not rated_mNm or not feed:
         problems.append(f"6076h is {rated_mNm}, 6092h:01 is {feed}: configure the drive, neither can be 0")
-    cap_Nm = rated_mNm * (number(TORQUE_CAP) or 0) * 1e-6
     # Into drives that follow something else the host writes 6072h itself.
     is_torque = config.control.drives_follow is Follows.TORQUE and config.homing is None
     if rated_mNm and is_torque and cap_Nm < joint.torque_limit_Nm:
@@ -148,11 +148,10 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
     if not number(WATCHDOG):
         problems.append("has no deadline for RPDO 1 (1400h:05 is 0): its torque would stay on without a host")
     problems += differences(device, number)
-    increments = number(ANGLE)
+    drive_angle = drive_angle_rad(number)
     angle = None
-    if feed and increments is not None:
-        signed = increments - (1 << 32) if increments >= 1 << 31 else increments
-        angle = joint.direction * signed * math.tau / feed + joint.zero_offset_rad
+    if drive_angle is not None:
+        angle = joint.direction * drive_angle + joint.zero_offset_rad
         if not joint.min_rad <= angle <= joint.max_rad:
             problems.append(
                 f"is at {angle:.3f} rad, outside min_rad {joint.min_rad:g} to max_rad {joint.max_rad:g}:"
@@ -161,6 +160,20 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
     names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
     found = f"{_who(device, read)}, {names or 'no mode'}, {cap_Nm:.3g} N m"
     return NodeReport(device.node_id, who, found, tuple(problems), angle)
+
+
+def torque_cap_Nm(number: Callable[[Key], int | None]) -> float:
+    """Return the drive's own torque limit, 6076h times 6072h; 0 without one. number: reads an object."""
+    return (number(RATED_TORQUE) or 0) * (number(TORQUE_CAP) or 0) * 1e-6
+
+
+def drive_angle_rad(number: Callable[[Key], int | None]) -> float | None:
+    """Return the drive's angle, 6064h over 6092h:01; None when it is not known. number: reads an object."""
+    increments, feed = number(ANGLE), number(FEED)
+    if not feed or increments is None:
+        return None
+    signed = increments - (1 << 32) if increments >= 1 << 31 else increments
+    return signed * math.tau / feed
 
 
 def _identity(device: Device, profile: int, read: Read) -> Iterator[str]:

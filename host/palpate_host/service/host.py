@@ -44,8 +44,13 @@ def load_hand(path: Path) -> tuple[HandConfig, HandKinematics]:
     """Read hand.toml and build its hand. Raises ConfigError as `hand_config.load`, `model_of` and
     `HandKinematics`."""
     config = hand_config.load(path)
+    return config, hand_of(config)
+
+
+def hand_of(config: HandConfig) -> HandKinematics:
+    """Return the hand of a configuration. Raises ConfigError as `model_of` and `HandKinematics`."""
     joints = [joint.name for joint in config.joints]
-    return config, HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
+    return HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
 def now_us() -> int:
