@@ -15,6 +15,7 @@ import numpy as np
 import palpate_host
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.contact import Contact
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.status import HostStatus
@@ -143,9 +144,14 @@ class VirtualBench:
         if is_cut and now_us < self._due_us.get(node_id, 0):
             return []
         output = node.process(now_us, [] if is_cut else to_nodes)
+        frames_out = output.frames_out
+        if isinstance(node, FingertipNode) and any(isinstance(e, StoreRequested) for e in output.events):
+            node.slave.store_finished(True)
+            output = node.process(now_us, ())
+            frames_out += output.frames_out
         is_following = isinstance(node, SimulatedDrive) and node.is_following
         self._due_us[node_id] = now_us if is_following else output.next_due_us
-        return [] if is_cut else list(output.frames_out)
+        return [] if is_cut else list(frames_out)
 
     def _feel_and_publish(self, now_us: int) -> None:
         for finger in range(len(self.tips)):

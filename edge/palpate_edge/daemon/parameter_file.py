@@ -59,7 +59,10 @@ class Disk:
 
 
 class _Content(msgspec.Struct, forbid_unknown_fields=True):
-    """The JSON; the keys of objects are index and sub-index as in ``1017:00``."""
+    """The JSON; the keys of objects are index and sub-index as in ``1017:00``.
+
+    eds: checksum of the EDS that the objects belong to and, after a blank, the digest of the device.
+    """
 
     eds: str
     node_id: int | None
@@ -128,7 +131,8 @@ def encode(parameters: StoredParameters) -> bytes:
     objects: dict[str, Value] = {
         f"{index:04X}:{subindex:02X}": value for (index, subindex), value in parameters.objects.items()
     }
-    content = _Content(parameters.eds_checksum, parameters.node_id, parameters.bit_rate_kbit_s, objects)
+    owner = f"{parameters.eds_checksum} {parameters.device}".rstrip()
+    content = _Content(owner, parameters.node_id, parameters.bit_rate_kbit_s, objects)
     body = msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n"
     return TITLE + b"%08x\n" % zlib.crc32(body) + body
 
@@ -143,4 +147,5 @@ def decode(content: bytes) -> StoredParameters:
     except msgspec.DecodeError:
         raise ValueError("not a parameter file of this version") from None
     objects = {(int(key[:4], 16), int(key[5:], 16)): value for key, value in kept.objects.items()}
-    return StoredParameters(kept.eds, kept.node_id, kept.bit_rate_kbit_s, objects)
+    eds_checksum, _, device = kept.eds.partition(" ")
+    return StoredParameters(eds_checksum, kept.node_id, kept.bit_rate_kbit_s, objects, device)

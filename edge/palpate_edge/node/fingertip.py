@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from bisect import bisect_right
 from collections.abc import Sequence
 
@@ -50,7 +51,7 @@ TARE_IN_CONTACT_SIGNATURE = int.from_bytes(b"ZERO", "little")
 """Values of 6125h. The second one tares in spite of a contact: a dent that remains when nothing touches."""
 HASH_DIGITS = 16
 LOCATION_CHARACTERS = 64
-SERIAL_NUMBER = (0x1018, 4)
+SOFTWARE_VERSION, SERIAL_NUMBER = (0x100A, 0), (0x1018, 4)
 
 
 class FingertipNode:
@@ -82,7 +83,10 @@ class FingertipNode:
         if outputs.pose:
             od = with_tpdos_enabled(od, POSE_TPDOS)
         self._is_touched = False
-        self.slave = Slave(od, self._check_write, kept)
+        software = od.entry(*SOFTWARE_VERSION).default
+        constants = repr((software, method, calibration_hash, model_hash, serial_number, outputs))
+        device = hashlib.sha256(constants.encode()).hexdigest()[:HASH_DIGITS]
+        self.slave = Slave(od, self._check_write, kept.on_device(device))
         self._has_led = has_led
         self._outputs = outputs
         self.slave.write(METHOD, 0, int(method))

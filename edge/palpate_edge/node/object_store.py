@@ -9,6 +9,8 @@ from palpate_edge.node.object_dictionary import RANGES, DataType, Entry, ObjectD
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 ERROR_HISTORY = 0x1003
+CONFIGURATION_SIGNATURE = 0x1020
+SIGNATURE_KEYS = ((CONFIGURATION_SIGNATURE, 1), (CONFIGURATION_SIGNATURE, 2))
 
 
 class ObjectStore:
@@ -68,6 +70,15 @@ class ObjectStore:
             if value not in ranges.get(key, ()):
                 self.od.entry(*key).check(value)
         self.values.update(objects)
+
+    @property
+    def is_signed(self) -> bool:
+        """Return whether 1020h has a signature: the configuration is as a master verified it."""
+        return any(self.values.get(key) for key in SIGNATURE_KEYS)
+
+    def clear_signature(self) -> None:
+        """Set 1020h to 0: the configuration has changed."""
+        self.values.update({key: 0 for key in SIGNATURE_KEYS if key in self.values})
 
     def restore(self, indices: Container[int]) -> None:
         """Reset objects in `indices` to their saved or default values, as at power-on.

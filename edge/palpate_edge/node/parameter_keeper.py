@@ -15,7 +15,7 @@ from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
-from palpate_edge.node.stored_parameters import StoredParameters, after_write
+from palpate_edge.node.stored_parameters import RESTORE, StoredParameters, after_write
 
 STORE_TIMEOUT_US = 5_000_000
 
@@ -56,6 +56,8 @@ class ParameterKeeper:
         parameters = after_write(self._store, self.kept, entry, value)
         if self.is_storing or state is NmtState.OPERATIONAL:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
+        if entry.index == RESTORE:
+            self._store.clear_signature()
         return self._request(now_us, parameters, confirm)
 
     def keep_lss(self, now_us: int, node_id: int, confirm: Confirm) -> StoreRequested | None:
@@ -63,7 +65,11 @@ class ParameterKeeper:
 
         `is_storing` must be False.
         """
-        return self._request(now_us, replace(self.kept, node_id=node_id), confirm)
+        parameters = self.kept
+        if node_id != parameters.node_id:
+            self._store.clear_signature()
+            parameters = replace(parameters.without_signature(), node_id=node_id)
+        return self._request(now_us, parameters, confirm)
 
     def finished(self, stored: bool, parameters: StoredParameters | None = None) -> list[CanFrame]:
         """Process the application's result and return the response to the master.

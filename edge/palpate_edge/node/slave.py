@@ -39,7 +39,7 @@ from palpate_edge.node.object_dictionary import (
     ObjectKey,
     Value,
 )
-from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.object_store import SIGNATURE_KEYS, ObjectStore
 from palpate_edge.node.parameter_keeper import ParameterKeeper
 from palpate_edge.node.services import Services
 from palpate_edge.node.stored_check import StoredParametersError, check_stored, usable_node_id
@@ -48,6 +48,7 @@ from palpate_edge.node.stored_parameters import (
     NOTHING_STORED,
     SIGNATURES,
     StoredParameters,
+    is_parameter,
 )
 
 IDLE_US = 1_000_000
@@ -343,6 +344,8 @@ class Slave:
             return request is None
         self._services.check_write(entry, value)
         self._check_write(entry, value)
+        if is_parameter(entry) and entry.key not in SIGNATURE_KEYS and self._store.values[entry.key] != value:
+            self._store.clear_signature()
         self._store.values[entry.key] = value
         self._events.append(ObjectWritten(entry.index, entry.subindex, value))
         if entry.index in COMMUNICATION:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from palpate_edge.node.object_dictionary import Entry, ObjectKey, Value
-from palpate_edge.node.object_store import ERROR_HISTORY, ObjectStore
+from palpate_edge.node.object_store import ERROR_HISTORY, SIGNATURE_KEYS, ObjectStore
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 STORE, RESTORE = 0x1010, 0x1011
@@ -32,13 +32,28 @@ class StoredParameters:
     """Values that a node keeps without power.
 
     eds_checksum: of the EDS that `objects` belong to. node_id: stored by LSS, None if not. bit_rate_kbit_s:
-    of a file of an earlier version; not used.
+    of a file of an earlier version; not used. device: digest of the device to which the signature in 1020h
+    belongs.
     """
 
     eds_checksum: str = ""
     node_id: int | None = None
     bit_rate_kbit_s: int | None = None
     objects: Mapping[ObjectKey, Value] = field(default_factory=dict)
+    device: str = ""
+
+    def without_signature(self) -> StoredParameters:
+        """Return the parameters with 1020h at 0, after a change of the others."""
+        return replace(self, objects=_without_signature(self.objects))
+
+    def on_device(self, device: str) -> StoredParameters:
+        """Return the parameters as `device` starts with them.
+
+        A master also verified constants of the device, such as its calibration: a device with others has no
+        signature.
+        """
+        kept = self if device == self.device else self.without_signature()
+        return replace(kept, device=device)
 
 
 NOTHING_STORED = StoredParameters()
@@ -47,7 +62,8 @@ NOTHING_STORED = StoredParameters()
 def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value: Value) -> StoredParameters:
     """Return the parameters to store after a master wrote `value` to 1010h or 1011h.
 
-    Raises SdoAbortError when the value is not the signature.
+    A change of the stored values deletes the configuration signature (1020h) unless it is stored with them.
+    Raises SdoAbortError when the value is not that of "save" or "load".
     """
     if value != SIGNATURES[entry.index]:
         raise SdoAbortError(AbortCode.NOT_STORED)
@@ -55,7 +71,10 @@ def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value:
     objects = {key: kept_value for key, kept_value in kept.objects.items() if key[0] not in group}
     if entry.index == STORE:
         objects |= changed_parameters(store, group)
-    return replace(kept, eds_checksum=store.od.checksum, objects=objects)
+    parameters = replace(kept, eds_checksum=store.od.checksum, objects=objects)
+    is_changed = _without_signature(objects) != _without_signature(kept.objects)
+    is_signed = entry.index == STORE and store.is_signed
+    return parameters.without_signature() if is_changed and not is_signed else parameters
 
 
 def changed_parameters(store: ObjectStore, group: range) -> dict[ObjectKey, Value]:
@@ -65,6 +84,10 @@ def changed_parameters(store: ObjectStore, group: range) -> dict[ObjectKey, Valu
         for key, entry in store.od.entries.items()
         if key[0] in group and is_parameter(entry) and store.values[key] != entry.default
     }
+
+
+def _without_signature(objects: Mapping[ObjectKey, Value]) -> dict[ObjectKey, Value]:
+    return {key: value for key, value in objects.items() if key not in SIGNATURE_KEYS}
 
 
 def is_parameter(entry: Entry) -> bool:

@@ -3,16 +3,20 @@
 In the manner of CiA 302-2, where the NMT master compares identity and configuration of a slave before it
 starts it. One request at a time, due with the host's ticks; every difference is a problem of one line with
 object, value found, value wanted and remedy. A node with a problem is read again once a second, so that a
-node that was mended on the bus is accepted without a command.
+node that was mended on the bus is accepted without a command. A node with the signature of its configuration
+(configuration_signature.py) is not read further; one that agrees without it is signed.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.sdo_abort import AbortCode
-from palpate_host.drives.identify import SDO_REPLY_ID
+from palpate_host.drives.drive_settings import Write
+from palpate_host.drives.identify import SDO_REPLY_ID, SDO_REQUEST_ID
+from palpate_host.network.configuration_signature import is_written, signature_of, signing
 from palpate_host.network.node_contract import Wanted
 from palpate_host.network.sdo_upload import SdoUpload
 
@@ -29,12 +33,17 @@ _MISSING = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 class BootCheck:
     """The reading of one node. problem: one line, empty for none. is_verified: every object agrees."""
 
-    def __init__(self, node_id: int, name: str, wanted: Iterable[Wanted]) -> None:
-        """wanted: the objects in the order of reading; with none, the node is taken as it is."""
+    def __init__(self, node_id: int, name: str, wanted: Iterable[Wanted], *, signs: bool = False) -> None:
+        """wanted: the objects in the order of reading; with none, the node is taken as it is.
+
+        signs: read 1020h first, and write it after the others agree.
+        """
         self.node_id = node_id
         self.reply_id = SDO_REPLY_ID + node_id
         self.name = name
-        self._wanted = tuple(wanted)
+        contract = tuple(wanted)
+        self._signature = signature_of(contract) if signs and contract else ()
+        self._wanted = (*self._signature, *contract)
         self.restart()
 
     def restart(self) -> None:
@@ -52,6 +61,8 @@ class BootCheck:
         self._requested_us: int | None = None
         self._silent_since_us: int | None = None
         self._disabled_pdo = ""
+        self._can_sign = False
+        self._signing: deque[Write] = deque()
 
     def due(self, now_us: int) -> CanFrame | None:
         """Return the next request, or the last transfer's first one after RETRY_US without a response."""
@@ -66,16 +77,24 @@ class BootCheck:
         if self._requested_us is not None:
             if now_us < self._requested_us + RETRY_US:
                 return None
+            if self._signing:  # a slow disk: the node goes on saving
+                self._finish()
+                return None
             self._upload.restart()
         self._silent_since_us = now_us if self._silent_since_us is None else self._silent_since_us
         if now_us >= self._silent_since_us + NO_RESPONSE_US:
             self.problem = self._no_response()
         self._requested_us = now_us
+        if self._signing:
+            return CanFrame(SDO_REQUEST_ID + self.node_id, self._signing[0].request())
         return self._upload.request()
 
     def receive(self, frame: CanFrame) -> None:
         """Take a frame with `reply_id`. Responses to other clients' requests are ignored."""
         if self.is_verified or self._differs or self._requested_us is None:
+            return
+        if self._signing:
+            self._receive_signing(frame.data)
             return
         if not self._upload.receive(frame.data):
             return
@@ -85,6 +104,9 @@ class BootCheck:
 
     def _compare(self, wanted: Wanted) -> None:
         upload = self._upload
+        if self._place < len(self._signature):
+            self._compare_signature(wanted)
+            return
         if upload.abort is not None and upload.abort not in _MISSING:
             problem = (
                 f"{wanted.key[0]:04X}h:{wanted.key[1]:02X} cannot be read (abort {upload.abort:08X}h):"
@@ -97,13 +119,43 @@ class BootCheck:
             return
         if wanted.is_disabled(upload.data):
             self._disabled_pdo = wanted.pdo
-        self._place += 1
-        while self._place < len(self._wanted) and self._is_of_disabled_pdo(self._wanted[self._place]):
-            self._place += 1
-        if self._place == len(self._wanted):
-            self.problem, self.is_verified = "", True
+        place = self._place + 1
+        while place < len(self._wanted) and self._is_of_disabled_pdo(self._wanted[place]):
+            place += 1
+        self._read(place)
+
+    def _compare_signature(self, wanted: Wanted) -> None:
+        data = self._upload.data
+        if data is None or wanted.problem(data):
+            self._can_sign = data is not None
+            self._read(len(self._signature))
+        elif self._place + 1 < len(self._signature):
+            self._read(self._place + 1)
         else:
-            self._upload = SdoUpload(self.node_id, self._wanted[self._place].key)
+            self._finish()
+
+    def _read(self, place: int) -> None:
+        """Read the object at `place` next; behind the last one, sign the node or end."""
+        self._place = place
+        if place < len(self._wanted):
+            self._upload = SdoUpload(self.node_id, self._wanted[place].key)
+        elif self._can_sign:
+            self._signing.extend(signing(self._signature))
+        else:
+            self._finish()
+
+    def _receive_signing(self, response: bytes) -> None:
+        """Take a response to a part of the signature. A node that refuses one is read whole the next time."""
+        written = is_written(self._signing[0], response)
+        if written is None:
+            return
+        self._requested_us = self._silent_since_us = None
+        self._signing.popleft()
+        if not written or not self._signing:
+            self._finish()
+
+    def _finish(self) -> None:
+        self.problem, self.is_verified = "", True
 
     def _is_of_disabled_pdo(self, wanted: Wanted) -> bool:
         return bool(wanted.pdo) and wanted.pdo == self._disabled_pdo

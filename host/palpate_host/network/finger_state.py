@@ -37,7 +37,7 @@ class FingerRecord:
         self.tip = Fingertip(node_id, name, poses=poses)
         contract = fingertip_contract(node_id, poses=poses, serial=serial, calibration=calibration)
         who = f"fingertip of {name} (node 0x{node_id:02X})"
-        self.boot = BootCheck(node_id, who, contract if verifies else ())
+        self.boot = BootCheck(node_id, who, contract if verifies else (), signs=True)
         self.unpaired = 0
         self.unverified = 0  # TPDOs that came before the node was verified
         self.is_calibrated = True

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from palpate_edge.node.cob_ids import NOT_VALID
 from palpate_edge.node.object_dictionary import ObjectDictionary, ObjectKey
+from palpate_edge.node.object_store import CONFIGURATION_SIGNATURE
 from palpate_edge.node.pdo_codec import PdoDirection
 from palpate_edge.node.pdo_parameters import (
     COB_ID_NO_RTR,
@@ -130,8 +131,10 @@ def mapping_of(direction: PdoDirection, number: int, words: Sequence[int], remed
 
 
 def reads_contract(sdo_request: bytes) -> bool:
-    """Return whether an SDO request begins an upload of PDO parameters."""
-    return _begins(sdo_request, _UPLOAD) in PDO_PARAMETERS
+    """Return whether an SDO request begins an upload of PDO parameters or of the signature that stands for
+    them."""
+    index = _begins(sdo_request, _UPLOAD)
+    return index == CONFIGURATION_SIGNATURE or index in PDO_PARAMETERS
 
 
 def changes_contract(sdo_request: bytes) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
@@ -130,6 +131,11 @@ class LockstepLoop:
                 sent = node.process(now_us, to_nodes)
                 self._due_us[index] = sent.next_due_us
                 self._send(now_us, sent.frames_out, from_host=False)
+                if isinstance(node, FingertipNode) and any(
+                    isinstance(e, StoreRequested) for e in sent.events
+                ):
+                    node.slave.store_finished(stored=False)
+                    self._due_us[index] = now_us  # to answer that it has no disk
         output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
         self.status = output.status

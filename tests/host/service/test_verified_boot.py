@@ -1,6 +1,7 @@
 """Verified boot: no contact of a fingertip counts before the host has read what it decodes with."""
 
 import itertools
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -19,7 +20,7 @@ from palpate_host.service.replay import replay
 TIP = 0x10
 SWAPPED = {(0x1A00, 1): 0x7130_0210, (0x1A00, 2): 0x7130_0110}  # y before x, as long as before
 PLACE_MM = (5.0, -8.0, 28.5)
-READ_S = 0.6  # 43 ticks of 10 ms to read a fingertip, and its first frame
+READ_S = 0.6  # 47 ticks of 10 ms to read and sign a fingertip, and its first frame
 
 
 def stored(objects):
@@ -223,7 +224,7 @@ def test_a_fingertip_that_answers_no_sdo_request_is_named_within_a_second(bench,
     status = rig.run(0.2)
     assert status.mode is Mode.CHECK
     assert status.reason == (
-        "waiting for fingertip of finger-1 (node 0x10): no SDO response to a read of 1000h:00 for 1 s:"
+        "waiting for fingertip of finger-1 (node 0x10): no SDO response to a read of 1020h:01 for 1 s:"
         " check the node, palpate-host bus scan"
     )
     rig.to_host = bench.same
@@ -259,7 +260,7 @@ def test_reading_takes_no_more_than_a_request_a_tick(rig):
     rig.run(1.0)
     requests = [stamp for stamp, frame in rig.log if frame.can_id == 0x600 + TIP]
     assert len(set(requests)) == len(requests)
-    assert len(requests) == 43
+    assert len(requests) == 47  # 43 objects, one of the signature before them, three to write and save it
 
 
 def test_the_objects_of_the_contract_are_in_the_eds():
@@ -290,10 +291,122 @@ def test_a_remapped_drive_is_not_started(rig, objects, named):
 def test_drives_are_read_in_the_time_of_a_fingertip(rig):
     rig.run(1.0)
     first = next(status.time_us for status in rig.statuses if status.mode is Mode.READY)
-    assert first - rig.statuses[0].time_us <= 520_000  # 43 ticks, the node's start, its heartbeat
+    assert first - rig.statuses[0].time_us <= 560_000  # 47 ticks, the node's start, its heartbeat
     reads = [
         f
         for _, f in rig.log
         if f.can_id == 0x602 and f.data[0] == 0x40 and f.data[2] in (0x14, 0x16, 0x18, 0x1A)
     ]
     assert len(reads) == 14
+
+
+SIGNATURE = 0x1020
+
+
+def requests_to_tip(rig, since_us=0):
+    """Index, sub-index and kind of the host's SDO requests to the first fingertip."""
+    sent = [f.data for stamp, f in rig.log if f.can_id == 0x600 + TIP and stamp >= since_us]
+    return [(int.from_bytes(data[1:3], "little"), data[3], data[0] >> 5) for data in sent]
+
+
+def boot_again(rig):
+    """The fingertip boots: its power was off for a moment."""
+    kept = rig.tips[0].slave._keeper.kept
+    rig.tips[0] = FingertipNode(TIP, MethodCode.CORRECTED, "0" * 16, kept=kept)
+    rig.wake(TIP)
+    rig.log.clear()
+
+
+def test_a_verified_fingertip_is_signed_and_saved_before_it_is_started(rig):
+    rig.run(1.0)
+    assert requests_to_tip(rig)[-3:] == [(SIGNATURE, 1, 1), (SIGNATURE, 2, 1), (0x1010, 2, 1)]
+    slave = rig.tips[0].slave
+    date, time = slave.read(SIGNATURE, 1), slave.read(SIGNATURE, 2)
+    assert 0 < date <= 0xFFFF and 0 <= time < 24 * 3600 * 1000  # a date and a time of day, as CiA 301 has it
+    assert dict(slave._keeper.kept.objects) == {(SIGNATURE, 1): date, (SIGNATURE, 2): time}
+    assert {tip.slave.read(SIGNATURE, 1) for tip in rig.tips} - {date}  # node ids are part of it
+
+
+def test_a_signed_fingertip_is_read_in_two_requests(rig):
+    rig.run(1.5)
+    boot_again(rig)
+    taken = rig.statuses[-1].fingers[0].complete
+    assert rig.run(0.2).fingers[0].complete > taken
+    assert requests_to_tip(rig) == [(SIGNATURE, 1, 2), (SIGNATURE, 2, 2)]
+
+
+def test_a_signed_hand_is_ready_sooner(rig, bench, table_4):
+    def ready_after_us(rig):
+        rig.run(1.0)
+        return next(s.time_us for s in rig.statuses if s.mode is Mode.READY) - rig.statuses[0].time_us
+
+    again = bench.VirtualBench(*table_4)
+    first_us = ready_after_us(rig)
+    again.tips = rig.tips
+    for tip in again.tips:
+        tip.slave.process(bench.START_US, (CanFrame(0, b"\x81\x00"),))
+    again_us = ready_after_us(again)
+    print(f"READY after {first_us / 1e6:.2f} s, with signatures after {again_us / 1e6:.2f} s")
+    assert first_us - again_us >= 250_000
+
+
+def test_a_remap_of_a_signed_fingertip_is_read_whole(rig):
+    """The node drops its signature with the change, whether the host receives the writes or not."""
+    rig.run(1.5)
+    nmt(rig, 0x80)
+    rig.run(0.002)
+    remap(rig, SWAPPED, heard=False)
+    sdo_write(rig, (0x1010, 1), int.from_bytes(b"save", "little"), 4, heard=False)
+    rig.run(0.01)
+    boot_again(rig)
+    status = rig.run(1.0)
+    assert "1A00h:01 is 0x71300210" in status.reason
+    assert len(requests_to_tip(rig)) > 10
+
+
+def test_a_signature_of_another_contract_is_read_whole_and_replaced(bench, table_4):
+    """The same fingertip, which hand.toml names by its calibration from now on."""
+    rig = bench.VirtualBench(*table_4)
+    rig.run(1.0)
+    kept = rig.tips[0].slave._keeper.kept
+    config, hand = table_4
+    other = bench.VirtualBench(with_finger(config, calibration="0" * 16), hand)
+    other.tips[0] = FingertipNode(TIP, MethodCode.CORRECTED, "0" * 16, kept=kept)
+    assert other.run(1.5).mode is Mode.MANIPULATE
+    assert (0x2001, 0, 2) in requests_to_tip(other)
+    assert other.tips[0].slave._keeper.kept.objects != kept.objects
+
+
+def test_a_fingertip_with_another_calibration_is_named_in_spite_of_its_signature(bench, table_4):
+    config, hand = table_4
+    rig = bench.VirtualBench(with_finger(config, calibration="0" * 16), hand)
+    assert rig.run(1.5).mode is Mode.MANIPULATE
+    kept = rig.tips[0].slave._keeper.kept
+    rig.tips[0] = FingertipNode(TIP, MethodCode.CORRECTED, "f" * 16, kept=kept)
+    rig.wake(TIP)
+    assert f"2001h:00 is {'f' * 16!r}, expected {'0' * 16!r}" in rig.run(1.0).reason
+
+
+def test_a_disk_that_takes_seconds_does_not_hold_up_the_start(bench, table_4):
+    """The response to 1010h comes after the save; the host goes on after 200 ms."""
+
+    def without_answer_to_save(stamp_us, frame):
+        is_saved = frame.can_id == 0x580 + TIP and frame.data[1:3] == b"\x10\x10"
+        return [] if is_saved else [(stamp_us, frame)]
+
+    rig = bench.VirtualBench(*table_4, to_host=without_answer_to_save)
+    assert rig.run(1.5).mode is Mode.MANIPULATE
+
+
+def test_a_fingertip_without_a_signature_object_is_read_whole(rig, bench, monkeypatch):
+    """As one of an earlier version."""
+
+    def without_signature(path, node_id):
+        od = load_eds(path, node_id)
+        entries = {key: entry for key, entry in od.entries.items() if key[0] != SIGNATURE}
+        return replace(od, entries=entries, indices=od.indices - {SIGNATURE})
+
+    monkeypatch.setattr("palpate_edge.node.fingertip.load_eds", without_signature)
+    rig.tips[0] = bench.make_tip(TIP)
+    assert rig.run(1.5).mode is Mode.MANIPULATE
+    assert len(requests_to_tip(rig)) == 44
