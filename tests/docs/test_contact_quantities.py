@@ -24,8 +24,11 @@ TABLE = "edge/palpate_edge/common/contact_quantities.py"
 PARSED = "edge/palpate_edge/node/fingertip.parsed.json"
 EDS = ("firmware/fingertip.eds", "edge/palpate_edge/node/fingertip.eds", PARSED)
 PRODUCERS = (
-    *(f"edge/palpate_edge/{room}/" for room in ("estimation", "calibration", "datasets", "diagnostics")),
-    *(f"host/palpate_twin/{room}/" for room in ("camera", "dome")),
+    *(
+        f"edge/palpate_edge/{room}/"
+        for room in ("estimation", "calibration", "datasets", "diagnostics", "press_rig")
+    ),
+    *(f"host/palpate_twin/{room}/" for room in ("camera", "dome", "press_rig")),
 )
 """Rooms that make the quantity, its label, or a drawing of its making; they do not carry it."""
 

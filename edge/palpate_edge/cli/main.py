@@ -16,6 +16,7 @@ from palpate_edge.cli.follow import follow
 from palpate_edge.cli.guide import guide
 from palpate_edge.cli.identify import identify
 from palpate_edge.cli.inspect_frame import inspect
+from palpate_edge.cli.press_rig import press_rig
 from palpate_edge.cli.record import record
 from palpate_edge.cli.run import run
 from palpate_edge.cli.setup import setup
@@ -40,7 +41,7 @@ def cli() -> None:
 
     \b
     Exit status: 0 success, 1 unexpected error, 2 configuration, 3 dataset or image, 4 calibration,
-    5 capture, 6 bus, 7 illumination controller.
+    5 capture, 6 bus, 7 illumination controller, 8 press rig.
     """
     cv2.setNumThreads(1)
     _quieten_libraries()
@@ -65,6 +66,7 @@ for command in (
     check,
     watch,
     record,
+    press_rig,
     identify,
 ):
     cli.add_command(command)

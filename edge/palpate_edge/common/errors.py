@@ -109,6 +109,12 @@ class BusOffError(BusError):
     """The CAN controller went bus-off after too many errors; it may restart."""
 
 
+class RigError(PalpateError):
+    """The press rig stopped: printer, scale or probe do not answer, or a limit was reached."""
+
+    exit_status = 8
+
+
 class IlluminationError(PalpateError):
     """The illumination controller does not answer, is of another kind, or refuses."""
 

@@ -27,7 +27,11 @@ LARGEST = {"t_s": 1e9, "lost": 1e6} | dict.fromkeys(("x_mm", "y_mm", "z_mm"), 1e
 SMALLEST_RADIUS_MM = 0.1  # of a contact: nearer to the dome's centre there is no direction
 FORCES = ("fn_N", "fx_N", "fy_N", "fz_N")
 TORSION = "torsion_Nmm"
-"""Optional last column."""
+"""Optional column after those."""
+
+BOUNDS = ["fn_low_N", "fn_high_N"]
+"""Optional last columns: limits of the normal force by the friction cone, where only a part of the force was
+measured (docs/press-rig.md). They are checked and not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +123,11 @@ def read_truth(path: Path) -> tuple[Press, ...]:
     """
     rows = read_rows(path, "docs/press-dataset.md")
     columns = rows[0] if rows else []
-    if [column for column in columns if column not in POSE_LABELS] not in (COLUMNS, [*COLUMNS, TORSION]):
+    own = [column for column in columns if column not in POSE_LABELS]
+    if own not in [[*COLUMNS, *more] for more in ([], [TORSION], BOUNDS, [TORSION, *BOUNDS])]:
         raise DatasetError(
             f"{path}: the first line must be {','.join(COLUMNS)}, or that and {TORSION} as the last column; "
-            f"further columns may be {', '.join(POSE_LABELS)}"
+            f"further columns may be {', '.join((*POSE_LABELS, *BOUNDS))}"
         )
     presses = {
         number: _press(path, number, row, columns) for number, row in enumerate(rows[1:], start=2) if row
@@ -183,6 +188,9 @@ def _press(path: Path, number: int, row: list[str], columns: list[str]) -> Press
     torsion_Nmm: float | None = None if touches else 0.0
     if cell.get(TORSION):
         torsion_Nmm = value(TORSION)
+    for column in BOUNDS:
+        if cell.get(column):
+            value(column)
     place = (value("x_mm"), value("y_mm"), value("z_mm")) if touches else None
     if place is not None and math.hypot(*place) < SMALLEST_RADIUS_MM:
         raise DatasetError(

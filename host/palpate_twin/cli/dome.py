@@ -281,6 +281,26 @@ def model(seed: int, out: Path | None) -> None:
     click.echo(f"{target}: {len(samples.fields)} samples")
 
 
+@dome.command()
+@click.option("--samples", default=1500, show_default=True, help="Number of motions.")
+@click.option("--seed", default=1, show_default=True, help="Random seed of the motions.")
+@click.option("--out", type=FILE, help="File to write.  [default: the ball model in the package]")
+def ball(samples: int, seed: int, out: Path | None) -> None:
+    """Create the press rig's ball model from the library's forces.
+
+    \b
+    Example:
+      palpate-host simulate dome ball --out ball-forces.npz
+    """
+    from palpate_edge.press_rig.ball_model import SHIPPED, fit_ball_model, save_ball_model  # noqa: PLC0415
+    from palpate_twin.dome.library import load_library  # noqa: PLC0415
+    from palpate_twin.press_rig.ball_samples import ball_samples  # noqa: PLC0415
+
+    target = out or SHIPPED
+    save_ball_model(fit_ball_model(*ball_samples(load_library(), samples, seed)), target)
+    click.echo(f"{target}: {samples} motions")
+
+
 def _resolution(mesh: tuple[int, int, int]) -> Resolution:
     from palpate_twin.dome.mesh import Resolution  # noqa: PLC0415
 
