@@ -238,7 +238,7 @@ def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
     for key, value in (RUN_KEYS | (TWIN_KEYS if is_twin else {})).items():
         text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
     if is_twin:
-        return text.replace("[control]\n", f"[control]\n{TWIN_CONTROL}")
+        return text.replace("\n[control]\n", f"\n[control]\n{TWIN_CONTROL}")
     return text.replace("\nwarn_ms =", f"\nlost_ms = {RECORDED_LOST_MS}\nwarn_ms =")
 
 
