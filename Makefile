@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEPLOY := .venv-deploy
+RELEASE_KEY ?= $(HOME)/.ssh/palpate-release
 VM     := vm
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
@@ -17,7 +18,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse coverage mutation firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -80,7 +81,11 @@ board-image: $(VENV)/pyvenv.cfg  ## build the bare boards that tests provision, 
 	PYTHONPATH=tests/kernel:tests/deploy $(BIN)/python -m deploy_rig.image
 
 wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards install, for aarch64 and x86-64, Python 3.11 and 3.13
-	$(BIN)/python ansible/wheelhouse.py build/wheelhouse
+	$(BIN)/python ansible/wheelhouse.py build/wheelhouse $(if $(wildcard $(RELEASE_KEY)),--key $(RELEASE_KEY))
+	@test -e $(RELEASE_KEY) || echo 'not signed, so no board installs it: make release-key, or RELEASE_KEY=FILE; docs/deploying.md'
+
+release-key:  ## make the key that signs releases, ~/.ssh/palpate-release, with a password
+	ssh-keygen -t ed25519 -C palpate-release -f $(RELEASE_KEY)
 
 deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
 	@for tier in lint namespace hand namespace:trixie hand:trixie foreign booted; do \

@@ -1,7 +1,9 @@
-"""Write the wheelhouse, from which boards install without network; every file is checked by its hash.
+"""Write the wheelhouse, from which boards install without network, and sign it.
 
-wheelhouse/PYTHON/RELEASE             the release's name: version, digest, PYTHON (cp311 or cp313)
-wheelhouse/PYTHON/PART/ARCHITECTURE/  wheels, packages.txt, palpate.txt, SHA256SUMS; PART is edge or host
+wheelhouse/PYTHON/MANIFEST.json       name of the release (version, digest, PYTHON: cp311 or cp313), version,
+                                      time, contract (digest of the fingertip's objects), SHA-256 of each file
+wheelhouse/PYTHON/MANIFEST.json.sig   its ssh signature, without which no board installs anything
+wheelhouse/PYTHON/PART/ARCHITECTURE/  wheels, packages.txt, palpate.txt; PART is edge or host
 packages.txt lists the third-party packages, palpate.txt palpate itself: an update installs only what differs.
 """
 
@@ -9,15 +11,19 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
 from packaging.requirements import Requirement
 
 PROJECT = Path(__file__).resolve().parents[1]
+OBJECTS = "edge/palpate_edge/node/fingertip.parsed.json"  # the fingertip's EDS without comments
+MANIFEST, NAMESPACE = "MANIFEST.json", "palpate-release"
 ARCHITECTURES = ("aarch64", "x86_64")
 PARTS = ("edge", "host")
 PYTHONS = ("3.11", "3.13")  # Debian 12 and 13
@@ -66,13 +72,29 @@ def fill(folder: Path, wheel: Path, part: str, architecture: str, python: str) -
     shutil.copy(wheel, folder)
     version = wheel.name.split("-")[1]
     (folder / "palpate.txt").write_text(f"palpate=={version} --hash=sha256:{sha256(wheel)}\n")
-    sums = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.iterdir())]
-    (folder / "SHA256SUMS").write_text("".join(sums))
 
 
 def release_name(version: str, digest: str, python: str) -> str:
     """Return the name of a release: boards of two Pythons have different ones of the same sources."""
     return f"{version}-{digest[:8]}-{tag(python)}"
+
+
+def write_manifest(folder: Path, release: str, version: str, made_at: int) -> None:
+    """List every file below `folder`, with what an update compares. made_at: Unix time, s."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    manifest = {
+        "release": release,
+        "version": version,
+        "made_at": made_at,
+        "contract": sha256(PROJECT / OBJECTS),
+        "files": {path.relative_to(folder).as_posix(): sha256(path) for path in files},
+    }
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
+
+
+def sign(manifest: Path, key: Path) -> None:
+    """Write the manifest's signature beside it; a key with a password asks for it."""
+    subprocess.run(["ssh-keygen", "-q", "-Y", "sign", "-f", key, "-n", NAMESPACE, manifest], check=True)
 
 
 def tag(python: str) -> str:
@@ -94,6 +116,7 @@ def main() -> None:
     parser.add_argument(
         "--architecture", choices=ARCHITECTURES, action="append", help="write only this one; may be repeated"
     )
+    parser.add_argument("--key", type=Path, help="ssh key that signs the release (default: not signed)")
     wanted = parser.parse_args()
     parts = wanted.part or PARTS
     unfinished = wanted.folder.with_name(f"{wanted.folder.name}.unfinished")
@@ -109,7 +132,9 @@ def main() -> None:
             for architecture in wanted.architecture or ARCHITECTURES:
                 print(f"wheelhouse: {part} for {architecture}, Python {python}", file=sys.stderr, flush=True)
                 fill(folder / part / architecture, wheel, part, architecture, python)
-        (folder / "RELEASE").write_text(f"{release_name(version, digest, python)}\n")
+        write_manifest(folder, release_name(version, digest, python), version, int(time.time()))
+        if wanted.key:
+            sign(folder / MANIFEST, wanted.key)
     wheel.unlink()
     shutil.rmtree(wanted.folder, ignore_errors=True)
     unfinished.rename(wanted.folder)

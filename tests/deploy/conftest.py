@@ -46,4 +46,4 @@ def bare_board(suite: str) -> Path:
 @pytest.fixture(scope="session")
 def wheels(bare_board: Path, python: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheelhouse of a fingertip with today's sources."""
-    return wheelhouse(tmp_path_factory.mktemp("wheels") / "wheelhouse", python=python)
+    return wheelhouse(tmp_path_factory.mktemp("wheels") / "wheelhouse", python=python, key=bare_board / "key")

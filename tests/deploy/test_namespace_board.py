@@ -37,6 +37,7 @@ WATCHED_S = float(os.environ.get("PALPATE_WATCHED_S", "10"))  # for what is writ
 MAY_BE_WRITTEN = (  # while a provisioned board serves
     r"/var/lib/palpate/parameters.*",  # when a master stores them
     r"/var/lib/chrony/.*",  # once an hour: how fast the board's clock runs
+    r"/var/(lib/apt|cache/apt|lib/dpkg|log/unattended-upgrades|log/apt)/.*",  # once a day: apt
     r"/var/lib/systemd/timers/.*",  # a stamp when a timer has run
 )
 
@@ -109,19 +110,24 @@ def links_of(board, python, file):
 
 
 def release_of(wheels):
-    (file,) = wheels.glob("cp*/RELEASE")
-    return file.read_text().strip()
+    return manifest_of(wheels)["release"]
+
+
+def manifest_of(wheels):
+    (file,) = wheels.glob("cp*/MANIFEST.json")
+    return json.loads(file.read_text())
 
 
 @pytest.fixture(scope="module")
-def another_release(tmp_path_factory, board, wheels, python):
+def another_release(tmp_path_factory, board, wheels, python, bare_board):
     """Wheelhouses of sources with one place changed."""
 
     def make(name, file, old, new):
         folder = tmp_path_factory.mktemp(name)
         sources = changed_sources(folder / "sources", file, old, new)
         (packages,) = wheels.glob("cp*/edge/x86_64")
-        return wheelhouse(folder / "wheelhouse", sources, packages=packages, python=python)
+        key = bare_board / "key"
+        return wheelhouse(folder / "wheelhouse", sources, packages=packages, python=python, key=key)
 
     return make
 
@@ -153,6 +159,29 @@ def test_nothing_listens_but_ssh_and_the_name(board):
     assert all('"avahi-daemon"' in row and row.startswith("udp") for row in others), rows
     assert any(re.search(r":5353\s", row) for row in others), rows
     assert shown_of(board, "avahi-daemon.service", "UnitFileState") == "enabled"
+
+
+def test_only_security_updates_come_unasked(board):
+    """By unattended-upgrades itself, as apt would start it every day."""
+    log = board.machine.run("unattended-upgrade", "--dry-run", "--debug", check=False)
+    assert "Allowed origins are: origin=Debian,codename=" in log, log
+    (origins,) = re.findall(r"Allowed origins are: (.+)", log)
+    assert all(origin.endswith("label=Debian-Security") for origin in re.split(r", (?=origin)|' '", origins))
+    for timer in ("apt-daily.timer", "apt-daily-upgrade.timer"):
+        assert shown_of(board, timer, "ActiveState") == "active"
+
+
+def test_updates_wait_while_the_hand_is_in_use(board):
+    board.master.contact_after(time.monotonic())
+    for service in ("apt-daily.service", "apt-daily-upgrade.service"):
+        board.machine.run("systemctl", "start", service, check=False)
+        assert shown_of(board, service, "Result") == "exec-condition"
+    board.machine.run("systemctl", "stop", SERVICE)
+    time.sleep(5)  # the age of the last report
+    board.machine.run("systemctl", "start", "apt-daily-upgrade.service", check=False)
+    assert shown_of(board, "apt-daily-upgrade.service", "Result") != "exec-condition"
+    board.machine.run("systemctl", "start", SERVICE)
+    board.master.contact_after(time.monotonic())
 
 
 def test_passwords_are_refused_though_cloud_init_allows_them(board):
@@ -205,7 +234,7 @@ def test_a_drop_in_that_was_not_loaded_is_loaded_by_the_next_switch(board):
     file, switch = f"/etc/systemd/system/{SERVICE}.d/own.conf", "/opt/palpate/bin/palpate-release"
     for write, nice in ((f"printf '[Service]\\nNice=7\\n' >{file}", "7"), (f"rm {file}", "0")):
         board.machine.run("sh", "-c", write)
-        assert board.machine.run(switch, "switch", serving(board)) == f"started {SERVICE}"
+        assert board.machine.run(switch, "--interrupt", "switch", serving(board)) == f"started {SERVICE}"
         assert board.machine.run("ps", "-o", "ni=", "-p", shown(board, "MainPID")).strip() == nice
         assert board.machine.run(switch, "switch", serving(board)) == f"unchanged: {serving(board)}"
     board.master.contact_after(time.monotonic())
@@ -329,7 +358,7 @@ def test_a_dead_release_is_never_blessed_though_the_switch_was_killed(board, ano
     name = release_of(broken)
     install = play(board, "update", kill_after="Mark the release as complete", release_wheelhouse=str(broken))
     assert install.status == -signal.SIGKILL
-    switch = board.machine.begin("/opt/palpate/bin/palpate-release", "switch", name)
+    switch = board.machine.begin("/opt/palpate/bin/palpate-release", "--interrupt", "switch", name)
     wait_for(lambda: serving(board) == name)
     board.machine.run("pkill", "--full", "^/usr/bin/python3 /opt/palpate/bin/palpate-release")
     switch.wait()
@@ -358,6 +387,58 @@ def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     board.master.contact_after(time.monotonic())
 
 
+def test_a_fingertip_in_operational_is_not_restarted_unasked(board, another_release):
+    newer = another_release("asked", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge !')
+    before, pid = serving(board), shown(board, "MainPID")
+    board.master.contact_after(time.monotonic())
+    for book, variables in (
+        ("update", {"release_wheelhouse": str(newer)}),
+        ("site", {"fingertip_node_id": "0x11"}),
+    ):
+        played = play(board, book, release_interrupt=False, **variables)
+        assert played.status != 0
+        assert played.tells("the fingertip is OPERATIONAL"), played.said
+        assert (serving(board), shown(board, "MainPID")) == (before, pid)
+    play(board, "site").well()
+    assert shown(board, "MainPID") == pid
+
+
+def changed(wheels, copy, name):
+    """A copy of a wheelhouse with one byte of one file changed."""
+    shutil.copytree(wheels, copy)
+    (file,) = copy.glob(name)
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    return copy
+
+
+@pytest.mark.parametrize(
+    "name", ["cp*/MANIFEST.json", "cp*/MANIFEST.json.sig", "cp*/edge/x86_64/palpate-*.whl"]
+)
+def test_a_release_with_one_byte_changed_is_not_unpacked(board, another_release, tmp_path, name):
+    newer = another_release("byte", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge ?')
+    before = serving(board)
+    bad = changed(newer, tmp_path / "bad", name)
+    played = play(board, "update", release_wheelhouse=str(bad))
+    assert played.status != 0
+    assert played.tells("is not of a key in" if "MANIFEST" in name else "differs from MANIFEST.json"), (
+        played.said
+    )
+    assert board.machine.run("ls", "/opt/palpate/releases").split().count(release_of(newer)) == 0
+    assert board.machine.run("find", "/opt/palpate/incoming", "-name", "*.whl", check=False) == ""
+    assert serving(board) == before
+
+
+def test_an_unsigned_release_is_refused(board, another_release, tmp_path):
+    newer = another_release("plain", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge #')
+    (signature,) = newer.glob("cp*/MANIFEST.json.sig")
+    signature.unlink()
+    played = play(board, "update", release_wheelhouse=str(newer))
+    assert played.status != 0
+    assert played.tells("is not signed") or played.tells("is not of a key in"), played.said
+
+
 def test_a_release_is_switched_to_and_back(board, another_release, wheels, python):
     begin_s = time.monotonic()
     newer = another_release("newer", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge :')
@@ -379,7 +460,7 @@ def test_a_release_is_switched_to_and_back(board, another_release, wheels, pytho
 def test_a_power_cut_while_a_release_is_on_trial_goes_back(board, wheels):
     old = serving(board)
     new = next(name for name in board.machine.run("ls", "/opt/palpate/releases").split() if name != old)
-    with board.machine.begin("/opt/palpate/bin/palpate-release", "switch", new):
+    with board.machine.begin("/opt/palpate/bin/palpate-release", "--interrupt", "switch", new):
         while serving(board) != new:
             time.sleep(0.02)
         board.machine.power_cut()
@@ -394,7 +475,7 @@ def test_a_power_cut_during_an_installation_is_made_good_by_the_next(board, anot
     new = another_release("cut", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge;')
     half = f"/opt/palpate/releases/{release_of(new)}"
     board.machine.run("mkdir", "-p", f"{half}/bin")
-    switch = f"/opt/palpate/bin/palpate-release switch {release_of(new)} 2>&1"
+    switch = f"/opt/palpate/bin/palpate-release --interrupt switch {release_of(new)} 2>&1"
     assert "is not completely installed" in board.machine.run("sh", "-c", switch, check=False)
     play(board, "update", release_wheelhouse=str(new)).well()
     assert serving(board) == release_of(new)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import os
 import random
+import time
 from pathlib import Path
 from types import ModuleType
 
@@ -40,7 +42,7 @@ class Board:
             ("TRIAL", "trial"),
         ):
             monkeypatch.setattr(program, name, folder / path)
-        for release in ("a", "b", DEAD):
+        for release in ("a", "b", "c", DEAD):
             (folder / "releases" / release).mkdir(parents=True)
             (folder / "releases" / release / ".complete").touch()
         monkeypatch.setattr(program, "enabled", lambda: [SERVICE])
@@ -91,19 +93,19 @@ class Board:
             self.program.settle()
         self.running = self.current
 
-    def switch(self, release: str) -> bool:
+    def switch(self, release: str, then: str | None = None) -> bool:
         """Return whether the switch ended with success; an error is no success."""
         try:
-            self.program.switch(release, 1.0)
+            self.program.switch(release, 1.0, then=then)
         except SystemExit:
             return False
         return True
 
-    def cut(self, release: str, steps: int) -> bool:
+    def cut(self, release: str, steps: int, then: str | None = None) -> bool:
         """Switch with a cut after some steps; return whether it came to that."""
         self.steps_left = steps
         try:
-            self.switch(release)
+            self.switch(release, then)
         except PowerCutError:
             return True
         finally:
@@ -195,6 +197,49 @@ def test_a_rollback_during_a_trial_returns_to_the_old_release(board: Board) -> N
     assert board.program.TRIAL.exists()
     board.program.rollback(1.0)
     assert (board.current, board.previous, board.running) == ("a", "b", "a")
+
+
+@pytest.mark.parametrize("then", ["power cut", "kill"])
+@pytest.mark.parametrize("previous", ["c", ""])
+def test_a_hand_that_returns_has_the_previous_release_of_before(
+    board: Board, previous: str, then: str
+) -> None:
+    """a and c (or none) were there, b was switched to; another board failed, so this one returns, cut at any
+    step."""
+    for steps in itertools.count():
+        board.program.remove(board.program.PREVIOUS)
+        board.program.point(board.program.CURRENT, "b")
+        board.program.point(board.program.PREVIOUS, "a")
+        board.running = "b"
+        was_cut = board.cut("a", steps, previous)
+        if was_cut and then == "power cut":
+            board.power_cut()
+            assert board.current in ("a", "b")
+        assert board.switch("a", previous)
+        assert (board.current, board.previous, board.running) == ("a", previous, "a")
+        if not was_cut:
+            assert steps > 5
+            return
+
+
+@pytest.mark.parametrize(
+    ("nmt_state", "age_s", "words"),
+    [("operational", 0.0, "OPERATIONAL"), ("operational", 60.0, ""), ("pre-operational", 0.0, "")],
+)
+def test_a_fingertip_that_a_hand_needs_is_not_restarted_unasked(
+    board: Board, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nmt_state: str, age_s: float, words: str
+) -> None:
+    """A report of a minute ago is of a process that is gone."""
+    report = tmp_path / "palpate-finger-1.json"
+    report.write_text(f'{{"nmt_state": "{nmt_state}"}}')
+    os.utime(report, (time.time() - age_s,) * 2)
+    monkeypatch.setattr(board.program, "HEALTH", tmp_path)
+    if words:
+        with pytest.raises(SystemExit, match=words):
+            board.program.switch("b", 1.0)
+        assert (board.current, board.running, board.program.TRIAL.exists()) == ("a", "a", False)
+    board.program.switch("b", 1.0, interrupt=bool(words))
+    assert (board.current, board.previous, board.running) == ("b", "a", "b")
 
 
 @pytest.mark.parametrize("current", ["a", "b"])

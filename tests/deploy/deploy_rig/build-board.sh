@@ -25,7 +25,7 @@ printf "MODULES=list\nCOMPRESS=lz4\n" >"$1/etc/initramfs-tools/conf.d/small"
 printf "virtio_pci\nvirtio_blk\next4\n" >"$1/etc/initramfs-tools/modules"'
 
 fetch='APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get install --quiet --quiet --download-only --yes \
-  --no-install-recommends python3-venv chrony can-utils avrdude >/dev/null'
+  --no-install-recommends python3-venv chrony can-utils unattended-upgrades avrdude >/dev/null'
 
 # shellcheck disable=SC2016,SC2086
 mmdebstrap --quiet --variant=minbase --format=directory --mode=root --skip=cleanup/apt \

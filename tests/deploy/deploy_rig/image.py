@@ -64,13 +64,15 @@ def wheelhouse(
     parts: tuple[str, ...] = ("edge",),
     packages: Path | None = None,
     python: str = SUITES["bookworm"],
+    key: Path | None = None,
 ) -> Path:
     """The wheelhouse of these sources, as `make wheelhouse` writes it; for a fingertip alone, unless told.
 
-    python: the board's; packages: another wheelhouse's folder that the wheels of others are taken from.
+    python: the board's; packages: another wheelhouse's folder that the wheels of others are taken from; key:
+    what signs it.
     """
     command = [sys.executable, project / "ansible/wheelhouse.py", folder, "--architecture", architecture]
-    command += ["--python", python]
+    command += ["--python", python, *(["--key", key] if key else [])]
     offline = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(packages)} if packages else {}
     words = [word for part in parts for word in ("--part", part)]
     subprocess.run([*command, *words], check=True, env={**os.environ, **offline})

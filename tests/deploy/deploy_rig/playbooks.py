@@ -47,6 +47,8 @@ class Playbooks:
             "ansible_ssh_private_key_file": str(self._key),
             "ansible_ssh_common_args": SSH,
             "base_apt_update": False,
+            "release_signer": f"{self._key}.pub",
+            "release_interrupt": True,
         }
         described = {
             group: {"hosts": {name: {**common, **board, **variables} for name, board in boards.items()}}

@@ -12,13 +12,14 @@ import argparse
 import fcntl
 import hashlib
 import json
+import math
 import os
 import re
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 BASE = Path("/opt/palpate")
@@ -30,6 +31,8 @@ LOADED_VARIABLE = "PALPATE_LOADED"
 FINGERTIP, GATEWAY, HOST = "palpate-fingertip.service", "palpate-az.service", "palpate-host.service"
 CONFIG = "/etc/palpate/fingertip.toml"
 READ = {FINGERTIP: ("fingertip.toml", "fingertip.cal"), GATEWAY: ("az.toml",), HOST: ("hand.toml", "az.toml")}
+HEALTH, HEALTH_AGE_S = Path("/run/palpate"), 5.0  # palpate-*.json of a running fingertip, renewed each second
+IN_USE = {"home", "grasp", "hold", "manipulate", "blind", "release"}  # modes in which joints hold or move
 DEVICES = {"camera", "beads", "bus", "clock"}  # parts that may fail though the release is in order
 STEADY_S = 5.0  # time without a restart and without a new failing part, after which a release is healthy
 REPORT_S = 10.0  # time in which a running fingertip reports what it has loaded
@@ -66,6 +69,37 @@ def check_rows() -> list[dict[str, str]]:
 def failing_parts() -> set[str]:
     """Return the parts of the fingertip that fail in `palpate-edge check`."""
     return {row["part"] for row in check_rows() if row["verdict"] == "fail"}
+
+
+def in_use(services: list[str]) -> str:
+    """Return which of the services a hand needs now, and how it is; empty if none."""
+    if FINGERTIP in services:
+        reports = [path for path in HEALTH.glob("palpate-*.json") if age_s(path) < HEALTH_AGE_S]
+        if any(json.loads(path.read_bytes()).get("nmt_state") == "operational" for path in reports):
+            return "the fingertip is OPERATIONAL"
+    if HOST in services:
+        command = [str(CURRENT / "bin/palpate-host"), "command", "status", "--json"]
+        with suppress(OSError, ValueError):  # no release yet, or no host running
+            answer = subprocess.run(command, capture_output=True, text=True, check=False)
+            if (mode := json.loads(answer.stdout)["mode"]) in IN_USE:
+                return f"the hand is in {mode.upper()}"
+    return ""
+
+
+def age_s(path: Path) -> float:
+    try:
+        return time.time() - path.stat().st_mtime
+    except OSError:
+        return math.inf
+
+
+def refuse_in_use(services: list[str], interrupt: bool) -> None:
+    """Refuse a restart that would take touch or torque from a hand in use, unless `interrupt`."""
+    if not interrupt and (use := in_use(services)):
+        raise SystemExit(
+            f"error: {use}, and the restart of {' '.join(services)} would interrupt it: stop the hand first "
+            "(systemctl stop palpate-host on the host), or give --interrupt (-e release_interrupt=true)"
+        )
 
 
 def may_fail(service: str) -> set[str]:
@@ -216,11 +250,15 @@ def target(link: Path) -> str:
     return link.readlink().name if link.is_symlink() else ""
 
 
-def begin_trial(new: str, wanted: dict[str, set[str]]) -> None:
-    """Write the file trial, then point current to the new release; previous never equals current."""
+def begin_trial(new: str, wanted: dict[str, set[str]], then: str | None) -> None:
+    """Write the file trial, then point current to the new release; previous never equals current.
+
+    then: the previous release after the trial, empty for none; by default the one that serves now.
+    """
     old, previous = target(CURRENT), target(PREVIOUS)
     parts = {service: sorted(failing) for service, failing in wanted.items()}
     trial = {"new": new, "old": old, "previous": previous, "wanted": parts, "proven": False}
+    trial["then"] = old if then in (None, new) else then
     write(TRIAL, json.dumps(trial))
     if previous == new:
         remove(PREVIOUS)
@@ -232,8 +270,10 @@ def prove_trial() -> None:
     trial = json.loads(TRIAL.read_text())
     if not trial["proven"]:
         write(TRIAL, json.dumps(trial | {"proven": True}))
-    if trial["old"]:
-        point(PREVIOUS, trial["old"])
+    if then := trial.get("then", trial["old"]):
+        point(PREVIOUS, then)
+    else:
+        remove(PREVIOUS)
     remove(TRIAL)
 
 
@@ -265,7 +305,7 @@ def end_interrupted_trial() -> dict[str, set[str]] | None:
     return {service: set(parts) for service, parts in trial["wanted"].items()}
 
 
-def renew(release: str, patience_s: float, baseline: dict[str, set[str]] | None) -> str:
+def renew(release: str, patience_s: float, baseline: dict[str, set[str]] | None, interrupt: bool) -> str:
     """Restart the services that do not serve the active release with the present files."""
     faults = {service: fault for service in enabled() if (fault := stale(service, release))}
     if GATEWAY in faults and HOST in enabled():
@@ -273,6 +313,7 @@ def renew(release: str, patience_s: float, baseline: dict[str, set[str]] | None)
     if not faults:
         return f"unchanged: {release}"
     services = [service for service in enabled() if service in faults]
+    refuse_in_use(services, interrupt)
     before = state() if baseline is None else baseline
     wanted = {service: before.get(service, set()) if main_pid(service) else set() for service in services}
     restart(services)
@@ -281,24 +322,31 @@ def renew(release: str, patience_s: float, baseline: dict[str, set[str]] | None)
     return f"started {' '.join(services)}"
 
 
-def activate(release: str, patience_s: float, baseline: dict[str, set[str]] | None) -> str:
+def activate(
+    release: str,
+    patience_s: float,
+    baseline: dict[str, set[str]] | None,
+    interrupt: bool = False,
+    then: str | None = None,
+) -> str:
     """Activate `release`; roll back if a part fails that worked before. SystemExit has the reason.
 
     baseline: the parts that might fail before an interrupted trial; the present state may be that of a
-    broken release.
+    broken release. then: the previous release afterwards, instead of the one that serves now.
     """
     if not (BASE / "releases" / release / COMPLETE).exists():
         raise SystemExit(f"error: release {release} is not completely installed: run update.yml again")
     old, services = target(CURRENT), enabled()
     if old == release:
-        result = renew(release, patience_s, baseline)
+        result = renew(release, patience_s, baseline, interrupt)
         remove(TRIAL)
         return result
+    refuse_in_use(services, interrupt)
     if not old:
         wanted = {service: set(DEVICES) for service in services}
     else:
         wanted = state() if baseline is None else {each: baseline.get(each, DEVICES) for each in services}
-    begin_trial(release, wanted)
+    begin_trial(release, wanted, then)
     restart(services)
     fault = unhealthy(wanted, patience_s, release)
     if fault and old:
@@ -315,18 +363,18 @@ def activate(release: str, patience_s: float, baseline: dict[str, set[str]] | No
     return f"switched to {release}" + (f" from {old}" if old else "")
 
 
-def switch(release: str, patience_s: float) -> str:
+def switch(release: str, patience_s: float, interrupt: bool = False, then: str | None = None) -> str:
     """Activate `release`, after the end of an interrupted trial."""
-    return activate(release, patience_s, end_interrupted_trial())
+    return activate(release, patience_s, end_interrupted_trial(), interrupt, then)
 
 
-def rollback(patience_s: float) -> str:
+def rollback(patience_s: float, interrupt: bool = False) -> str:
     """Activate the previous release, or the old one of an interrupted trial."""
     baseline = end_interrupted_trial()
     release = target(PREVIOUS if baseline is None else CURRENT)
     if not release:
         raise SystemExit("error: no previous release: install another one with update.yml")
-    return activate(release, patience_s, baseline)
+    return activate(release, patience_s, baseline, interrupt)
 
 
 def settle() -> str:
@@ -350,21 +398,29 @@ def main() -> None:
     parser.add_argument(
         "--patience", type=float, default=60.0, help="seconds to become healthy (default: 60)"
     )
+    parser.add_argument(
+        "--interrupt", action="store_true", help="restart also a fingertip or host that a hand needs now"
+    )
     verbs = parser.add_subparsers(dest="verb", required=True)
-    verbs.add_parser("switch", help="activate this release if it is healthy").add_argument("release")
+    to = verbs.add_parser("switch", help="activate this release if it is healthy")
+    to.add_argument("release")
+    to.add_argument("--previous", help="previous release afterwards (default: the one that serves now)")
+    verbs.add_parser("in-use", help="exit status 1 if a restart would interrupt a hand")
     verbs.add_parser("rollback", help="activate the previous release")
     verbs.add_parser("settle", help="at the board's start: roll back after a power cut during a trial")
     verbs.add_parser("status", help="list the active, the previous and all installed releases")
     wanted = parser.parse_args()
     if wanted.verb == "switch":
         with alone():
-            print(switch(wanted.release, wanted.patience))
+            print(switch(wanted.release, wanted.patience, wanted.interrupt, wanted.previous))
     elif wanted.verb == "rollback":
         with alone():
-            print(rollback(wanted.patience))
+            print(rollback(wanted.patience, wanted.interrupt))
     elif wanted.verb == "settle":
         with alone():
             print(settle())
+    elif wanted.verb == "in-use":
+        refuse_in_use(enabled(), wanted.interrupt)
     else:
         print(f"current {target(CURRENT) or 'none'}, previous {target(PREVIOUS) or 'none'}")
         for release in sorted((BASE / "releases").iterdir()):
