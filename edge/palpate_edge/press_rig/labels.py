@@ -106,7 +106,7 @@ def label_run(
     return LabelReport(
         presses=len(touched),
         tilt_deg=math.degrees(math.acos(min(1.0, float(up[2])))),
-        turn_deg=math.degrees(math.atan2(turn[1, 0], turn[0, 0])),
+        turn_deg=math.degrees(math.atan2(turn[0, 1], turn[0, 0])),
         mounting_off_mm=float(np.median(off_mm[firm])),
         model_error_percent=100 * spread,
         unseen=len(touched) - len(seen),

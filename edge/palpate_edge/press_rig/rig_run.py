@@ -45,6 +45,7 @@ def open_port(path: str, baud: int, what: str) -> Iterator[SerialPort]:
             f"{path} ({what}) cannot be opened: {reason}; correct {what}.port in rig.toml"
         ) from None
     with closing(port):
+        port.reset_input_buffer()  # what came before is old
         yield port
 
 

@@ -17,6 +17,7 @@ COMMANDS = {  # name: module and attribute, line in --help
     "fingertips": ("palpate_twin.cli.live:fingertips", "Create calibrated sensors for a hand."),
     "live": ("palpate_twin.cli.live:live", "Simulate hand, drives and cameras in real time."),
     "film": ("palpate_twin.cli.film:film", "Make a film of a simulated hand's motion."),
+    "press-rig": ("palpate_twin.cli.press_rig:press_rig", "Simulate a 3-D printer that presses a fingertip."),
     "camera": ("palpate_twin.cli.camera:camera", "Simulate a sensor's camera in shared memory."),
 }
 

@@ -15,6 +15,8 @@ from palpate_edge.press_rig.journal import read_journal
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.press_rig.virtual_rig import Placement
 
+pytestmark = pytest.mark.long
+
 CENTRE_TOLERANCE_MM = 0.3
 
 
@@ -120,6 +122,7 @@ def test_without_a_probe_no_touch_is_found(trial: RigTrial) -> None:
     assert not any(line.startswith("dome found") for line in trial.lines)
 
 
+@pytest.mark.slow
 def test_a_probe_that_falls_off_is_noticed_after_three_presses(trial: RigTrial) -> None:
     def drop(trial: RigTrial) -> None:
         if trial.rig.has_probe and len(trial.files.journal.records) == 2:
