@@ -37,7 +37,10 @@ ALSO_NAMED = {
         "edge/palpate_edge/cli/estimate.py",  # its help text
         "host/palpate_twin/demo/fingertip_panels.py",  # draws a ring of this radius
     },
-    "torsion_Nmm": {"host/palpate_host/control/tip_friction.py"},  # part of the friction ratio
+    "torsion_Nmm": {
+        "host/palpate_host/control/tip_friction.py",  # part of the friction ratio
+        "host/palpate_host/ros/contents.py",  # part of a wrench
+    },
     "depth_mm": {  # of a press in the twin
         "host/palpate_twin/cli/dome.py",
         "host/palpate_twin/closed_loop/tactile_rendering.py",

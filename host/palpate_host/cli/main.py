@@ -20,6 +20,7 @@ COMMANDS = {  # name: module and attribute, and its summary in --help
     "record": ("palpate_host.cli.record:record", "Record bus and host status: bus logs and MCAP."),
     "view": ("palpate_host.cli.view:view", "Show the hand in 3-D, live or from a recording (Rerun)."),
     "foxglove": ("palpate_host.cli.foxglove:foxglove", "Serve a running hand to Foxglove over a WebSocket."),
+    "ros": ("palpate_host.cli.ros:ros", "Publish a running hand to ROS 2, and take commands."),
     "export": ("palpate_host.cli.export:export", "Convert a recording to MCAP, CSV or Parquet."),
     "lerobot": ("palpate_host.cli.lerobot:lerobot", "Convert recorded runs to a LeRobot dataset (v3.0)."),
     "groundtruth": (

@@ -13,6 +13,7 @@ import click
 from palpate_edge.common.atomic_write import refused_as
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.run import CONFIG
+from palpate_host.common.camera_source import parse_camera
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.service.host import load_hand
@@ -76,7 +77,6 @@ def view(
         import rerun as rr  # noqa: PLC0415 (slow, and an extra)
 
         from palpate_host.view.blueprint import blueprint  # noqa: PLC0415
-        from palpate_host.view.cameras import parse_camera  # noqa: PLC0415
         from palpate_host.view.hand_view import HandView  # noqa: PLC0415
         from palpate_host.view.sources import show_live, show_recording  # noqa: PLC0415
     except ModuleNotFoundError as exc:

@@ -27,12 +27,18 @@ class StatusFollower:
         self.failure = ""
         self._path = path
         self._waiting: deque[HostStatus] = deque(maxlen=MAX_WAITING)
-        self._ended = threading.Event()
+        self._ended, self._has_news = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
         self._thread.start()
 
-    def take(self) -> list[HostStatus]:
-        """Return the ticks since the last call, without waiting."""
+    def take(self, timeout_s: float = 0.0) -> list[HostStatus]:
+        """Return the ticks since the last call; when there is none, wait `timeout_s` for one.
+
+        Returns early when the connection ends.
+        """
+        if timeout_s and not self._waiting:
+            self._has_news.wait(timeout_s)
+        self._has_news.clear()
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def close(self) -> None:
@@ -54,8 +60,10 @@ class StatusFollower:
                     self.failure = ""
                     for status in client.stream():
                         self._waiting.append(status)
+                        self._has_news.set()
                         if self._ended.is_set():
                             return
             except CommandError as exc:
                 self.failure = str(exc)
+                self._has_news.set()
             self._ended.wait(RETRY_S)

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import rerun as rr
 
@@ -14,30 +12,9 @@ from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import unix_ahead_us
 from palpate_edge.datasets.recorder import INDEX
+from palpate_host.common.camera_source import CameraSource
 
 JPEG_QUALITY = 80
-
-
-@dataclass(frozen=True, slots=True)
-class CameraSource:
-    """A camera to show. name: its title. path: a folder of ``palpate-edge record``, or a ring in shared
-    memory."""
-
-    name: str
-    path: Path
-
-
-def parse_camera(text: str) -> CameraSource:
-    """Parse NAME=PATH. Raises ConfigError for another form, or when PATH does not exist."""
-    name, _, path = text.partition("=")
-    if not name or not path:
-        raise ConfigError(f"--camera {text}: write NAME=PATH, as in finger-1=frames/")
-    if not Path(path).exists():
-        raise ConfigError(
-            f"--camera {text}: {path}: no such file or folder:"
-            " give a folder of palpate-edge record, or a ring"
-        )
-    return CameraSource(name, Path(path))
 
 
 def recorded_pictures(source: CameraSource) -> Iterator[tuple[int, rr.EncodedImage]]:

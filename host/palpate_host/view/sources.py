@@ -8,9 +8,10 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from palpate_edge.common.signals import stop_event
+from palpate_host.common.camera_source import CameraSource
 from palpate_host.common.status import HostStatus
 from palpate_host.recording.status_follower import StatusFollower
-from palpate_host.view.cameras import CameraSource, LiveCamera, recorded_pictures
+from palpate_host.view.cameras import LiveCamera, recorded_pictures
 from palpate_host.view.hand_view import HandView
 
 WAIT_S = 0.02

@@ -1,0 +1,30 @@
+"""The choice of a camera on a command line: NAME=PATH."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate_edge.common.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSource:
+    """A camera to show. name: its title. path: a folder of ``palpate-edge record``, or a ring in shared
+    memory."""
+
+    name: str
+    path: Path
+
+
+def parse_camera(text: str) -> CameraSource:
+    """Parse NAME=PATH. Raises ConfigError for another form, or when PATH does not exist."""
+    name, _, path = text.partition("=")
+    if not name or not path:
+        raise ConfigError(f"--camera {text}: write NAME=PATH, as in finger-1=frames/")
+    if not Path(path).exists():
+        raise ConfigError(
+            f"--camera {text}: {path}: no such file or folder:"
+            " give a folder of palpate-edge record, or a ring"
+        )
+    return CameraSource(name, Path(path))
