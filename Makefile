@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEPLOY := .venv-deploy
 RELEASE_KEY ?= $(HOME)/.ssh/palpate-release
+ROS    := .venv-ros
 VM     := vm
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
@@ -18,7 +19,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy bench lock format system-deps clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -73,6 +74,9 @@ uml-test: $(VENV)/dev.stamp  ## run the tests in user-mode Linux: SocketCAN (als
 
 vm-test: $(VENV)/dev.stamp vm-disks  ## run the tests in a virtual machine: SocketCAN, CAN cards, V4L2
 	$(call timed,$(PYTEST) -m "$(VM)" $(PYTEST_ARGS))
+
+ros-test: $(ROS)/stamp  ## run the tests of palpate-host ros with rclpy, in an environment of their own (network namespaces: root)
+	$(call timed,OPENBLAS_NUM_THREADS=1 $(ROS)/bin/python -m pytest tests/host/ros -m ros $(PYTEST_ARGS))
 
 vm-disks: $(VENV)/pyvenv.cfg  ## build the virtual machine's disks if they are missing (5 minutes, once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks
@@ -133,7 +137,7 @@ system-deps:  ## install the apt packages that some tests use: tshark, user-mode
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) $(DEPLOY) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/run.lock demo/sensors demo/report.html
+	rm -rf $(VENV) $(DEPLOY) $(ROS) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/run.lock demo/sensors demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -157,6 +161,15 @@ $(DEPLOY)/stamp: requirements/deploy.lock
 	@echo "installing ansible into $(DEPLOY)"
 	@$(PYTHON) -m venv $(DEPLOY)
 	@$(DEPLOY)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/deploy.lock
+	@touch $@
+
+# ROS 2 beside the packages and tools of $(VENV), which it does not change.
+$(ROS)/stamp: $(VENV)/dev.stamp requirements/ros.lock
+	@echo "installing ROS 2 into $(ROS)"
+	@$(VENV)/bin/python -m venv $(ROS)
+	@$(ROS)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/ros.lock
+	@$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+	  >"$$($(ROS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/development.pth"
 	@touch $@
 
 # The simulator is compiled from source in a minute or two, so only if the firmware can be built.

@@ -19,3 +19,5 @@ lock -c requirements/full.lock --extra onnx requirements/build.in -o requirement
 "$uv" pip compile requirements/firmware.in $common -c requirements/full.lock -o requirements/firmware.lock
 # shellcheck disable=SC2086
 "$uv" pip compile requirements/deploy.in $common -o requirements/deploy.lock
+# shellcheck disable=SC2086
+"$uv" pip compile requirements/ros.in $common -c requirements/full.lock -o requirements/ros.lock

@@ -101,7 +101,7 @@ FIRST = (
 """The longest files begin first: one that begins last keeps one of two workers waiting."""
 
 NOT_IN_CHECK = (
-    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm"),
+    *("process", "fem", "long", "slow", "reduced", "demo", "ros", "uml", "vm"),
     *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_foreign", "deploy_booted"),
 )
 MARKERS = (
@@ -151,6 +151,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--effort") != "full" and not is_named:
         left_out = [item for item in items if item.get_closest_marker("slow")]
         items[:] = [item for item in items if item not in set(left_out)]
+        config.hook.pytest_deselected(items=left_out)
+    if "ros" not in config.option.markexpr:  # in an environment of its own: make ros-test
+        left_out = [item for item in items if item.get_closest_marker("ros")]
+        items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
     order = {name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(_file(item), len(order)))

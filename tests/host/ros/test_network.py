@@ -1,0 +1,122 @@
+"""Two hands on two hosts: network namespaces on one switch, joined by DDS over UDP alone (root)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+from tests.host.ros.conftest import HAND, PATIENCE_S, PROJECT
+
+from palpate_host.operator.server import OperatorSocket
+from palpate_host.recording.statuses import read_statuses
+from palpate_host.service.host import load_hand
+
+HOSTS = ("left", "right", "third")
+DOMAINS = {"left": "41", "right": "41", "third": "42"}
+PREFIX = f"palpate-{os.getpid()}"
+WATCH = """
+import sys, time
+import rclpy
+from std_msgs.msg import String
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+rclpy.init()
+node = rclpy.create_node("watch")
+modes = {}
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+for hand in ("left", "right", "third"):
+    node.create_subscription(
+        String, f"/{hand}/mode", lambda message, hand=hand: modes.__setitem__(hand, message.data), latched
+    )
+end_s = time.monotonic() + 60
+while len(modes) < 2 and time.monotonic() < end_s:
+    rclpy.spin_once(node, timeout_sec=0.1)
+for _ in range(20):
+    rclpy.spin_once(node, timeout_sec=0.1)
+print(sorted(modes), sorted(n for n, _ in node.get_topic_names_and_types() if "joint" in n))
+"""
+
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces need root"),
+]
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+@pytest.fixture
+def inside() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """``inside(host, *command)``: a process on one of three hosts of one switch, in the host's domain."""
+    pytest.importorskip("rclpy", reason="rclpy is not installed: make ros-test")
+    processes: list[subprocess.Popen[str]] = []
+    with ExitStack() as stack:
+        for name in (*HOSTS, "switch"):
+            ip("netns", "add", f"{PREFIX}-{name}")
+            stack.callback(ip, "netns", "delete", f"{PREFIX}-{name}")
+        switch = f"{PREFIX}-switch"
+        ip("-n", switch, "link", "add", "switch", "up", "type", "bridge")
+        for number, name in enumerate(HOSTS, start=1):
+            there = f"{PREFIX}-{name}"
+            ip("-n", there, "link", "add", "lan", "type", "veth", "peer", "name", name, "netns", switch)
+            ip("-n", switch, "link", "set", name, "master", "switch", "up")
+            ip("-n", there, "address", "add", f"10.77.0.{number}/24", "dev", "lan")
+            ip("-n", there, "link", "set", "lan", "up")
+            ip("-n", there, "link", "set", "lo", "up")
+            ip("-n", there, "route", "add", "default", "dev", "lan")
+
+        def start(host: str, *command: str) -> subprocess.Popen[str]:
+            settings = {"ROS_DOMAIN_ID": DOMAINS[host], "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+            process = subprocess.Popen(
+                ["ip", "netns", "exec", f"{PREFIX}-{host}", *command],
+                env=os.environ | settings,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            processes.append(process)
+            return process
+
+        yield start
+        for process in processes:
+            process.terminate()
+            process.communicate(timeout=PATIENCE_S)
+
+
+def test_two_hands_see_each_other_and_nothing_of_a_third_domain(inside, tmp_path: Path) -> None:
+    status = next(iter(read_statuses(PROJECT / "tests" / "replay" / "virtual.log.gz", *load_hand(HAND))))
+    ended = threading.Event()
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(closing(OperatorSocket(tmp_path / name))) for name in HOSTS]
+
+        def serve() -> None:
+            while not ended.wait(0.01):
+                for socket in sockets:
+                    socket.serve(lambda _command: None, status)
+
+        server = threading.Thread(target=serve)
+        server.start()
+        try:
+            for name in HOSTS:
+                process = inside(
+                    *(name, sys.executable, "-m", "palpate_host.cli.main", "ros", "--config", str(HAND)),
+                    *("--socket", str(tmp_path / name), "--namespace", name),
+                )
+                assert process.stderr is not None
+                assert f"/{name}/palpate" in process.stderr.readline()
+            found = {name: inside(name, sys.executable, "-c", WATCH) for name in ("left", "right")}
+            for watch in found.values():
+                seen, errors = watch.communicate(timeout=2 * PATIENCE_S)
+                assert seen.strip() == ("['left', 'right'] ['/left/joint_states', '/right/joint_states']"), (
+                    errors
+                )
+        finally:
+            ended.set()
+            server.join()
