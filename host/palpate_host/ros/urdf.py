@@ -36,27 +36,27 @@ LOCK = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class LinkPose:
     """A pose relative to a link. position_m: (3,). rotation: (3, 3)."""
 
     position_m: Array
     rotation: Array
 
     @classmethod
-    def of(cls, position_m: Array, quaternion_wxyz: Array) -> Placement:
+    def of(cls, position_m: Array, quaternion_wxyz: Array) -> LinkPose:
         """Make one of MuJoCo's fields."""
         flat = np.empty(9)
         mujoco.mju_quat2Mat(flat, quaternion_wxyz)
         return cls(np.array(position_m), flat.reshape(3, 3))
 
     @classmethod
-    def shifted(cls, position_m: Array) -> Placement:
+    def shifted(cls, position_m: Array) -> LinkPose:
         """Make one without rotation."""
         return cls(np.array(position_m), np.eye(3))
 
-    def then(self, other: Placement) -> Placement:
+    def then(self, other: LinkPose) -> LinkPose:
         """Return `other`, which is relative to this one, relative to the same link."""
-        return Placement(
+        return LinkPose(
             self.position_m + self.rotation @ other.position_m, np.asarray(self.rotation @ other.rotation)
         )
 
@@ -91,20 +91,20 @@ def _body(model: mujoco.MjModel, body: int, config: HandConfig) -> Iterator[Elem
     A body with several joints turns about them one after the other: each but the last has an empty link.
     """
     parent, name = _link(model, int(model.body_parentid[body])), _link(model, body)
-    place = Placement.of(model.body_pos[body], model.body_quat[body])
+    place = LinkPose.of(model.body_pos[body], model.body_quat[body])
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
     for joint in joints:
         anchor = model.jnt_pos[joint]
         is_last = joint == joints[-1] and not anchor.any()
         child = name if is_last else f"{model.joint(joint).name}_link"
-        origin = place.then(Placement.shifted(anchor)).then(_at_zero(model, joint))
+        origin = place.then(LinkPose.shifted(anchor)).then(_at_zero(model, joint))
         yield _moving(model, joint, parent, child, origin, config)
         if is_last:
             yield _with_mass(model, body)
             return
         yield Element("link", name=child)
-        parent, place = child, Placement.shifted(-anchor)
+        parent, place = child, LinkPose.shifted(-anchor)
     yield _fixed(parent, name, place)
     yield _with_mass(model, body)
 
@@ -113,17 +113,17 @@ def _link(model: mujoco.MjModel, body: int) -> str:
     return HAND_FRAME if body == 0 else model.body(body).name or f"body_{body}"
 
 
-def _at_zero(model: mujoco.MjModel, joint: int) -> Placement:
+def _at_zero(model: mujoco.MjModel, joint: int) -> LinkPose:
     """Return where a joint is at the angle 0: MuJoCo's frames are those at its reference angle."""
     reference = float(model.qpos0[model.jnt_qposadr[joint]])
     axis = model.jnt_axis[joint]
     if JOINT_TYPES[int(model.jnt_type[joint])] == "prismatic":
-        return Placement.shifted(-reference * axis)
-    return Placement(np.zeros(3), exp(-reference * axis) if reference else np.eye(3))
+        return LinkPose.shifted(-reference * axis)
+    return LinkPose(np.zeros(3), exp(-reference * axis) if reference else np.eye(3))
 
 
 def _moving(
-    model: mujoco.MjModel, joint: int, parent: str, child: str, origin: Placement, config: HandConfig
+    model: mujoco.MjModel, joint: int, parent: str, child: str, origin: LinkPose, config: HandConfig
 ) -> Element:
     name = model.joint(joint).name
     settings = next(one for one in config.joints if one.name == name)
@@ -140,7 +140,7 @@ def _moving(
     return element
 
 
-def _joint(name: str, kind: str, parent: str, child: str, origin: Placement) -> Element:
+def _joint(name: str, kind: str, parent: str, child: str, origin: LinkPose) -> Element:
     element = Element("joint", name=name, type=kind)
     element.append(origin.element())
     SubElement(element, "parent", link=parent)
@@ -148,7 +148,7 @@ def _joint(name: str, kind: str, parent: str, child: str, origin: Placement) -> 
     return element
 
 
-def _fixed(parent: str, child: str, origin: Placement) -> Element:
+def _fixed(parent: str, child: str, origin: LinkPose) -> Element:
     return _joint(f"{child}_fixed", "fixed", parent, child, origin)
 
 
@@ -156,16 +156,16 @@ def _with_mass(model: mujoco.MjModel, body: int) -> Element:
     link = Element("link", name=_link(model, body))
     if model.body_mass[body] > 0.0:
         inertial = SubElement(link, "inertial")
-        inertial.append(Placement.of(model.body_ipos[body], model.body_iquat[body]).element())
+        inertial.append(LinkPose.of(model.body_ipos[body], model.body_iquat[body]).element())
         SubElement(inertial, "mass", value=_numbers(model.body_mass[body]))
         xx, yy, zz = (_numbers(value) for value in model.body_inertia[body])
         SubElement(inertial, "inertia", ixx=xx, ixy="0", ixz="0", iyy=yy, iyz="0", izz=zz)
     first = int(model.body_geomadr[body])
     for geom in range(first, first + int(model.body_geomnum[body])):
-        place = Placement.of(model.geom_pos[geom], model.geom_quat[geom])
+        place = LinkPose.of(model.geom_pos[geom], model.geom_quat[geom])
         for offset_m, shape in _shapes(int(model.geom_type[geom]), *model.geom_size[geom].tolist()):
             visual = SubElement(link, "visual")
-            visual.append(place.then(Placement.shifted(np.array([0.0, 0.0, offset_m]))).element())
+            visual.append(place.then(LinkPose.shifted(np.array([0.0, 0.0, offset_m]))).element())
             SubElement(visual, "geometry").append(shape)
     return link
 
@@ -184,7 +184,7 @@ def _shapes(kind: int, x: float, y: float, z: float) -> Iterator[tuple[float, El
 def _tip(model: mujoco.MjModel, site: str) -> Iterator[Element]:
     number = model.site(site).id
     parent = _link(model, int(model.site_bodyid[number]))
-    yield _fixed(parent, site, Placement.of(model.site_pos[number], model.site_quat[number]))
+    yield _fixed(parent, site, LinkPose.of(model.site_pos[number], model.site_quat[number]))
     yield Element("link", name=site)
 
 
