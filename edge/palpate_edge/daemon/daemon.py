@@ -314,7 +314,7 @@ class _Daemon:
                 self._parameters.request(event.parameters)
             elif isinstance(event, StoreRequested):
                 self._node.slave.store_finished(stored=False)
-                _parameters_log.warning("a master wants to store parameters: set node.parameters")
+                _parameters_log.debug("a master wants to store parameters: set node.parameters")
 
     def _take_saves(self) -> None:
         """Report finished saves to the node, which responds to the master."""

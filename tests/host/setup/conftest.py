@@ -71,7 +71,7 @@ class HandOnHub:
     def run(self, *words: str, answers: Iterator[str] | None = None) -> Result:
         """Invoke ``palpate-host setup`` on this bus; `answers` yields lines, one when each is needed."""
         lines = None if answers is None else io.BufferedReader(Typed(answers))
-        command = [*words, "--channel", str(self.channel)]
+        command = [*words, "--channel", str(self.channel), "--timeout", "2"]  # on a busy computer
         return CliRunner().invoke(setup, command, input=lines, catch_exceptions=False)
 
     def close(self) -> None:
@@ -92,7 +92,10 @@ class Typed(io.RawIOBase):
         return True
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        line = (next(self._lines, "") + "\n").encode()
+        text = next(self._lines, None)
+        if text is None:
+            return 0  # the end: a question more is an error, and does not wait for ever
+        line = (text + "\n").encode()
         buffer[: len(line)] = line
         return len(line)
 

@@ -96,9 +96,10 @@ def test_nodes_with_problems_are_written_only_when_a_person_confirms(hand_on_hub
 def test_a_bus_in_use_is_refused(hand_on_hub, tmp_path: Path) -> None:
     with open_bus(BusConfig(interface="palpate", channel=str(hand_on_hub.channel)), "other") as bus:
         for word in (0x06, 0x07, 0x0F):
-            bus.send([CanFrame(0x601, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))])
+            request = CanFrame(0x601, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
+            bus.send([request])
             while 0x581 not in [frame.can_id for _, frame in bus.receive(1.0)]:
-                pass
+                bus.send([request])  # the nodes were not on the bus yet
     with pytest.raises(BusError, match="drive 0x01 is enabled, another master commands it"):
         hand_on_hub.run("--yes")
     assert list(tmp_path.glob("hand.*")) == []
