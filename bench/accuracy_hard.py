@@ -12,7 +12,6 @@ from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 PRESSES, SEQUENCE = "press-hard", "press-hard-sequence"
@@ -53,7 +52,7 @@ def _beads(dataset: PressDataset, calibration: Calibration) -> tuple[int, int, i
     for press in dataset.split("test"):
         tracker.reset()
         image = read_image(dataset.path(press))
-        beads = tracker.follow(plane(image, calibration.appearance), image)
+        beads = tracker.follow_image(image, calibration.appearance)
         there = len(beads.found) - press.lost
         visible += there
         found += min(beads.found_count, there)

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
-from palpate_edge.vision.appearance import Appearance, plane
+from palpate_edge.vision.appearance import Appearance
 from palpate_edge.vision.beads import EVEN_LIGHT, GREY_FIT, SLOPED_LIGHT, Beads, Reference
 from palpate_edge.vision.local_warp import LocalWarp
 from palpate_edge.vision.symmetric_fit import FIT_CHANNELS, SymmetricFit
@@ -69,7 +69,7 @@ def _follow(reference: Reference, appearance: Appearance, images: Sequence[Image
     frames = []
     for image in images:
         tracker.reset()
-        frames.append(tracker.follow(plane(image, appearance), image))
+        frames.append(tracker.follow_image(image, appearance))
     return frames
 
 

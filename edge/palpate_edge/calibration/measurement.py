@@ -81,7 +81,7 @@ def measure(
     for number, press in enumerate(presses, start=1):
         tracker.reset()  # presses of a dataset are no video
         image = _read(dataset, dataset.path(press))
-        beads = tracker.follow(plane(image, registration.appearance), image)
+        beads = tracker.follow_image(image, registration.appearance)
         # The estimator refuses such frames; here they would teach nonsense.
         if skin.measure(beads).roughness > MAX_ROUGHNESS:
             torn.append(press)
@@ -246,9 +246,9 @@ def _measure_reference(
     )
     tracker = Tracker(reference)
     rest = []
-    for image, dark in zip(images, planes, strict=True):
+    for image in images:
         tracker.reset()
-        rest.append(tracker.follow(dark, image))
+        rest.append(tracker.follow_image(image, registration.appearance))
     return reference, rest
 
 

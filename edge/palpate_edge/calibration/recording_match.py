@@ -12,7 +12,6 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import is_dataset, read_dataset
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.geometry.sensor import Sensor
-from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 
 MAX_REFERENCE_SHIFT_PX = 1.5  # two sensors of one make differ by more, one sensor over its life by less
@@ -38,7 +37,7 @@ def _check_reference(calibration: Calibration, calibration_path: Path, folder: P
     if image.shape[1::-1] != calibration.sensor.image_size_px:
         return
     reference = calibration.reference()
-    beads = Tracker(reference).follow(plane(image, calibration.appearance), image)
+    beads = Tracker(reference).follow_image(image, calibration.appearance)
     shift_px = np.linalg.norm(beads.position_px - reference.position_px, axis=1)[beads.found]
     if not len(shift_px) or float(np.median(shift_px)) > MAX_REFERENCE_SHIFT_PX:
         moved = f"{float(np.median(shift_px)):.1f} px off" if len(shift_px) else "not there"

@@ -16,7 +16,6 @@ from palpate_edge.estimation.paper_method import RawContact, corrected_theta, ra
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.virtual_points import VirtualPointMesh, VirtualPoints
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.beads import Beads
 from palpate_edge.vision.tracker import Tracker
 
@@ -51,7 +50,7 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
     if not paper.beads_found:
         raise DatasetError(f"{name}: {paper.reason}: give a frame of the sensor that was calibrated")
     view, radius_mm = View(calibration.sensor.camera, calibration.pose), calibration.sensor.markers.radius_mm
-    beads = Tracker(reference).follow(plane(image, calibration.appearance), image)
+    beads = Tracker(reference).follow_image(image, calibration.appearance)
     mesh = VirtualPointMesh(reference.position_px, calibration.ring_of())
     points = mesh.points(beads.position_px, beads.found)
     raw = raw_contact(mesh, points, view, radius_mm)

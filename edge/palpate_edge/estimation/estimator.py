@@ -27,7 +27,6 @@ from palpate_edge.estimation.tare import Tare
 from palpate_edge.estimation.touch_classification import SkinState, TouchClassifier
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.sensor import View
-from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.tracker import Tracker
 
@@ -72,9 +71,7 @@ class Estimator:
         record = self._last = FrameRecord(frame)
         try:
             self._image_check.check_image(frame.image)
-            record.tracked = self._tracker.follow(
-                plane(frame.image, self._calibration.appearance), frame.image
-            )
+            record.tracked = self._tracker.follow_image(frame.image, self._calibration.appearance)
             record.found_count = record.tracked.found_count
             record.hidden = self._reader.hidden(record.tracked)
             record.beads = self._drift.compensate(record.tracked)

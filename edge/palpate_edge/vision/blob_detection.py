@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import cv2
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Plane
+from palpate_edge.vision.binning import halved
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
 BINNED_FROM_PX = 10.0, 16.0  # blobs of these diameters are searched on pixels of two by two, four by four
@@ -33,16 +33,22 @@ class Blobs:
         return Blobs(self.position_px[:count], self.strength[:count])
 
 
-def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENGTH) -> Blobs:
+def find_blobs(
+    dark: Plane, diameter_px: float, min_strength: float = MIN_STRENGTH, *, halvings: int = 0
+) -> Blobs:
     """Return all dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
+
+    halvings: how often the plane was halved before; diameter_px and the blobs' places are of the whole image.
 
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
     Large blobs are searched at a half or a quarter of the resolution: their filter is then as wide as small
     blobs' is. Places are right to a few tenths of a pixel.
     """
-    halvings = sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX)
-    binning = 2**halvings
-    smooth = _halved(dark, halvings)
+    wanted = max(halvings, sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX))
+    binning = 2**wanted
+    for _ in range(wanted - halvings):  # OpenCV takes means of two by two much faster than of four by four
+        dark = halved(dark)
+    smooth: Floats = dark.astype(np.float32)
     sigma = SCALE_OF_DIAMETER * diameter_px / binning
     width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
     cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
@@ -67,16 +73,6 @@ def find_blobs(dark: Plane, diameter_px: float, min_strength: float = MIN_STRENG
     order = np.argsort(-strength, kind="stable")
     place = _highest_points(determinant, index[order])
     return Blobs(place * binning + 0.5 * (binning - 1), strength[order])
-
-
-def _halved(dark: Plane, halvings: int) -> Floats:
-    """Return the plane at half the resolution, `halvings` times: OpenCV takes means of two by two much faster
-    than of four by four."""
-    for _ in range(halvings):
-        height, width = (size // 2 for size in dark.shape)
-        whole = dark[: 2 * height, : 2 * width]
-        dark = cast(Plane, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
-    return dark.astype(np.float32)
 
 
 def _highest_points(values: Floats, index: Indices) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -29,24 +31,26 @@ class Patches:
         circles = (_circle(SKIN_RADIUS * diameter, SKIN_PIXELS), _circle(CORE_RADIUS * diameter, CORE_PIXELS))
         self.circle_steps = np.concatenate(circles, axis=1)
         self._border = max(self._width, int(np.abs(self.circle_steps).max())) + 1
-        self._shape: tuple[int, ...] = ()
+        self._shape = 0, 0
 
-    def load(self, dark: Plane) -> None:
-        """Take a plane; planes of the same shape and type reuse the memory."""
-        if dark.shape != self._shape or dark.dtype != self._bordered.dtype:
-            self._allocate(dark)
-        height, width = self._inner.shape
-        whole = dark[: height * self._binning, : width * self._binning]
-        if self._binning == 1:
+    def load(self, dark: Plane, *, binned: bool = False) -> None:
+        """Take a plane, `binned` already or not; planes of the same shape and type reuse the memory."""
+        binning = 1 if binned else self._binning
+        shape = dark.shape[0] // binning, dark.shape[1] // binning
+        if shape != self._shape or dark.dtype != self._bordered.dtype:
+            self._allocate(shape, dark.dtype)
+        height, width = shape
+        whole = dark[: height * binning, : width * binning]
+        if binning == 1:
             np.copyto(self._inner, whole)
         else:
             cv2.resize(whole, (width, height), dst=self._inner, interpolation=cv2.INTER_AREA)
         self._border_filled = False
 
-    def _allocate(self, dark: Plane) -> None:
-        self._shape, border = dark.shape, self._border
-        height, width = (size // self._binning for size in dark.shape)
-        self._bordered = np.zeros((height + 2 * border, width + 2 * border), dark.dtype)
+    def _allocate(self, shape: tuple[int, int], dtype: np.dtype[Any]) -> None:
+        self._shape, border = shape, self._border
+        height, width = shape
+        self._bordered = np.zeros((height + 2 * border, width + 2 * border), dtype)
         self._inner = self._bordered[border:-border, border:-border]
         self._high = np.array([width - 1.0, height - 1.0])
         self._middle = self._high / 2

@@ -66,21 +66,24 @@ class Levels(NamedTuple):
 
 
 class Refiner:
-    """Measures weighted centroids of many beads at once; one object serves all frames of a layout."""
+    """Measures weighted centroids of many beads at once; one object serves all frames of a layout.
+
+    binning: pixels of the plane, along an axis, that are measured as one.
+    """
 
     def __init__(
         self, diameter_px: Array, spacing_px: Array | None = None, shading: Shading | None = None
     ) -> None:
         """diameter_px (n,); spacing_px (n,): distance to the nearest other bead, whose pixels are left out;
         shading: none if not given."""
-        self._binning = 2 if diameter_px.min() >= BINNED_FROM_PX else 1
-        diameter = np.asarray(diameter_px, dtype=np.float64) / self._binning
+        self.binning = 2 if diameter_px.min() >= BINNED_FROM_PX else 1
+        diameter = np.asarray(diameter_px, dtype=np.float64) / self.binning
         disk = DISK_RADIUS * diameter
         if spacing_px is not None:
-            disk = np.minimum(disk, skin_reach(diameter, spacing_px / self._binning))
-        slope = np.zeros((len(diameter), 2)) if shading is None else shading.slope * self._binning
+            disk = np.minimum(disk, skin_reach(diameter, spacing_px / self.binning))
+        slope = np.zeros((len(diameter), 2)) if shading is None else shading.slope * self.binning
         self._unlit = None if shading is None else shading.unlit
-        self._patches = Patches(self._binning, int(disk.max()), diameter)
+        self._patches = Patches(self.binning, int(disk.max()), diameter)
         steps = self._patches.steps
         added = np.where(np.hypot(*steps.T) <= disk[:, None], 0.0, OUTSIDE)
         if self._unlit is None:
@@ -101,9 +104,12 @@ class Refiner:
         self.load(dark)
         return self.centroids(start_px)
 
-    def load(self, dark: Plane) -> None:
-        """Take the plane in which :meth:`centroids` measures until the next one is loaded."""
-        self._patches.load(dark)
+    def load(self, dark: Plane, *, binned: bool = False) -> None:
+        """Take the plane in which :meth:`centroids` measures until the next one is loaded.
+
+        binned: to :attr:`binning` already.
+        """
+        self._patches.load(dark, binned=binned)
 
     def centroids(
         self,
@@ -119,8 +125,8 @@ class Refiner:
         `min_contrast` (m,). If more than `max_faint` starts are faint, no step is taken from any. A start
         outside the image gives contrast 0 and stays where it is.
         """
-        half = 0.5 * (self._binning - 1)  # a binned pixel's centre lies between those of its pixels
-        start = (start_px - half) / self._binning
+        half = 0.5 * (self.binning - 1)  # a binned pixel's centre lies between those of its pixels
+        start = (start_px - half) / self.binning
         position = self._patches.inside(start)
         centre = np.rint(position).astype(np.intp)
         levels = self._levels(centre, beads)
@@ -149,7 +155,7 @@ class Refiner:
             step_squared[moving] = last_squared = np.vecdot(last_step, last_step)
             moving = moving[last_squared > converged_squared[moving]]
         converged = step_squared <= converged_squared
-        place_px = there * self._binning + half
+        place_px = there * self.binning + half
         if position is not start:
             outside = self._patches.outside(start)
             contrast[outside], place_px[outside] = 0.0, start_px[outside]

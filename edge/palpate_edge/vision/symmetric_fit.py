@@ -28,7 +28,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Image, Indices
+from palpate_edge.common.arrays import Array, Floats, Indices, Plane
 from palpate_edge.vision.appearance import CHANNELS
 from palpate_edge.vision.beads import (
     BOTH_FIT,
@@ -39,6 +39,7 @@ from palpate_edge.vision.beads import (
     FitChannels,
     FitLight,
 )
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.shading import NEIGHBOUR
 
 COLOUR = 3  # dimensions of an image with channels
@@ -50,10 +51,10 @@ GREY = np.array([CHANNELS["grey"]], np.float32)
 FIT_CHANNELS: dict[FitChannels, Floats] = {  # the cheaper ones first
     COLOUR_FIT: COLOURS,
     GREY_FIT: GREY,
-    BOTH_FIT: np.concatenate([COLOURS, GREY]),
+    BOTH_FIT: np.eye(3, dtype=np.float32),  # weighted by their covariance, B, G, R are as good as any mix
 }
 GRID_STEP = 0.15  # between samples, in bead diameters
-REACH, MIN_REACH = 1.1, 0.7  # radius of the samples, in bead diameters; smaller where another bead is near
+REACH, MIN_REACH = 1.0, 0.7  # radius of the samples, in bead diameters; smaller where another bead is near
 KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
 PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
 PLANE = 3  # columns of the design before the profile: constant, x and y
@@ -109,8 +110,12 @@ class SymmetricFit:
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
         self._grid = grid.T.astype(np.float32)
         reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
-        inside, kind = np.unique(radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True)
-        self._inside, self._kind = inside.astype(np.float32), kind.ravel()
+        inside, kind, beads_of = np.unique(
+            radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True, return_counts=True
+        )
+        most_first = np.argsort(-beads_of)
+        inside, kind = inside[most_first], np.argsort(most_first)[kind.ravel()]
+        self._inside, self._kind = inside.astype(np.float32), kind
         rows, normal, gram = zip(
             *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
         )
@@ -120,17 +125,14 @@ class SymmetricFit:
         self._motion_gram = np.array(gram, np.float32)[self._kind]
         self._freedom = freedom[self._kind, None, None]
 
-    def load(self, image: Image) -> None:
+    def load(self, image: Plane, *, binned: bool = False) -> None:
         """Take the image that is measured until the next one is loaded: (height, width, 3), and for grey also
-        (height, width)."""
-        binning = self._binning
+        (height, width). binned: halved already, where this fit reads halved images."""
         if self._is_grey and image.ndim == COLOUR:
-            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        size = image.shape[1] // binning, image.shape[0] // binning
-        whole = image[: size[1] * binning, : size[0] * binning]
-        if binning > 1:
-            whole = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
-        self._image = whole.astype(np.float32)
+            image = cast(Plane, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        if self._binning > 1 and not binned:
+            image = halved(image)
+        self._image: Floats = image.astype(np.float32, copy=False)
 
     def measure(self, start_px: Array, beads: Indices) -> Fitted:
         """Return the centres of `beads` (m,) near `start_px` (m, 2), at most `ROUNDS` steps away."""
@@ -154,22 +156,18 @@ class SymmetricFit:
             along * diameter + middle.astype(np.float32)[:, None]
             for along, middle in zip(self._grid, centre.T, strict=True)
         )
-        count = len(self._weights)
         edge = cv2.BORDER_REPLICATE
         samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
-        if self._is_grey:
-            pixels: Floats = np.asarray(samples.reshape(len(beads), 1, -1), np.float32)
-        else:
-            channels = (samples.reshape(-1, 3) @ self._weights.T).reshape(*samples.shape[:2], count)
-            pixels = np.ascontiguousarray(channels.transpose(0, 2, 1), np.float32)
-        both = np.empty((len(beads), count, COLUMNS + 2 * PROFILES), np.float32)
-        covariance = np.empty((len(beads), count, count), np.float32)
+        pixels = self._channels_of(samples)
+        count = pixels.shape[1]
         kind = self._kind[beads]
-        for number, (rows, inside) in enumerate(zip(self._rows, self._inside, strict=True)):
+        most, *others = self._rows
+        both = (pixels.reshape(-1, len(most)) @ most).reshape(len(beads), count, -1)
+        for number, rows in enumerate(others, start=1):
             alike = np.flatnonzero(kind == number)
-            theirs = pixels if len(alike) == len(beads) else pixels[alike]
-            both[alike] = (theirs.reshape(-1, len(inside)) @ rows).reshape(-1, *both.shape[1:])
-            covariance[alike] = (theirs * inside) @ theirs.transpose(0, 2, 1)
+            both[alike] = pixels[alike] @ rows
+        inside = pixels * self._inside[kind, None]
+        covariance: Floats = np.asarray(inside @ pixels.transpose(0, 2, 1), np.float32)
         fitted, left = both[..., :COLUMNS], both[..., COLUMNS:].reshape(-1, count, 2, PROFILES)
         covariance -= (fitted @ self._normal[beads]) @ fitted.transpose(0, 2, 1)
         covariance /= self._freedom[beads]
@@ -183,6 +181,14 @@ class SymmetricFit:
         step = np.stack([yy * force[:, 0] - xy * force[:, 1], xx * force[:, 1] - xy * force[:, 0]], axis=1)
         step = np.clip(step / determinant[:, None], -MAX_STEP, MAX_STEP)
         return step, np.sqrt((xx + yy) / determinant) * _clipping(samples)
+
+    def _channels_of(self, samples: Floats) -> Floats:
+        """Return the channels (m, c, g) of samples (m, g, 3), or of grey ones (m, g)."""
+        if self._is_grey:
+            return samples[:, None]
+        if len(self._weights) < samples.shape[2]:
+            samples = (samples.reshape(-1, 3) @ self._weights.T).reshape(*samples.shape[:2], -1)
+        return np.ascontiguousarray(samples.transpose(0, 2, 1))
 
 
 def _skin_share(radius: Array) -> Array:

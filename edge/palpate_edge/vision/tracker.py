@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
+from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask, Plane
+from palpate_edge.vision.appearance import Appearance, plane, plane_of_colours
 from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
@@ -73,20 +75,34 @@ class Tracker:
         self._last_px = self._reference.position_px.copy()
         self._last_lost, self._accepted_lost, self._is_reference = 0, 0, True
 
+    def follow_image(self, image: Image, appearance: Appearance) -> Beads:
+        """Return the beads of the next frame, (height, width, 3) or a grey one.
+
+        Where beads are large and differ from the skin by colour, all stages read the same halved image.
+        """
+        if image.ndim != COLOUR or appearance.channel == "grey" or self._windows.binning == 1:
+            return self.follow(plane(image, appearance), image)
+        pixels = halved(image).astype(np.float32)
+        return self._follow(plane_of_colours(pixels, appearance), pixels, halvings=1)
+
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
         """Return the beads of the next frame.
 
         image: the frame that the plane is of, (height, width, 3) or a grey one. Where given, places come from
         the channels that the calibration chose for the symmetric fit.
         """
+        return self._follow(dark, image, halvings=0)
+
+    def _follow(self, dark: Plane, image: Image | Floats | None, *, halvings: int) -> Beads:
+        """Return the beads of the next frame; plane and image were halved so often, at most once."""
         fit = None if image is None or not (self._fits_grey or image.ndim == COLOUR) else self._fit
         if fit is not None and image is not None:
-            fit.load(image)
-        self._windows.load(dark)
+            fit.load(image, binned=halvings > 0)
+        self._windows.load(dark, binned=halvings > 0)
         self._windows.allow_glare(allowed=fit is not None)
         labelling = self._in_windows()
         if labelling is None:
-            beads = self._in_whole_image(dark)
+            beads = self._in_whole_image(dark, halvings)
             self._accepted_lost = len(beads.lost)
         else:
             beads = Beads.from_positions(*labelling)
@@ -153,10 +169,11 @@ class Tracker:
             return False
         return self._correspondence.is_smooth(position_px, found)
 
-    def _in_whole_image(self, dark: Plane) -> Beads:
+    def _in_whole_image(self, dark: Plane, halvings: int) -> Beads:
         """Match the blobs of the whole image with the beads."""
         self.counters.searches += 1
-        blobs = find_blobs(dark, self._diameter_px, self._min_strength).strongest(self._max_blobs)
+        blobs = find_blobs(dark, self._diameter_px, self._min_strength, halvings=halvings)
+        blobs = blobs.strongest(self._max_blobs)
         hypotheses = (
             [self._reference.position_px]
             if self._is_reference

@@ -50,9 +50,14 @@ class WindowSearch:
         self._excess = np.zeros_like(self._contrast)
         self._same_squared = (SAME_WINDOW * reference.diameter_px) ** 2
 
-    def load(self, dark: Plane) -> None:
-        """Take the plane that is measured until the next one is loaded."""
-        self._refiner.load(dark)
+    @property
+    def binning(self) -> int:
+        """Pixels of the plane, along an axis, that are measured as one."""
+        return self._refiner.binning
+
+    def load(self, dark: Plane, *, binned: bool = False) -> None:
+        """Take the plane, `binned` already or not, that is measured until the next one is loaded."""
+        self._refiner.load(dark, binned=binned)
 
     def allow_glare(self, *, allowed: bool) -> None:
         """Accept beads in strong glare, and one window at a blob, since places are measured again by their

@@ -15,7 +15,6 @@ from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.common.arrays import Image
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import read_image
-from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_host.common.tip_contact import TipContact
 from palpate_twin.camera.kept_pictures import kept_pictures
@@ -81,7 +80,7 @@ def draw_sights(folder: RunFolder, finger: str, stamps_us: Sequence[float], heig
     indices = [max(0, bisect_right(exposed_us, stamp_us) - 1) for stamp_us in stamps_us]
     for index in sorted(set(indices)):
         image = read_image(sights[index].picture)
-        beads = tracker.follow(plane(image, calibration.appearance), image)
+        beads = tracker.follow_image(image, calibration.appearance)
         beside = (
             bead_panel(image, reference, beads, height),
             dome_panel(sights[index].contact, radius_mm, height),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.vision.appearance import Appearance, plane, unlit_grey
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refiner
@@ -189,3 +190,20 @@ def test_beads_are_counted_without_a_layout(another_dome, colours, bright):
     blobs, appearance, _ = beads_without_layout(dome.picture(dome.beads_mm(), seed=3))
     assert len(blobs.strength) == 85
     assert appearance.bright == bright
+
+
+def test_a_halved_plane_shows_the_same_blobs(scattered):
+    _, draw = scattered
+    dark = plane(draw(noise=2.0, **DARK), Appearance()).astype(np.float32)
+    halved_px = find_blobs(halved(dark), 12.0, halvings=1)
+    whole_px = find_blobs(dark, 12.0)
+    assert np.array_equal(halved_px.position_px, whole_px.position_px)
+    assert np.array_equal(halved_px.strength, whole_px.strength)
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (7, 9), (7, 9, 3)])
+def test_halved_pixels_are_means_of_two_by_two(shape):
+    image = np.random.default_rng(0).integers(0, 256, shape).astype(np.float32)
+    small = halved(image)
+    assert small.shape[:2] == (3, 4)
+    assert np.allclose(small[1, 2], image[2:4, 4:6].mean(axis=(0, 1)))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.vision.appearance import Appearance, plane
-from palpate_edge.vision.beads import BOTH_FIT, EVEN_LIGHT, SLOPED_LIGHT, Reference
+from palpate_edge.vision.beads import BOTH_FIT, COLOUR_FIT, EVEN_LIGHT, SLOPED_LIGHT, Reference
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.symmetric_fit import SymmetricFit
 from palpate_edge.vision.tracker import Tracker
@@ -148,3 +148,22 @@ def test_beads_at_the_border_of_glare_are_found_with_a_colour_image(fit):
     assert (errors_px(beads.position_px)[beads.found] < 1.5).all()
     assert (beads.noise[at_border] > 5).all()
     assert (beads.noise[PLACES[:, 0] < GLARE_PX - 20] < 1.5).all()
+
+
+@pytest.mark.parametrize("channels", [COLOUR_FIT, BOTH_FIT])
+@pytest.mark.parametrize("is_rest", [True, False])
+def test_one_halved_image_serves_all_stages(channels, is_rest):
+    """The beads stand where they were drawn, as from the whole-size plane, with and without a search."""
+    one = np.ones(len(PLACES))
+    picture = draw(even(140))
+    refined = Refiner(np.full(len(PLACES), DIAMETER_PX)).refine(plane(picture, BLUE_RED), PLACES)
+    rest_px = PLACES + (0.5 if is_rest else 0.3 * SPACING_PX)  # the latter is too far off for windows
+    reference = Reference(
+        rest_px, DIAMETER_PX * one, refined.contrast, refined.area, fit_sigma_px=0.1, fit_channels=channels
+    )
+    beads = Tracker(reference).follow_image(picture, BLUE_RED)
+    whole = Tracker(reference).follow(plane(picture, BLUE_RED), picture)
+    assert beads.searched is not is_rest
+    assert np.array_equal(beads.found, whole.found)
+    assert np.median(errors_px(beads.position_px)) < 0.1
+    assert np.abs(beads.position_px - whole.position_px)[beads.found].max() < 0.05
