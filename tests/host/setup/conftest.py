@@ -37,14 +37,16 @@ class HandOnHub:
             for node_id in (finger.fingertip_node for finger in config.fingers)
         }
         self.led_levels: list[tuple[int, int]] = []  # node and level, whenever one is written
-        self._stopped = threading.Event()
+        self._are_on_bus, self._stopped = threading.Event(), threading.Event()
         self._threads = [threading.Thread(target=self.hub.run), threading.Thread(target=self._serve)]
         for thread in self._threads:
             thread.start()
+        assert self._are_on_bus.wait(60), "the nodes did not reach the hub"
 
     def _serve(self) -> None:
         levels = {node_id: tip.led_set_point for node_id, tip in self.tips.items()}
         with open_bus(BusConfig(interface="palpate", channel=str(self.channel)), "nodes") as bus:
+            self._are_on_bus.set()
             received: list[CanFrame] = []
             nodes = (*self.drives.values(), *self.tips.values())
             due_us = 0
