@@ -91,19 +91,11 @@ class CalibrationGuide:
 
     def frame(self, image: Image, now_s: float, exposure_us: int = 0) -> None:
         """Take the next picture and its time; exposure_us: 0 when it is unknown."""
-        match self.step:
-            case GuideStep.FOCUS:
-                self._focus.frame(image, now_s)
-            case GuideStep.EXPOSURE:
-                self._exposure.frame(image, now_s, exposure_us)
-            case GuideStep.BEADS:
-                self._beads.frame(image, now_s)
-            case GuideStep.REFERENCE if self._reference is not None:
-                self._reference.frame(image, now_s)
-            case GuideStep.WARM_UP if self._warm_up is not None:
-                self._warm_up.frame(image, now_s)
-            case GuideStep.PRESSES if self._presses is not None:
-                self._presses.frame(image, now_s)
+        present = self._present()
+        if isinstance(present, ExposureStep):
+            present.frame(image, now_s, exposure_us)
+        elif present is not None:
+            present.frame(image, now_s)
 
     def answer(self, name: str, number: float | None = None) -> None:
         """Take an answer. Raises ConfigError when it is not possible now, with the reason."""

@@ -6,13 +6,11 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-import cv2
-
 from palpate_edge.calibration.calibrate import Progress, calibrate
 from palpate_edge.calibration.calibration_file import save_calibration
-from palpate_edge.common.arrays import Image
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError, DatasetError, reason_of
+from palpate_edge.common.picture_file import write_picture
 from palpate_edge.daemon.config import FingertipConfig
 from palpate_edge.datasets.images import list_images
 from palpate_edge.datasets.press_dataset import read_dataset
@@ -54,13 +52,13 @@ class GuideFiles:
                 _keep(path)
         make_folder(reference, DatasetError)
         for number, image in enumerate(work.images):
-            _write_image(reference / f"{number:03}.png", image)
+            write_picture(reference / f"{number:03}.png", image, DatasetError)
 
     def save_press(self, work: SavePress) -> None:
         """Write the picture of a press, then the table of all presses."""
         if work.image is not None:
             make_folder(self.folder / "frames", DatasetError)
-            _write_image(self.folder / "frames" / work.name, work.image)
+            write_picture(self.folder / "frames" / work.name, work.image, DatasetError)
         write_atomically(self.folder / WEIGHTS, weights_text(work.rows).encode(), DatasetError)
 
     def fit(self, work: FitCalibration, progress: Progress) -> Calibration:
@@ -103,8 +101,3 @@ def _keep(path: Path) -> None:
         path.rename(other)
     except OSError as error:
         raise DatasetError(f"{path}: {reason_of(error)}; rename it to {other.name}") from None
-
-
-def _write_image(path: Path, image: Image) -> None:
-    _, data = cv2.imencode(".png", image)
-    write_atomically(path, data.tobytes(), DatasetError)

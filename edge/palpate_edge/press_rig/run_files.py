@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import cv2
 import msgspec
 
-from palpate_edge.common.atomic_write import make_folder, write_atomically
+from palpate_edge.common.atomic_write import make_folder
 from palpate_edge.common.errors import ConfigError, DatasetError, reason_of
+from palpate_edge.common.picture_file import write_picture
 from palpate_edge.press_rig.journal import RigJournal, continued, read_journal, write_journal
 from palpate_edge.press_rig.requests import Keep
 from palpate_edge.press_rig.run_sequence import REFERENCES
@@ -48,8 +48,7 @@ class RunFiles:
 
     def keep(self, kept: Keep) -> None:
         """Store an image, then its record: a break between them leaves an image that is taken again."""
-        _, data = cv2.imencode(".png", kept.image)
-        write_atomically(self.folder / kept.path, data.tobytes(), DatasetError)
+        write_picture(self.folder / kept.path, kept.image, DatasetError)
         if kept.record is not None:
             records = (*self.journal.records, kept.record)
             self.journal = msgspec.structs.replace(self.journal, records=records)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from contextlib import closing
 from pathlib import Path
@@ -74,10 +73,7 @@ def ros(
     config, hand = load_hand(config_path)
     urdf = urdf_of(config)
     if urdf_path is not None:
-        if str(urdf_path) == "-":
-            sys.stdout.write(urdf)
-        else:
-            write_atomically(urdf_path, urdf.encode(), ConfigError)
+        write_atomically(urdf_path, urdf.encode(), ConfigError)
         return
     try:
         from palpate_host.ros.bridge import RosBridge  # noqa: PLC0415 (rclpy is not installed everywhere)

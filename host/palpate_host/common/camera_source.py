@@ -1,10 +1,11 @@
-"""The choice of a camera on a command line: NAME=PATH."""
+"""The choice of a camera on a command line, NAME=PATH, and its ring of frames."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.common.errors import ConfigError
 
 
@@ -15,6 +16,15 @@ class CameraSource:
 
     name: str
     path: Path
+
+    def open_ring(self) -> RingReader:
+        """Open the ring at `path`. Raises ConfigError when the file is missing, CaptureError for no ring."""
+        try:
+            return RingReader(self.path)
+        except FileNotFoundError as exc:
+            raise ConfigError(
+                f"{self.path}: no ring of frames: start the program that writes it first"
+            ) from exc
 
 
 def parse_camera(text: str) -> CameraSource:

@@ -51,12 +51,7 @@ class PictureFeed:
 def _ring(camera: CameraSource, frames: Mapping[str, str]) -> RingReader:
     if camera.name not in frames:
         raise ConfigError(f"--camera {camera.name}: the hand's fingers are {', '.join(frames)}")
-    try:
-        return RingReader(camera.path)
-    except FileNotFoundError as exc:
-        raise ConfigError(
-            f"{camera.path}: no ring of frames: start the program that writes it first"
-        ) from exc
+    return camera.open_ring()
 
 
 def _newest(ring: RingReader, name: str, frame: str) -> PictureContent | None:

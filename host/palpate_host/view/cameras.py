@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import rerun as rr
 
-from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import unix_ahead_us
 from palpate_edge.datasets.recorder import INDEX
@@ -39,12 +38,7 @@ class LiveCamera:
     def __init__(self, source: CameraSource) -> None:
         """Open the ring. Raises ConfigError when the file is missing, CaptureError when it is no ring."""
         self.name = source.name
-        try:
-            self._ring = RingReader(source.path)
-        except FileNotFoundError as exc:
-            raise ConfigError(
-                f"{source.path}: no ring of frames: start the program that writes it first"
-            ) from exc
+        self._ring = source.open_ring()
 
     def take(self) -> tuple[int, rr.EncodedImage | rr.Image] | None:
         """Return (exposed_at_us, picture), None when there is no new picture."""

@@ -19,9 +19,8 @@ from palpate_edge.common.arrays import Array
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg, turning_samples
-from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
-from palpate_twin.paper.trial import make_engine, run_trial
+from palpate_twin.paper.trial import make_engine, run_trial, trial_contacts
 from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
 
 FIRST_S = 1.0
@@ -172,13 +171,7 @@ def run_in_chain(hand_toml: Path, case: ShakeCase) -> Held:
     loaded, hand = load_hand(hand_toml)
     config = trial_config(loaded, trial)
     config = with_disturbances(config, after(trial.disturbances, CHAIN_START_S))
-    contacts = TrueContactSource(
-        1e3 * config.control.tip_radius_m,
-        trial.noise_mm,
-        trial.seed,
-        trial.force_noise,
-        sees_slip=trial.sees_slip,
-    )
+    contacts = trial_contacts(config, trial)
     engine = make_engine(config, "mujoco", has_B=False)
     loop = LockstepLoop(config, hand, engine, contacts, trial.has_weight)
     loop.run(CHAIN_START_S)

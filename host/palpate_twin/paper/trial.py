@@ -79,14 +79,18 @@ def run_trial(hand_toml: Path, engine_name: str, trial: Trial) -> Outcome:
     """
     loaded, hand = load_hand(hand_toml)
     config, engine = trial_setup(loaded, engine_name, trial)
-    contacts = TrueContactSource(
+    return TrialRun(config, hand, engine, trial, trial_contacts(config, trial)).run()
+
+
+def trial_contacts(config: HandConfig, trial: Trial) -> TrueContactSource:
+    """Return the true contacts with the noise and the slip flag of a trial."""
+    return TrueContactSource(
         1e3 * config.control.tip_radius_m,
         trial.noise_mm,
         trial.seed,
         trial.force_noise,
         sees_slip=trial.sees_slip,
     )
-    return TrialRun(config, hand, engine, trial, contacts).run()
 
 
 def trial_setup(config: HandConfig, engine_name: str, trial: Trial) -> tuple[HandConfig, Engine]:
