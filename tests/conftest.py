@@ -29,6 +29,7 @@ from palpate_host.cli.main import main as host_main
 
 pytest_plugins = (
     "tests.tiers",
+    "tests.browser.browser_fixture",
     "kernel_guest.forwarding",
     "kernel_guest.links",
     "kernel_guest.cameras",

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-
 import pytest
-from tests.browser.headless_browser import PHONE, Browser, missing_tools
+from tests.browser.headless_browser import PHONE
 from tests.edge.guide.conftest import Bench
 
 from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.datasets.weights_table import read_weight_rows
-
-
-@pytest.fixture
-def browser(tmp_path):
-    missing = missing_tools()
-    if missing:
-        pytest.skip(f"{' and '.join(missing)} missing: make system-deps")
-    with closing(Browser(tmp_path)) as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -6,12 +6,11 @@ import json
 import subprocess
 import sys
 import threading
-from contextlib import closing
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
 import pytest
-from tests.browser.headless_browser import PHONE, Browser, missing_tools
+from tests.browser.headless_browser import PHONE
 
 pytestmark = pytest.mark.long
 
@@ -34,15 +33,6 @@ Promise.all(Object.entries(tries).map(async ([name, attempt]) => {
   results[name] = await attempt().catch((error) => "error");
 })).then(() => { document.title = JSON.stringify(results); });
 </script>"""
-
-
-@pytest.fixture
-def browser(tmp_path):
-    missing = missing_tools()
-    if missing:
-        pytest.skip(f"{' and '.join(missing)} missing: make system-deps")
-    with closing(Browser(tmp_path)) as browser:
-        yield browser
 
 
 @pytest.fixture

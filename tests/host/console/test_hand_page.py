@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import time
-from contextlib import closing
 
 import pytest
-from tests.browser.headless_browser import PHONE, Browser, missing_tools
+from tests.browser.headless_browser import PHONE
 
 pytestmark = pytest.mark.long
 
 RECOVER = "[data-command=recover]"
-
-
-@pytest.fixture
-def browser(tmp_path):
-    missing = missing_tools()
-    if missing:
-        pytest.skip(f"{' and '.join(missing)} missing: make system-deps")
-    with closing(Browser(tmp_path)) as browser:
-        yield browser
 
 
 def in_mode(browser, *modes):
