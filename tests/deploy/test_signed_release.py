@@ -1,4 +1,4 @@
-"""What a board checks before it unpacks a release. Keys and signatures are of ssh-keygen."""
+"""Checks of a board before it unpacks a release. ssh-keygen makes the keys and signatures."""
 
 from __future__ import annotations
 

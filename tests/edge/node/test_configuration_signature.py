@@ -156,7 +156,7 @@ def test_another_stored_node_id_has_none(board: Board) -> None:
     "constants", [{"calibration": "fedcba9876543210"}, {"serial": 43}], ids=["calibration", "board"]
 )
 def test_another_device_with_the_same_parameters_has_none(board: Board, constants: dict) -> None:
-    """What a master verified contains constants of the device: a new calibration is to be read."""
+    """The verified values include constants of the device: after a new calibration the master reads again."""
     board.switch_on(**constants)
     assert (board.node.slave.read(0x1017), *board.signature) == (250, 0, 0)
     board.switch_on()

@@ -1,4 +1,4 @@
-"""What the printer may do: the box, collisions of ball, head and fixture, the plan, and rig.toml."""
+"""Limits of the printer: the box, collisions of ball, head and fixture, the plan, and rig.toml."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def test_only_the_friction_of_the_tip_that_slips_is_lowered(wide):
 
 
 def test_a_lowered_friction_gives_more_grip_for_the_same_load(wide):
-    """Where the grip is what the load needs, it grows as the friction falls, here from 0.4 to 0.225."""
+    """A grip that is determined by the load grows when the friction falls, here from 0.4 to 0.225."""
     grips, friction = [], []
     for slips in ([], [0, 1, 2]):
         hold = Hold(wide, integral_per_s=0.0)
