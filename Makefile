@@ -5,12 +5,18 @@ BIN    := $(VENV)/bin
 DEPLOY := .venv-deploy
 RELEASE_KEY ?= $(HOME)/.ssh/palpate-release
 ROS    := .venv-ros
+DCFGEN := .cache/dcfgen
+LEROBOT := .venv-lerobot
+LEROBOT_PYTHON ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12.*/bin/python3.12) python3.12)
 VM     := vm
+SUITES := bookworm trixie
+TIERS  := namespace hand killed foreign booted
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 # pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: further threads of the matrix
-# library would cost a third more processor time.
-PYTEST  = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --junitxml=.cache/tests/$@.xml
+# library would cost a third more processor time. Compiled modules are kept also where the surroundings forbid it: without
+# them each process that a test starts has to compile them again.
+PYTEST  = OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --junitxml=.cache/tests/$@.xml
 # Many tests of `unit` wait for processes, so it has one worker more than the two cores of the published times.
 WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
 UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
@@ -19,7 +25,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy bench lock format system-deps clean
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy console-pictures schematic bench lock format system-deps clean nightly canopennode-test
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -65,7 +71,7 @@ slowest:  ## list the 30 slowest tests of the last runs
 	@$(BIN)/python -m tests.slowest
 
 demo-test: $(VENV)/dev.stamp  ## run the real-time demo's tests
-	$(call timed,$(PYTEST) -m demo $(PYTEST_ARGS))
+	$(call timed,$(PYTEST) -m demo $$(grep -rl --include='test_*.py' 'pytest.mark.demo' tests) $(PYTEST_ARGS))
 
 kernel-test: uml-test vm-test  ## run the tests that need a kernel of their own
 
@@ -77,6 +83,23 @@ vm-test: $(VENV)/dev.stamp vm-disks  ## run the tests in a virtual machine: Sock
 
 ros-test: $(ROS)/stamp  ## run the tests of palpate-host ros with rclpy, in an environment of their own (network namespaces: root)
 	$(call timed,OPENBLAS_NUM_THREADS=1 $(ROS)/bin/python -m pytest tests/host/ros -m ros $(PYTEST_ARGS))
+
+dcfgen-test: $(VENV)/dev.stamp $(DCFGEN)/stamp  ## run dcfgen of ros2_canopen on docs/ros2_canopen/bus.yml and configure a fingertip with the result
+	$(call timed,$(PYTEST) tests/edge/node/test_ros2_canopen.py -m dcfgen $(PYTEST_ARGS))
+
+kicad-test: $(VENV)/dev.stamp  ## check the schematic of the light and its netlist with kicad-cli (KiCad 8 or newer)
+	$(call timed,$(PYTEST) tests/firmware/test_schematic.py -m kicad $(PYTEST_ARGS))
+
+schematic:  ## write netlist and picture of the light's schematic (kicad-cli, chromium)
+	kicad-cli sch export netlist --format pads -o firmware/board/light-netlist.asc firmware/board/light.kicad_sch
+	kicad-cli sch export svg -o build firmware/board/light.kicad_sch
+	chromium --headless --no-sandbox --screenshot=docs/board-light.png --window-size=1123,795 build/light.svg
+
+canopennode-test: $(VENV)/dev.stamp  ## run CANopenNode's programs as master and slave (PALPATE_CANOPEND, PALPATE_CANOPEN_DEMO, or in PATH)
+	$(call timed,$(PYTEST) tests/kernel -m canopennode $(PYTEST_ARGS))
+
+lerobot-test: $(VENV)/dev.stamp $(LEROBOT)/stamp  ## run LeRobot's recorder, loader and replay with the twin; LEROBOT_PYTHON is 3.12 or newer
+	$(call timed,$(PYTEST) tests/integrations -m lerobot $(PYTEST_ARGS))
 
 vm-disks: $(VENV)/pyvenv.cfg  ## build the virtual machine's disks if they are missing (5 minutes, once)
 	PYTHONPATH=tests/kernel $(BIN)/python -m kernel_guest.disks
@@ -91,11 +114,15 @@ wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards ins
 release-key:  ## make the key that signs releases, ~/.ssh/palpate-release, with a password
 	ssh-keygen -t ed25519 -C palpate-release -f $(RELEASE_KEY)
 
-deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards (root; docs/testing.md)
-	@for tier in lint namespace hand namespace:trixie hand:trixie foreign booted; do \
-	  begin=$$(date +%s); suite=$${tier#*:}; test "$$suite" = "$$tier" && suite=bookworm; \
-	  PALPATE_SUITE=$$suite $(BIN)/pytest tests/deploy -m "deploy_$${tier%:*}" -s --durations=0 $(PYTEST_ARGS) || exit 1; \
-	  echo "deploy-test: $$tier took $$(($$(date +%s) - begin)) s"; done
+deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards of Debian 12 and 13 (root; docs/testing.md)
+	@failed=; for suite in $(SUITES); do for tier in $(TIERS); do begin=$$(date +%s); \
+	  PALPATE_SUITE=$$suite $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) \
+	    || failed="$$failed $$tier:$$suite"; \
+	  echo "deploy-test: $$tier of $$suite took $$(($$(date +%s) - begin)) s"; done; done; \
+	test -z "$$failed" || { echo "error: deploy-test failed in$$failed"; exit 1; }
+
+nightly: export PALPATE_KILLS = all
+nightly: deploy-test  ## deploy-test with site.yml killed after each of its tasks, on each of the boards (root; hours)
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage
@@ -118,6 +145,9 @@ firmware-mutation: $(VENV)/dev.stamp  ## change the firmware line by line, count
 accuracy: $(VENV)/dev.stamp  ## write docs/accuracy.md and its picture from the recorded data (2 minutes)
 	$(BIN)/python -m bench.accuracy
 
+console-pictures: $(VENV)/dev.stamp  ## renew docs/console*.jpg: the pages as their tests see them in Chromium (2 minutes)
+	PALPATE_PICTURES=1 $(PYTEST) --effort=full tests/edge/console/test_page.py tests/edge/console/test_guide_page.py tests/host/console/test_hand_page.py tests/twin/press_rig/test_rig_page.py
+
 bench: $(VENV)/dev.stamp  ## print tables of timings and their ratios to alternatives; TABLES="camera hand" selects tables
 	$(BIN)/python -m bench $(TABLES)
 
@@ -132,12 +162,12 @@ format: $(VENV)/dev.stamp  ## format the sources
 lock: $(VENV)/dev.stamp  ## renew requirements/*.lock (hashes for x86-64 and aarch64)
 	sh requirements/lock.sh $(BIN)/uv
 
-system-deps:  ## install the apt packages that some tests use: tshark, user-mode Linux, qemu, gcc-avr, chromium (needs root or sudo)
+system-deps:  ## install the apt packages that some tests use: tshark, user-mode Linux, qemu, gcc-avr, chromium, openscad (needs root or sudo)
 	sh requirements/system-deps.sh
 	@rm -f $(VENV)/firmware.stamp
 
 clean:  ## remove the virtual environment, caches and the demo's output
-	rm -rf $(VENV) $(DEPLOY) $(ROS) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/run.lock demo/sensors demo/report.html
+	rm -rf $(VENV) $(DEPLOY) $(ROS) $(LEROBOT) .cache .import_linter_cache .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist demo/run demo/run.lock demo/sensors demo/report.html
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -163,13 +193,29 @@ $(DEPLOY)/stamp: requirements/deploy.lock
 	@$(DEPLOY)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/deploy.lock
 	@touch $@
 
+$(DCFGEN)/stamp: requirements/dcfgen.lock
+	@echo "installing dcfgen into $(DCFGEN)"
+	@$(PYTHON) -m venv $(DCFGEN)
+	@$(DCFGEN)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/dcfgen.lock
+	@touch $@
+
 # ROS 2 beside the packages and tools of $(VENV), which it does not change.
-$(ROS)/stamp: $(VENV)/dev.stamp requirements/ros.lock
+$(ROS)/stamp: $(VENV)/dev.stamp requirements/ros.lock ros/build_interfaces.py $(wildcard ros/palpate_msgs/action/*.action)
 	@echo "installing ROS 2 into $(ROS)"
 	@$(VENV)/bin/python -m venv $(ROS)
 	@$(ROS)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/ros.lock
 	@$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
 	  >"$$($(ROS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/development.pth"
+	@if command -v g++ >/dev/null; then $(ROS)/bin/python ros/build_interfaces.py; fi
+	@touch $@
+
+# LeRobot needs a newer Python and other versions of NumPy and OpenCV than $(VENV), so nothing is shared.
+$(LEROBOT)/stamp: requirements/lerobot.lock integrations/lerobot_robot_palpate/pyproject.toml
+	@echo "installing LeRobot into $(LEROBOT)"
+	@$(LEROBOT_PYTHON) -m venv $(LEROBOT)
+	@$(LEROBOT)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/lerobot.lock
+	@$(LEROBOT)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation \
+	  --editable integrations/lerobot_robot_palpate
 	@touch $@
 
 # The simulator is compiled from source in a minute or two, so only if the firmware can be built.

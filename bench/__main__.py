@@ -9,6 +9,7 @@ from bench import (
     bus,
     estimate_to_bus,
     estimator,
+    gait_tick,
     host,
     instructions,
     latency,
@@ -36,6 +37,7 @@ TABLES = {
     "camera": twin.report,
     "hand": twin_hand.report,
     "pose-tick": pose_tick.report,
+    "gait-tick": gait_tick.report,
 }
 
 

@@ -19,7 +19,8 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -77,20 +78,20 @@ class Shares:
     pictures_s: list[float] = field(default_factory=list)
 
 
-def _busy_s(process: subprocess.Popen[str]) -> float:
+def busy_s(process: subprocess.Popen[str]) -> float:
     """Processor time of all threads of a process since its start."""
     words = Path(f"/proc/{process.pid}/stat").read_text().rsplit(") ", 1)[1].split()
     return (int(words[11]) + int(words[12])) / TICKS_S
 
 
-def _start(*arguments: str) -> subprocess.Popen[str]:
+def start(*arguments: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", *arguments]
     return subprocess.Popen(
         command, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"}
     )
 
 
-def _until_line(process: subprocess.Popen[str], begin: str) -> str:
+def until_line(process: subprocess.Popen[str], begin: str) -> str:
     assert process.stderr is not None
     for line in process.stderr:
         if begin in line:
@@ -98,8 +99,9 @@ def _until_line(process: subprocess.Popen[str], begin: str) -> str:
     raise SystemExit(f"{process.args} ended")
 
 
-def measure(folder: Path, seconds: float, rounds: int) -> tuple[dict[int, Shares], float]:
-    """Return the figures without (0) and with clients, and the time in s until the daemon's end is shown."""
+@contextmanager
+def running_fingertip(folder: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
+    """Yield the configuration and the process of a daemon on a hub, which plays the recording."""
     config = folder / "finger.toml"
     config.write_text(CONFIG.format(folder=folder, root=ROOT))
     calibrate = ["palpate_edge.cli.main", "calibrate", str(ROOT / "demo/recording/press")]
@@ -108,30 +110,46 @@ def measure(folder: Path, seconds: float, rounds: int) -> tuple[dict[int, Shares
         check=True,
         stdout=subprocess.DEVNULL,
     )
-    hub = _start("palpate_host.cli.main", "bus", "hub", "--socket", str(folder / "hub.sock"))
-    _until_line(hub, "listening")
-    daemon = _start("palpate_edge.cli.main", "run", "--config", str(config))
-    _until_line(daemon, "node 0x10")
-    watch = _start("palpate_edge.cli.main", "watch", "--config", str(config), "--port", "0")
-    port = int(_until_line(watch, "to watch").split(":")[-1].strip(" /\n"))
-    time.sleep(5)
-    figures = {0: Shares(), CLIENTS: Shares()}
+    hub = start("palpate_host.cli.main", "bus", "hub", "--socket", str(folder / "hub.sock"))
+    until_line(hub, "listening")
+    daemon = start("palpate_edge.cli.main", "run", "--config", str(config))
     try:
-        for _ in range(rounds):
-            for count, shares in figures.items():
-                _round(shares, [Client(port) for _ in range(count)], (daemon, watch), folder, seconds)
-        client = Client(port)
-        time.sleep(2)
-        killed_s = time.monotonic()
-        daemon.kill()
-        while not client.lost_at_s:
-            time.sleep(0.001)
-        client.close()
-        return figures, client.lost_at_s - killed_s
+        until_line(daemon, "node 0x10")
+        yield config, daemon
     finally:
-        for process in (watch, daemon, hub):
+        for process in (daemon, hub):
             process.terminate()
             process.wait()
+
+
+def until_end_is_shown_s(port: int, process: subprocess.Popen[str]) -> float:
+    """Kill a process whose console is at `port`, and return the time in s until a client loses it."""
+    client = Client(port)
+    time.sleep(2)
+    killed_s = time.monotonic()
+    process.kill()
+    while not client.lost_at_s:
+        time.sleep(0.001)
+    client.close()
+    return client.lost_at_s - killed_s
+
+
+def measure(folder: Path, seconds: float, rounds: int) -> tuple[dict[int, Shares], float]:
+    """Return the figures without (0) and with clients, and the time in s until the daemon's end is shown."""
+    with running_fingertip(folder) as (config, daemon):
+        watch = start("palpate_edge.cli.main", "watch", "--config", str(config), "--port", "0")
+        try:
+            port = int(until_line(watch, "to watch").split(":")[-1].strip(" /\n"))
+            time.sleep(5)
+            figures = {0: Shares(), CLIENTS: Shares()}
+            for _ in range(rounds):
+                for count, shares in figures.items():
+                    clients = [Client(port) for _ in range(count)]
+                    _round(shares, clients, (daemon, watch), folder, seconds)
+            return figures, until_end_is_shown_s(port, daemon)
+        finally:
+            watch.terminate()
+            watch.wait()
 
 
 def _round(
@@ -142,13 +160,12 @@ def _round(
     seconds: float,
 ) -> None:
     time.sleep(1.5)  # the health file is a second old at most
-    before_s, dropped = [_busy_s(process) for process in processes], _dropped(folder)
+    before_s, dropped = [busy_s(process) for process in processes], _dropped(folder)
     shown, begun_s = sum(client.pictures for client in clients), time.monotonic()
     time.sleep(seconds)
     lasted_s = time.monotonic() - begun_s
     used = [
-        100 * (_busy_s(process) - was_s) / lasted_s
-        for process, was_s in zip(processes, before_s, strict=True)
+        100 * (busy_s(process) - was_s) / lasted_s for process, was_s in zip(processes, before_s, strict=True)
     ]
     pictures = sum(client.pictures for client in clients) - shown
     time.sleep(1.5)

@@ -47,7 +47,7 @@ def publish(kind: str, count: int, folder: Path, channel: str) -> int:
     estimator = Estimator(load_calibration(folder / "bench.cal"))
     config, valid = BusConfig(interface="palpate", channel=channel), 0
     with closing(ReconnectingBus(lambda: open_bus(config, "fingertip"))) as link:
-        core = FingertipCore(FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), "fingertip", 1_000_000, 0)
+        core = FingertipCore(FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), 1_000_000, 0)
         link.send(0, core.poll(0).frames_out)
         core.receive(0, [(0, START)])
         for number, index in enumerate(islice(cycle(range(length)), count), 1):

@@ -95,9 +95,7 @@ def rows(material: Material, name: str, scheduling: AbstractContextManager[None]
 
 def _publish(link: ReconnectingBus, pixels: CaptureThread) -> tuple[list[float], list[float]]:
     """Run the daemon's loop; return when each contact was sent, and the processor time used for it."""
-    core = FingertipCore(
-        FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), "fingertip", 1_000_000, _now_us()
-    )
+    core = FingertipCore(FingertipNode(0x10, MethodCode.CORRECTED, "0" * 16), 1_000_000, _now_us())
     link.send(_now_us(), core.poll(_now_us()).frames_out)
     core.receive(_now_us(), [(_now_us(), START)])
     descriptor = link.descriptor()

@@ -21,10 +21,9 @@ import numpy as np
 from bench.timing import Row, table
 from palpate_bus.logs.candump import LogRecord
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.network.fingertips import unwrap_us
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host import load_hand
-from palpate_host.service.replay import EXPOSURE, TPDO_3_ID, read_bound_log
+from palpate_host.service.replay import exposure_codecs, exposure_of, read_bound_log
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDING = ROOT / "demo" / "recording"
@@ -34,7 +33,7 @@ DURATION_S = 20
 
 def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
     """Return the parts (n, 4) in s of each contact: processing, bus, wait for the tick, tick and commands."""
-    contacts = {TPDO_3_ID + finger.fingertip_node for finger in config.fingers}
+    contacts = exposure_codecs([finger.fingertip_node for finger in config.fingers])
     commands = {RPDO_1_ID + joint.drive_node for joint in config.joints}
     found: list[tuple[int, int, int, int]] = []
     waiting: list[tuple[int, int, int]] = []  # exposed, published, on the bus
@@ -42,9 +41,9 @@ def parts(records: Sequence[LogRecord], config: HandConfig) -> np.ndarray:
     tick_us = last_us = 0
     for record in records:
         stamp_us, frame = record.stamp_us, record.frame
-        if frame.can_id in contacts and len(frame.data) == EXPOSURE.size:
-            exposed_us, _, latency_us = EXPOSURE.unpack(frame.data)
-            exposed_us = unwrap_us(exposed_us, stamp_us)
+        codec = contacts.get(frame.can_id)
+        if codec is not None and len(frame.data) >= codec.length_bytes:
+            exposed_us, latency_us = exposure_of(codec, record)
             waiting.append((exposed_us, exposed_us + latency_us, stamp_us))
         elif frame == SYNC:
             found += [(*times, tick_us, last_us) for times in used if last_us]

@@ -1,8 +1,9 @@
-"""False alarms of the fingertip's slip detector in random handling: ``python -m bench.slip_alarms``.
+"""False alarms of the fingertip's two slip detectors in random handling: ``python -m bench.slip_alarms``.
 
 The runs are those of ``palpate-host simulate shake --random`` under the pose law. Contact places and forces
-are the twin's with the estimator's noise; the flag is that of slip.py, as on a fingertip, and the hand
-answers it. A flag is false when the tip has not slid by 0.1 mm within the detector's window.
+are the twin's with the estimator's noise; the flags are those of slip.py and slip_onset.py, as on a
+fingertip, and the hand answers them. A flag is false when the tip has not slid by 0.1 mm within the second
+before.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from multiprocessing import get_context
 
 from palpate_edge.common.contact import Contact
 from palpate_edge.estimation.slip import WINDOW_US, SlipDetector
+from palpate_edge.estimation.slip_onset import LoadHistory, detect_onset
 from palpate_host.config.hand_config import ControlLaw, ControlMode
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
@@ -36,37 +38,53 @@ BASE = Trial(
 )
 
 
+@dataclass(slots=True)
+class Flags:
+    """Frames with a flag of one run, and those of them that are false."""
+
+    all: int = 0
+    false: int = 0
+
+    def count(self, is_flagged: bool, has_slid: bool) -> None:
+        """Count one frame."""
+        self.all += is_flagged
+        self.false += is_flagged and not has_slid
+
+
 class DetectingContacts(TrueContactSource):
-    """True contacts with noise whose slip flag is the detector's."""
+    """True contacts with noise whose slip flags are the detectors'."""
 
     def __init__(self, radius_mm: float, noise_mm: float, seed: int, force_noise: float) -> None:
         """See TrueContactSource."""
         super().__init__(radius_mm, noise_mm, seed, force_noise, sees_slip=False)
         self._radius95_mm = RADIUS95 * noise_mm
         self._detectors: dict[int, SlipDetector] = {}
+        self._loads: dict[int, LoadHistory] = {}
         self._slid: dict[int, deque[tuple[int, float]]] = {}
-        self.flags = self.false_flags = 0
+        self.slides, self.onsets = Flags(), Flags()
 
     def contact(self, finger: int, truth: DomeContact | None, exposed_at_us: int, sequence: int) -> Contact:
         """See ContactSource."""
         found = super().contact(finger, truth, exposed_at_us, sequence)
         found = replace(found, radius95_mm=self._radius95_mm)
         is_slip = self._detectors.setdefault(finger, SlipDetector()).detect(found)
+        self._loads[finger], begins = detect_onset(self._loads.get(finger, ()), found)
         past = self._slid.setdefault(finger, deque())
         past.append((exposed_at_us, 0.0 if truth is None else truth.slip_mm))
         while exposed_at_us - past[0][0] > WINDOW_US:
             past.popleft()
-        self.flags += is_slip
-        self.false_flags += is_slip and past[-1][1] - past[0][1] < SLID_MM
-        return replace(found, slip=is_slip)
+        has_slid = past[-1][1] - past[0][1] >= SLID_MM
+        self.slides.count(is_slip, has_slid)
+        self.onsets.count(begins, has_slid)
+        return replace(found, slip=is_slip, slip_begins=begins)
 
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """Flags of one run, those of them that are false, and whether a tip slid by 1 mm."""
+    """Flags of one run, and whether a tip slid by 1 mm."""
 
-    flags: int
-    false_flags: int
+    slides: Flags
+    onsets: Flags
     slid: bool
 
 
@@ -79,7 +97,7 @@ def run(number: int) -> Alarms:
         1e3 * config.control.tip_radius_m, trial.noise_mm, trial.seed, trial.force_noise
     )
     outcome = TrialRun(config, hand, engine, trial, contacts).run()
-    return Alarms(contacts.flags, contacts.false_flags, outcome.slid_s is not None)
+    return Alarms(contacts.slides, contacts.onsets, outcome.slid_s is not None)
 
 
 def main() -> None:
@@ -91,13 +109,16 @@ def main() -> None:
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         alarms = list(pool.map(run, range(options.runs)))
     minutes = options.runs * BASE.duration_s / 60.0
-    print(
-        f"{minutes:.0f} min of random handling: {sum(one.flags for one in alarms)} frames flagged,"
-        f" {sum(one.false_flags for one in alarms)} of them false in"
-        f" {sum(one.false_flags > 0 for one in alarms)} runs;"
-        f" {sum(one.slid for one in alarms)} runs with a slide of 1 mm,"
-        f" {sum(one.slid and one.flags > 0 for one in alarms)} of them flagged"
-    )
+    slid = [one.slid for one in alarms]
+    print(f"{minutes:.0f} min of random handling, {sum(slid)} runs with a slide of 1 mm")
+    for name in ("slides", "onsets"):
+        flags: list[Flags] = [getattr(one, name) for one in alarms]
+        found = sum(one.all > 0 for one, has_slid in zip(flags, slid, strict=True) if has_slid)
+        print(
+            f"{name}: {sum(one.all for one in flags)} frames flagged,"
+            f" {sum(one.false for one in flags)} of them false in {sum(one.false > 0 for one in flags)} runs;"
+            f" {found} of the runs with a slide flagged"
+        )
 
 
 if __name__ == "__main__":

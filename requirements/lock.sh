@@ -21,3 +21,8 @@ lock -c requirements/full.lock --extra onnx requirements/build.in -o requirement
 "$uv" pip compile requirements/deploy.in $common -o requirements/deploy.lock
 # shellcheck disable=SC2086
 "$uv" pip compile requirements/ros.in $common -c requirements/full.lock -o requirements/ros.lock
+# shellcheck disable=SC2086
+"$uv" pip compile requirements/dcfgen.in $common -o requirements/dcfgen.lock
+# LeRobot: an environment of its own, without any of palpate's packages.
+# shellcheck disable=SC2086
+"$uv" pip compile requirements/lerobot.in $(echo "$common" | sed 's/3\.11/3.12/') -o requirements/lerobot.lock

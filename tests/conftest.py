@@ -8,8 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,10 +29,12 @@ from palpate_host.cli.main import main as host_main
 pytest_plugins = (
     "tests.tiers",
     "tests.browser.browser_fixture",
+    "tests.twin_in_real_time",
     "kernel_guest.forwarding",
     "kernel_guest.links",
     "kernel_guest.cameras",
     "kernel_guest.usb_cameras",
+    "kernel_guest.canopennode",
 )
 
 # FFmpeg reads this once, at the first video that a process opens; the command line sets it before, but a test
@@ -45,12 +46,25 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 hypothesis.settings.register_profile("palpate", deadline=None, derandomize="PALPATE_NO_SKIP" in os.environ)
 hypothesis.settings.load_profile("palpate")
 
-# Hosts of parallel test runs shall not meet on the default control socket.
-os.environ["PALPATE_CONTROL"] = str(Path(tempfile.gettempdir()) / f"palpate-test-{os.getpid()}.sock")
-
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 STIFFNESS_N_MM = 0.8
 HEADER = "frame,split,t_s,x_mm,y_mm,z_mm,fn_N,fx_N,fy_N,fz_N,probe,lost\n"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of this test process's default sockets and health files.
+
+    The tests and the programs that they start do not reach a hub, host or fingertip that runs on the machine
+    or in another test process.
+    """
+    folder = tmp_path_factory.mktemp("run")
+    with pytest.MonkeyPatch.context() as environment:
+        for name in ("PALPATE_HUB", "RUNTIME_DIRECTORY"):
+            environment.delenv(name, raising=False)
+        environment.setenv("XDG_RUNTIME_DIR", str(folder))
+        environment.setenv("PALPATE_CONTROL", str(folder / "host.sock"))  # before /run of an installed host
+        yield folder
 
 
 @pytest.fixture(scope="session")

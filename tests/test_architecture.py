@@ -20,8 +20,9 @@ PACKAGES = tuple(
     for path in ("edge/palpate_edge", "host/palpate_bus", "host/palpate_host", "host/palpate_twin")
 )
 ROOMS = sorted(path.parent for package in PACKAGES for path in package.glob("*/__init__.py"))
-FILES = sorted(path for package in PACKAGES for path in package.rglob("*.py"))
-OTHER_CODE = ("bench", "tests", "firmware", "ansible")
+PLUGINS = (ROOT / "integrations/lerobot_robot_palpate/lerobot_robot_palpate",)
+FILES = sorted(path for package in (*PACKAGES, *PLUGINS) for path in package.rglob("*.py"))
+OTHER_CODE = ("bench", "tests", "firmware", "ansible", "ros")
 CODE = [*FILES, *(path for part in OTHER_CODE for path in (ROOT / part).rglob("*.py"))]
 MOST_MODULES = 20
 LARGER_ROOMS = {"node"}
@@ -190,7 +191,7 @@ def docstrings(path: Path) -> Iterator[tuple[int, str]]:
                 yield node.lineno, text
 
 
-@pytest.mark.parametrize("room", ROOMS, ids=room_name)
+@pytest.mark.parametrize("room", [*ROOMS, *PLUGINS], ids=room_name)
 def test_names_in_docstrings_exist(room):
     unknown = [
         f"{path.relative_to(ROOT)}:{line}: `{name}`"

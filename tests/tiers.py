@@ -21,6 +21,7 @@ STARTS_A_PROCESS = {"subprocess", "multiprocessing"}
 """Modules: whoever uses one of them starts processes."""
 
 PROCESS_FILES = (
+    "host/operator/test_fd_session.py",
     "host/operator/test_session.py",
     "systemd/test_units.py",
     "twin/demo/test_demo_film.py",
@@ -54,6 +55,7 @@ LONG_FILES = (
     "host/control/test_rates_and_fingers.py",
     "host/drives/az/test_az_port.py",
     "host/drives/az/test_gateway.py",
+    "host/drives/test_axes_hand.py",
     "host/drives/test_drive_modes.py",
     "host/experiment/test_experiment.py",
     "host/groundtruth/test_groundtruth.py",
@@ -100,10 +102,14 @@ FIRST = (
 )
 """The longest files begin first: one that begins last keeps one of two workers waiting."""
 
+OWN_ENVIRONMENT = ("ros", "dcfgen", "kicad", "lerobot", "canopennode")
+"""Markers of tests that need an environment of their own: only with -m, as `make ros-test` does."""
+
 NOT_IN_CHECK = (
-    *("process", "fem", "long", "slow", "reduced", "demo", "ros", "uml", "vm"),
-    *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_foreign", "deploy_booted"),
+    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *OWN_ENVIRONMENT),
+    *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted"),
 )
+
 MARKERS = (
     "process: starts a process, or speaks to one (set by tests/tiers.py)",
     "long: takes more than half a second on a quiet core",
@@ -152,10 +158,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("slow")]
         items[:] = [item for item in items if item not in set(left_out)]
         config.hook.pytest_deselected(items=left_out)
-    if "ros" not in config.option.markexpr:  # in an environment of its own: make ros-test
-        left_out = [item for item in items if item.get_closest_marker("ros")]
-        items[:] = [item for item in items if item not in left_out]
-        config.hook.pytest_deselected(items=left_out)
+    for name in OWN_ENVIRONMENT:
+        if name not in config.option.markexpr:
+            left_out = [item for item in items if item.get_closest_marker(name)]
+            items[:] = [item for item in items if item not in left_out]
+            config.hook.pytest_deselected(items=left_out)
     order = {name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(_file(item), len(order)))
 

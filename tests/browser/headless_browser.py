@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -15,6 +16,7 @@ from typing import Any
 
 PATIENCE_S = 60.0
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+DOCS = Path(__file__).parents[2] / "docs"
 DESKTOP, PHONE = (1400, 1100), (390, 844)
 TOOLS = ("chromium", "chromedriver")
 
@@ -87,10 +89,17 @@ class Browser:
                 raise AssertionError(f"not within {PATIENCE_S:g} s: {what}; {texts} {self.console_errors()}")
             time.sleep(0.02)
 
-    def screenshot(self, path: Path) -> None:
-        """Write the whole page as PNG."""
-        shown = self.devtools("Page.captureScreenshot", {"captureBeyondViewport": True})
-        path.write_bytes(base64.b64decode(shown["data"]))
+    def picture_for_docs(self, name: str) -> None:
+        """Write the whole page, at the width of a desktop and of a phone, as docs/NAME.jpg and
+        docs/NAME-phone.jpg when $PALPATE_PICTURES is set: `make console-pictures`."""
+        if "PALPATE_PICTURES" in os.environ:
+            for size, suffix in ((PHONE, "-phone"), (DESKTOP, "")):
+                self.resize(size)
+                time.sleep(0.5)  # until the next event is drawn
+                self.run("window.scrollTo(0, 0)")
+                taken = {"captureBeyondViewport": True, "format": "jpeg", "quality": 80}
+                data = self.devtools("Page.captureScreenshot", taken)["data"]
+                (DOCS / f"{name}{suffix}.jpg").write_bytes(base64.b64decode(data))
 
     def console_errors(self) -> list[str]:
         """Return the errors that the page logged, refusals by the security policy included."""

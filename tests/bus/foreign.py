@@ -48,6 +48,17 @@ class Recorder(can.Listener):
         raise AssertionError(f"no frame {can_id:03X} came")
 
 
+class CountedRecord(Record):
+    """A record whose sub-index 0 is the number of mapped objects; durand's own is the number of entries."""
+
+    def __init__(self, count):
+        super().__init__()
+        self._count = Variable(DatatypeEnum.UNSIGNED8, "const", value=count)
+
+    def __getitem__(self, subindex):
+        return super().__getitem__(subindex) if subindex else self._count
+
+
 def durand_of_eds(network, node_id, eds):
     """A durand node with every object of an EDS that it does not bring itself, and its mapped PDOs."""
     node = durand.Node(
@@ -64,7 +75,7 @@ def durand_of_eds(network, node_id, eds):
         access = "rw" if entry.access.value.startswith("rw") else entry.access.value
         variable = Variable(DatatypeEnum(int(entry.data_type)), access, default, name=entry.name)
         if (index, 0) in od.entries and (index, 1) in od.entries:
-            records.setdefault(index, Record())[subindex] = variable
+            records.setdefault(index, CountedRecord(od.default_number(index, 0)))[subindex] = variable
         else:
             node.object_dictionary[index] = variable
     for index, record in records.items():

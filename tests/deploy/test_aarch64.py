@@ -27,18 +27,20 @@ print(platform.machine(), *{MODULES})
 
 
 @pytest.fixture(scope="module")
-def board_python(tmp_path_factory):
+def board_python(suite, python, tmp_path_factory):
     """Runs palpate's Python as a board of aarch64 would."""
     if (reason := missing((EMULATOR, "qemu-user-static"))) is not None:
         pytest.skip(reason)
-    tree = foreign_python() / "tree"
+    tree = foreign_python(suite) / "tree"
     folder = tmp_path_factory.mktemp("aarch64")
-    wheels = wheelhouse(folder / "wheelhouse", architecture="aarch64") / "cp311/edge/aarch64"
+    house = wheelhouse(folder / "wheelhouse", architecture="aarch64", python=python)
+    (wheels,) = house.glob("cp*/edge/aarch64")
     begin_s = time.monotonic()
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--quiet", "--no-index", "--no-deps"]
     command += ["--find-links", wheels, "--require-hashes"]
     command += ["--requirement", wheels / "packages.txt", "--requirement", wheels / "palpate.txt"]
-    command += ["--target", folder / "packages", "--only-binary=:all:", "--python-version", "3.11"]
+    command += ["--target", folder / "packages", "--only-binary=:all:", "--python-version", python]
+    command += ["--ignore-requires-python"]  # pip would compare with the Python that runs it
     for glibc in range(17, 37):
         command += ["--platform", f"manylinux_2_{glibc}_aarch64"]
     subprocess.run(command, check=True)
@@ -46,9 +48,9 @@ def board_python(tmp_path_factory):
 
     def run(*words):
         environment = ("-E", f"PYTHONPATH={folder / 'packages'}", "-E", "PYTHONDONTWRITEBYTECODE=1")
-        python = (EMULATOR, "-cpu", "cortex-a53", "-L", tree, *environment, tree / "usr/bin/python3.11")
+        program = (EMULATOR, "-cpu", "cortex-a53", "-L", tree, *environment, tree / f"usr/bin/python{python}")
         begin_s = time.monotonic()
-        answer = subprocess.run([*python, *words], capture_output=True, text=True, check=False)
+        answer = subprocess.run([*program, *words], capture_output=True, text=True, check=False)
         assert answer.returncode == 0, answer.stderr
         print(f"{words[1][:30].strip()}: {time.monotonic() - begin_s:.1f} s under emulation")
         return answer.stdout

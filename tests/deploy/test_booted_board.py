@@ -37,7 +37,7 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
     if (reason := missing(("qemu-system-x86_64", "qemu-system-x86"))) is not None:
         pytest.skip(reason)
     folder = tmp_path_factory.mktemp("booted")
-    with namespace_board(bare_board / "tree", folder / "card") as card:
+    with namespace_board(folder / "card", bare_board / "tree") as card:
         shutil.copytree(drawn_dataset, card.outside / "presses")
         card.run("cp", "-r", "/run/outside/presses", "/srv/presses")
         variables = {

@@ -13,25 +13,16 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from types import SimpleNamespace
 
 import pytest
 
-from deploy_rig.image import PROJECT, changed_sources, wheelhouse
-from deploy_rig.master import master_on
-from deploy_rig.namespace_board import namespace_board
-from deploy_rig.playbooks import SSH, Playbooks
-from palpate_edge.calibration.calibrate import calibrate
-from palpate_edge.calibration.calibration_file import save_calibration
-from palpate_edge.can_bus.bus import BusConfig
-from palpate_edge.datasets.press_dataset import read_dataset
+from deploy_rig.fingertip_board import SERVICE, fingertip_board, release_of
+from deploy_rig.image import PROJECT, changed_wheelhouse
+from deploy_rig.playbooks import SSH
 
 pytestmark = pytest.mark.deploy_namespace
 
-HUB = "from palpate_bus.cli.main import bus; bus()"
-SERVICE = "palpate-fingertip.service"
 CHECK = "/opt/palpate/current/bin/palpate-edge check --config /etc/palpate/fingertip.toml"
 WATCHED_S = float(os.environ.get("PALPATE_WATCHED_S", "10"))  # for what is written to the card
 MAY_BE_WRITTEN = (  # while a provisioned board serves
@@ -43,64 +34,10 @@ MAY_BE_WRITTEN = (  # while a provisioned board serves
 
 
 @pytest.fixture(scope="module")
-def slow_camera(drawn_dataset, tmp_path_factory):
-    """Presses at 10 frames a second, which no busy machine drops, and their calibration."""
-    folder = tmp_path_factory.mktemp("slow")
-    presses = shutil.copytree(drawn_dataset, folder / "presses")
-    sensor = presses / "sensor.toml"
-    sensor.write_text(sensor.read_text().replace("fps = 30", "fps = 10"))
-    save_calibration(calibrate(read_dataset(presses)), folder / "slow.cal")
-    return presses, folder / "slow.cal"
-
-
-@pytest.fixture(scope="module")
 def board(bare_board, wheels, slow_camera, tmp_path_factory):
-    """A booted board, the hub that stands for its bus, a master on it, and its playbooks."""
-    folder = tmp_path_factory.mktemp("board")
-    presses, calibration = slow_camera
-    with namespace_board(bare_board / "tree", folder / "board") as machine:
-        shutil.copytree(presses, machine.outside / "presses")
-        socket = machine.outside / "hub.sock"
-        with subprocess.Popen(
-            [sys.executable, "-c", HUB, "hub", "--socket", socket], stderr=subprocess.PIPE, text=True
-        ) as hub:
-            assert "listening" in hub.stderr.readline()
-            socket.chmod(0o666)  # the board's user is another
-            variables = {
-                **machine.ssh,
-                "release_wheelhouse": str(wheels),
-                "fingertip_calibration": str(calibration),
-                "fingertip_capture": {
-                    "source": "recorded",
-                    "path": "/run/outside/presses",
-                    "loop": True,
-                    "timeout_ms": 1000,  # ten frames
-                },
-                "fingertip_bus": {"interface": "palpate", "channel": "/run/outside/hub.sock"},
-            }
-            playbooks = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}})
-            with master_on(BusConfig(interface="palpate", channel=str(socket))) as master:
-                yield SimpleNamespace(machine=machine, master=master, playbooks=playbooks, folder=folder)
-            hub.terminate()
-
-
-def play(board, book, *words, **variables):
-    begin_s = time.monotonic()
-    played = board.playbooks.play(book, *words, **variables)
-    print(f"{book} {' '.join(words)}: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
-    return played
-
-
-def shown(board, name):
-    return shown_of(board, SERVICE, name)
-
-
-def shown_of(board, unit, name):
-    return board.machine.run("systemctl", "show", "--value", f"--property={name}", unit)
-
-
-def serving(board):
-    return board.machine.run("readlink", "/opt/palpate/current").removeprefix("releases/")
+    folder, key = tmp_path_factory.mktemp("board"), bare_board / "key"
+    with fingertip_board(folder, key, wheels, slow_camera, bare_board / "tree") as board:
+        yield board
 
 
 def links_of(board, python, file):
@@ -109,46 +46,34 @@ def links_of(board, python, file):
     return int(board.machine.run("stat", "--format=%h", f"{site_packages}/{file}"))
 
 
-def release_of(wheels):
-    return manifest_of(wheels)["release"]
-
-
-def manifest_of(wheels):
-    (file,) = wheels.glob("cp*/MANIFEST.json")
-    return json.loads(file.read_text())
-
-
 @pytest.fixture(scope="module")
-def another_release(tmp_path_factory, board, wheels, python, bare_board):
+def another_release(tmp_path_factory, wheels, bare_board):
     """Wheelhouses of sources with one place changed."""
 
     def make(name, file, old, new):
-        folder = tmp_path_factory.mktemp(name)
-        sources = changed_sources(folder / "sources", file, old, new)
-        (packages,) = wheels.glob("cp*/edge/x86_64")
         key = bare_board / "key"
-        return wheelhouse(folder / "wheelhouse", sources, packages=packages, python=python, key=key)
+        return changed_wheelhouse(tmp_path_factory.mktemp(name), wheels, key, file, old, new)
 
     return make
 
 
 def test_check_mode_on_a_bare_board_changes_nothing(board):
-    assert play(board, "site", "--check").well().changed > 0
+    assert board.play("site", "--check").well().changed > 0
     assert not [path for path in board.machine.files_written() if "palpate" in path]
 
 
 def test_a_bare_board_is_made_to_serve(board):
     """After a run that was killed between a file and its effect."""
-    killed = play(board, "site", kill_after="Create palpate's folders")
+    killed = board.play("site", kill_after="Create palpate's folders")
     assert killed.status == -signal.SIGKILL
-    play(board, "site").well()
-    assert shown(board, "ActiveState") == "active"
+    board.play("site").well()
+    assert board.shown("ActiveState") == "active"
     board.master.contact_after(time.monotonic())
     assert "fail" not in board.machine.run(*CHECK.split())
 
 
 def test_a_second_run_changes_nothing(board):
-    assert play(board, "site").well().changed == 0
+    assert board.play("site").well().changed == 0
 
 
 def test_nothing_listens_but_ssh_and_the_name(board):
@@ -158,7 +83,7 @@ def test_nothing_listens_but_ssh_and_the_name(board):
     others = [row for row in rows.splitlines() if not ('"sshd"' in row and re.search(r":22\s", row))]
     assert all('"avahi-daemon"' in row and row.startswith("udp") for row in others), rows
     assert any(re.search(r":5353\s", row) for row in others), rows
-    assert shown_of(board, "avahi-daemon.service", "UnitFileState") == "enabled"
+    assert board.shown("UnitFileState", "avahi-daemon.service") == "enabled"
 
 
 def test_only_security_updates_come_unasked(board):
@@ -168,18 +93,18 @@ def test_only_security_updates_come_unasked(board):
     (origins,) = re.findall(r"Allowed origins are: (.+)", log)
     assert all(origin.endswith("label=Debian-Security") for origin in re.split(r", (?=origin)|' '", origins))
     for timer in ("apt-daily.timer", "apt-daily-upgrade.timer"):
-        assert shown_of(board, timer, "ActiveState") == "active"
+        assert board.shown("ActiveState", timer) == "active"
 
 
 def test_updates_wait_while_the_hand_is_in_use(board):
     board.master.contact_after(time.monotonic())
     for service in ("apt-daily.service", "apt-daily-upgrade.service"):
         board.machine.run("systemctl", "start", service, check=False)
-        assert shown_of(board, service, "Result") == "exec-condition"
+        assert board.shown("Result", service) == "exec-condition"
     board.machine.run("systemctl", "stop", SERVICE)
     time.sleep(5)  # the age of the last report
     board.machine.run("systemctl", "start", "apt-daily-upgrade.service", check=False)
-    assert shown_of(board, "apt-daily-upgrade.service", "Result") != "exec-condition"
+    assert board.shown("Result", "apt-daily-upgrade.service") != "exec-condition"
     board.machine.run("systemctl", "start", SERVICE)
     board.master.contact_after(time.monotonic())
 
@@ -204,7 +129,7 @@ def test_a_file_that_overrides_ssh_is_an_error(board):
     """A name before ours, as a person might write it."""
     file = "/etc/ssh/sshd_config.d/00-my-own.conf"
     board.machine.run("sh", "-c", f"echo PasswordAuthentication yes >{file}")
-    played = play(board, "site")
+    played = board.play("site")
     board.machine.run("rm", file)
     assert played.status != 0
     assert played.tells("sshd -T differs from the wanted configuration in passwordauthentication no"), (
@@ -214,29 +139,29 @@ def test_a_file_that_overrides_ssh_is_an_error(board):
 
 def test_a_run_killed_after_the_configuration_is_made_good_by_the_next(board):
     """The daemon has another node id loaded than its file has: the next run compares them."""
-    before = shown(board, "MainPID")
-    killed = play(board, "site", kill_after="Write the fingertip's configuration", fingertip_node_id="0x11")
+    before = board.shown("MainPID")
+    killed = board.play("site", kill_after="Write the fingertip's configuration", fingertip_node_id="0x11")
     assert killed.status == -signal.SIGKILL
-    assert shown(board, "MainPID") == before
+    assert board.shown("MainPID") == before
     assert "id = 17" in board.machine.run("cat", "/etc/palpate/fingertip.toml")
     rows = json.loads(board.machine.run(*CHECK.split(), "--json", check=False))
     assert [row["verdict"] for row in rows if row["part"] == "configuration"] == ["warn"]
-    assert play(board, "site", fingertip_node_id="0x11").well().changed == 1
-    assert shown(board, "MainPID") != before
+    assert board.play("site", fingertip_node_id="0x11").well().changed == 1
+    assert board.shown("MainPID") != before
     health = json.loads(board.machine.run("cat", "/run/palpate/palpate-finger-1.json"))
     assert health["node_id"] == 0x11
-    play(board, "site").well()
+    board.play("site").well()
     board.master.contact_after(time.monotonic())
-    assert play(board, "site").well().changed == 0
+    assert board.play("site").well().changed == 0
 
 
 def test_a_drop_in_that_was_not_loaded_is_loaded_by_the_next_switch(board):
     file, switch = f"/etc/systemd/system/{SERVICE}.d/own.conf", "/opt/palpate/bin/palpate-release"
     for write, nice in ((f"printf '[Service]\\nNice=7\\n' >{file}", "7"), (f"rm {file}", "0")):
         board.machine.run("sh", "-c", write)
-        assert board.machine.run(switch, "--interrupt", "switch", serving(board)) == f"started {SERVICE}"
-        assert board.machine.run("ps", "-o", "ni=", "-p", shown(board, "MainPID")).strip() == nice
-        assert board.machine.run(switch, "switch", serving(board)) == f"unchanged: {serving(board)}"
+        assert board.machine.run(switch, "--interrupt", "switch", board.serving()) == f"started {SERVICE}"
+        assert board.machine.run("ps", "-o", "ni=", "-p", board.shown("MainPID")).strip() == nice
+        assert board.machine.run(switch, "switch", board.serving()) == f"unchanged: {board.serving()}"
     board.master.contact_after(time.monotonic())
 
 
@@ -254,7 +179,7 @@ def test_files_that_decide_are_roots_and_no_secret(board):
 def test_a_configuration_that_everybody_may_write_is_refused(board):
     board.machine.run("chmod", "666", "/etc/palpate/fingertip.toml")
     board.machine.run("systemctl", "restart", SERVICE, check=False)
-    assert (shown(board, "ActiveState"), shown(board, "ExecMainStatus")) == ("failed", "2")
+    assert (board.shown("ActiveState"), board.shown("ExecMainStatus")) == ("failed", "2")
     log = board.machine.run("journalctl", "--unit", SERVICE, "--lines=20", "--output=cat")
     assert "/etc/palpate/fingertip.toml may be written by everybody (mode 666): chmod o-w" in log
     board.machine.run("chmod", "640", "/etc/palpate/fingertip.toml")
@@ -263,23 +188,23 @@ def test_a_configuration_that_everybody_may_write_is_refused(board):
 
 
 def test_a_killed_service_comes_back(board):
-    before = int(shown(board, "NRestarts"))
+    before = int(board.shown("NRestarts"))
     begin_s = time.monotonic()
-    board.machine.run("kill", "-KILL", shown(board, "MainPID"))
+    board.machine.run("kill", "-KILL", board.shown("MainPID"))
     print(f"kill -9 to the next valid contact: {board.master.contact_after(begin_s + 0.2) + 0.2:.1f} s")
-    assert int(shown(board, "NRestarts")) > before
+    assert int(board.shown("NRestarts")) > before
     assert board.machine.failures(SERVICE)[-1] == "signal"
 
 
 def test_a_hung_service_is_ended_by_its_watchdog(board):
-    before, pid = int(shown(board, "NRestarts")), shown(board, "MainPID")
+    before, pid = int(board.shown("NRestarts")), board.shown("MainPID")
     failures = board.machine.failures(SERVICE)
     begin_s = time.monotonic()
     board.machine.run("kill", f"-{signal.SIGSTOP.value}", pid)
     took_s = board.master.contact_after(begin_s + 0.5) + 0.5
     print(f"hang to the next valid contact: {took_s:.1f} s, 2 s of them the watchdog's")
-    assert int(shown(board, "NRestarts")) > before
-    assert shown(board, "MainPID") != pid
+    assert int(board.shown("NRestarts")) > before
+    assert board.shown("MainPID") != pid
     assert board.machine.failures(SERVICE) == [*failures, "watchdog"]
 
 
@@ -296,8 +221,8 @@ def soon_given_up(board):
         board.machine.run("systemctl", "daemon-reload")
         board.machine.run("systemctl", "reset-failed", SERVICE)
 
-    assert shown(board, "StartLimitBurst") == "60"
-    assert shown(board, "StartLimitIntervalUSec") == "4min"
+    assert board.shown("StartLimitBurst") == "60"
+    assert board.shown("StartLimitIntervalUSec") == "4min"
     write()
     yield write
     board.machine.run("rm", file)
@@ -322,7 +247,7 @@ def test_a_bus_that_is_away_is_waited_for_and_a_crash_loop_ends(board, soon_give
     soon_given_up("[Service]\nExecStart=\nExecStart=/bin/false\n")
     before = len(machine.failures(SERVICE))
     machine.run("systemctl", "restart", SERVICE, check=False)
-    wait_for(lambda: shown(board, "ActiveState") == "failed")
+    wait_for(lambda: board.shown("ActiveState") == "failed")
     assert machine.failures(SERVICE)[before:][:4] == ["exit-code"] * 4
     soon_given_up()
     machine.run("systemctl", "start", SERVICE)
@@ -330,25 +255,25 @@ def test_a_bus_that_is_away_is_waited_for_and_a_crash_loop_ends(board, soon_give
 
 
 def test_a_release_that_dies_is_rolled_back(board, another_release):
-    before, begin_s = serving(board), time.monotonic()
+    before, begin_s = board.serving(), time.monotonic()
     broken = another_release(
         "dies",
         "edge/palpate_edge/daemon/daemon.py",
         "    cv2.setNumThreads(1)\n",
         "    raise RuntimeError('bad')\n",
     )
-    played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
+    played = board.play("update", release_wheelhouse=str(broken), release_patience_s=8)
     assert played.status != 0
     assert played.tells(f"release {release_of(broken)} was not healthy"), played.said
     assert played.tells(f"{before} is active again"), played.said
-    assert serving(board) == before
+    assert board.serving() == before
     board.master.contact_after(time.monotonic())
     print(f"without contacts: {board.master.longest_gap_s(begin_s):.1f} s, 8 s of them the patience")
 
 
 def test_a_dead_release_is_never_blessed_though_the_switch_was_killed(board, another_release):
     """The program that watches the trial is killed; the next update finds the dead release as the current."""
-    before, links = serving(board), board.machine.run("readlink", "/opt/palpate/previous", check=False)
+    before, links = board.serving(), board.machine.run("readlink", "/opt/palpate/previous", check=False)
     broken = another_release(
         "killed",
         "edge/palpate_edge/daemon/daemon.py",
@@ -356,51 +281,51 @@ def test_a_dead_release_is_never_blessed_though_the_switch_was_killed(board, ano
         "    raise RuntimeError\n",
     )
     name = release_of(broken)
-    install = play(board, "update", kill_after="Mark the release as complete", release_wheelhouse=str(broken))
+    install = board.play("update", kill_after="Mark the release as complete", release_wheelhouse=str(broken))
     assert install.status == -signal.SIGKILL
     switch = board.machine.begin("/opt/palpate/bin/palpate-release", "--interrupt", "switch", name)
-    wait_for(lambda: serving(board) == name)
+    wait_for(lambda: board.serving() == name)
     board.machine.run("pkill", "--full", "^/usr/bin/python3 /opt/palpate/bin/palpate-release")
     switch.wait()
-    assert serving(board) == name
-    played = play(board, "update", release_wheelhouse=str(broken), release_patience_s=8)
+    assert board.serving() == name
+    played = board.play("update", release_wheelhouse=str(broken), release_patience_s=8)
     assert played.status != 0
     assert played.tells(f"{before} is active again"), played.said
-    assert serving(board) == before
+    assert board.serving() == before
     assert board.machine.run("readlink", "/opt/palpate/previous", check=False) == links
     board.master.contact_after(time.monotonic())
 
 
 def test_a_release_that_sees_nothing_is_rolled_back(board, another_release):
     """The service runs with its watchdog; its check reports that every frame is rejected."""
-    before = serving(board)
+    before = board.serving()
     blind = another_release(
         "blind",
         "edge/palpate_edge/common/contact.py",
         "MIN_BEADS_SHARE = 0.",
         "MIN_BEADS_SHARE = 1 + 0.",
     )
-    played = play(board, "update", release_wheelhouse=str(blind), release_patience_s=8)
+    played = board.play("update", release_wheelhouse=str(blind), release_patience_s=8)
     assert played.status != 0
     assert played.tells("palpate-edge check fails in beads"), played.said
-    assert serving(board) == before
+    assert board.serving() == before
     board.master.contact_after(time.monotonic())
 
 
 def test_a_fingertip_in_operational_is_not_restarted_unasked(board, another_release):
     newer = another_release("asked", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge !')
-    before, pid = serving(board), shown(board, "MainPID")
+    before, pid = board.serving(), board.shown("MainPID")
     board.master.contact_after(time.monotonic())
     for book, variables in (
         ("update", {"release_wheelhouse": str(newer)}),
         ("site", {"fingertip_node_id": "0x11"}),
     ):
-        played = play(board, book, release_interrupt=False, **variables)
+        played = board.play(book, release_interrupt=False, **variables)
         assert played.status != 0
         assert played.tells("the fingertip is OPERATIONAL"), played.said
-        assert (serving(board), shown(board, "MainPID")) == (before, pid)
-    play(board, "site").well()
-    assert shown(board, "MainPID") == pid
+        assert (board.serving(), board.shown("MainPID")) == (before, pid)
+    board.play("site").well()
+    assert board.shown("MainPID") == pid
 
 
 def changed(wheels, copy, name):
@@ -418,23 +343,23 @@ def changed(wheels, copy, name):
 )
 def test_a_release_with_one_byte_changed_is_not_unpacked(board, another_release, tmp_path, name):
     newer = another_release("byte", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge ?')
-    before = serving(board)
+    before = board.serving()
     bad = changed(newer, tmp_path / "bad", name)
-    played = play(board, "update", release_wheelhouse=str(bad))
+    played = board.play("update", release_wheelhouse=str(bad))
     assert played.status != 0
     assert played.tells("is not of a key in" if "MANIFEST" in name else "differs from MANIFEST.json"), (
         played.said
     )
     assert board.machine.run("ls", "/opt/palpate/releases").split().count(release_of(newer)) == 0
     assert board.machine.run("find", "/opt/palpate/incoming", "-name", "*.whl", check=False) == ""
-    assert serving(board) == before
+    assert board.serving() == before
 
 
 def test_an_unsigned_release_is_refused(board, another_release, tmp_path):
     newer = another_release("plain", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge #')
     (signature,) = newer.glob("cp*/MANIFEST.json.sig")
     signature.unlink()
-    played = play(board, "update", release_wheelhouse=str(newer))
+    played = board.play("update", release_wheelhouse=str(newer))
     assert played.status != 0
     assert played.tells("is not signed") or played.tells("is not of a key in"), played.said
 
@@ -442,14 +367,14 @@ def test_an_unsigned_release_is_refused(board, another_release, tmp_path):
 def test_a_release_is_switched_to_and_back(board, another_release, wheels, python):
     begin_s = time.monotonic()
     newer = another_release("newer", "edge/palpate_edge/__init__.py", '"""palpate_edge:', '"""palpate_edge :')
-    play(board, "update", release_wheelhouse=str(newer)).well()
-    assert serving(board) == release_of(newer)
+    board.play("update", release_wheelhouse=str(newer)).well()
+    assert board.serving() == release_of(newer)
     board.master.contact_after(time.monotonic())
     # Of others it has the same files, of palpate its own.
     assert links_of(board, python, "numpy/__init__.py") > 1
     assert links_of(board, python, "palpate_edge/__init__.py") == 1
-    play(board, "rollback").well()
-    assert serving(board) == release_of(wheels)
+    board.play("rollback").well()
+    assert board.serving() == release_of(wheels)
     board.master.contact_after(time.monotonic())
     print(f"an update and a rollback, longest without contacts: {board.master.longest_gap_s(begin_s):.1f} s")
     # What neither serves nor did before is gone.
@@ -458,14 +383,14 @@ def test_a_release_is_switched_to_and_back(board, another_release, wheels, pytho
 
 
 def test_a_power_cut_while_a_release_is_on_trial_goes_back(board, wheels):
-    old = serving(board)
+    old = board.serving()
     new = next(name for name in board.machine.run("ls", "/opt/palpate/releases").split() if name != old)
     with board.machine.begin("/opt/palpate/bin/palpate-release", "--interrupt", "switch", new):
-        while serving(board) != new:
+        while board.serving() != new:
             time.sleep(0.02)
         board.machine.power_cut()
     board.machine.boot()
-    assert serving(board) == old
+    assert board.serving() == old
     assert "power was cut while" in board.machine.run("journalctl", "--unit=palpate-settle", "--output=cat")
     assert board.machine.run("ls", "/opt/palpate/trial", check=False) == ""
     board.master.contact_after(time.monotonic())
@@ -477,8 +402,8 @@ def test_a_power_cut_during_an_installation_is_made_good_by_the_next(board, anot
     board.machine.run("mkdir", "-p", f"{half}/bin")
     switch = f"/opt/palpate/bin/palpate-release --interrupt switch {release_of(new)} 2>&1"
     assert "is not completely installed" in board.machine.run("sh", "-c", switch, check=False)
-    play(board, "update", release_wheelhouse=str(new)).well()
-    assert serving(board) == release_of(new)
+    board.play("update", release_wheelhouse=str(new)).well()
+    assert board.serving() == release_of(new)
 
 
 def test_little_is_written_to_the_card(board):
@@ -491,7 +416,7 @@ def test_little_is_written_to_the_card(board):
 
 
 def test_logs_are_collected(board):
-    play(board, "collect-logs", "-e", f"collect_into={board.folder / 'collected'}").well()
+    board.play("collect-logs", "-e", f"collect_into={board.folder / 'collected'}").well()
     text = (board.folder / "collected" / "finger-1.txt").read_text()
     for part in (
         "palpate-release status",
@@ -504,7 +429,7 @@ def test_logs_are_collected(board):
 
 
 def test_a_board_without_anything_to_blink_says_so(board):
-    played = play(board, "identify")
+    played = board.play("identify")
     assert played.status != 0
     assert played.tells("finger-1 has no LED ring"), played.said
     assert played.tells("this board has no LED /sys/class/leds/ACT"), played.said
@@ -514,7 +439,7 @@ def test_flashing_without_a_programmer_leaves_the_fingertip_serving(board):
     """And a controller that has this program already is left alone."""
     program, flashed = board.folder / "none.hex", "/opt/palpate/illumination.flashed"
     program.write_text(":00000001FF\n")
-    played = play(board, "site", "--tags", "illumination", illumination_firmware=str(program))
+    played = board.play("site", "--tags", "illumination", illumination_firmware=str(program))
     assert played.status != 0
     assert played.tells("/dev/spidev0.1"), played.said
     assert board.machine.run("find", "/opt/palpate", "-name", "illumination.flashed") == ""
@@ -523,5 +448,5 @@ def test_flashing_without_a_programmer_leaves_the_fingertip_serving(board):
     has = f"{hashlib.sha1(program.read_bytes()).hexdigest()} {' '.join(fuses)}"
     board.machine.run("sh", "-c", f"printf %s '{has}' >{flashed}; chmod 644 {flashed}")
     assert (
-        play(board, "site", "--tags", "illumination", illumination_firmware=str(program)).well().changed == 0
+        board.play("site", "--tags", "illumination", illumination_firmware=str(program)).well().changed == 0
     )

@@ -54,7 +54,7 @@ def hand(bare_board, python, drawn_dataset, drawn_calibration_file, tmp_path_fac
     table_4 = (PROJECT / "host/palpate_host/models/table4.toml").read_text()
     with ExitStack() as stack:
         boards = {
-            name: stack.enter_context(namespace_board(bare_board / "tree", folder / name))
+            name: stack.enter_context(namespace_board(folder / name, bare_board / "tree"))
             for name in SERVICES
         }
         (boards["hand"].outside / "busy.conf").write_text(BUSY)

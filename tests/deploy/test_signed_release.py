@@ -42,7 +42,8 @@ class Board:
     """A release in a wheelhouse, its key, and the folder on the board that it is copied to."""
 
     def __init__(self, folder: Path) -> None:
-        self.house, self.incoming, self.active = folder / "house", folder / "incoming", folder / "active.json"
+        self.house, self.wanted, self.incoming = folder / "house", folder / "wanted", folder / "incoming"
+        self.active = folder / "active.json"
         self.key, self.signers = folder / "key", folder / "signers"
         self.program = wheelhouse_program()
         self.make_key(self.key)
@@ -70,16 +71,18 @@ class Board:
 
     def copy(self) -> None:
         """Copy to the board what the playbook copies."""
-        shutil.rmtree(self.incoming, ignore_errors=True)
-        self.incoming.mkdir()
+        for place in (self.wanted, self.incoming):
+            shutil.rmtree(place, ignore_errors=True)
+            place.mkdir()
         for path in self.house.glob("MANIFEST.json*"):
-            shutil.copy(path, self.incoming)
+            shutil.copy(path, self.wanted)
         with tarfile.open(self.incoming / "wheels.tar", "w") as archive:
             for path in sorted((self.house / PART).iterdir()):
                 archive.add(path, path.name)
 
     def run(self, *words: str, verb: str = "unpack") -> tuple[int, str]:
-        command = [sys.executable, UNPACK, verb, self.incoming, PART, "--signers", self.signers]
+        command = [sys.executable, UNPACK, verb, self.wanted, PART, "--signers", self.signers]
+        command += ["--archive", self.incoming / "wheels.tar"]
         answer = subprocess.run(
             [*command, "--active", self.active, *words], capture_output=True, text=True, check=False
         )
@@ -87,11 +90,7 @@ class Board:
 
     @property
     def unpacked(self) -> dict[str, bytes]:
-        return {
-            path.name: path.read_bytes()
-            for path in self.incoming.iterdir()
-            if path.name not in ("MANIFEST.json", "MANIFEST.json.sig", "wheels.tar")
-        }
+        return {path.name: path.read_bytes() for path in self.incoming.iterdir() if path.name != "wheels.tar"}
 
     def refuses(self, words: str, *options: str) -> None:
         status, output = self.run(*options)
@@ -118,9 +117,9 @@ def test_a_signed_release_is_unpacked(board: Board) -> None:
 @pytest.mark.parametrize("file", ["MANIFEST.json", "MANIFEST.json.sig"])
 @pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
 def test_one_byte_of_manifest_or_signature_is_refused(board: Board, file: str, place: float) -> None:
-    content = bytearray((board.incoming / file).read_bytes())
+    content = bytearray((board.wanted / file).read_bytes())
     content[int(len(content) * place)] ^= 1
-    (board.incoming / file).write_bytes(content)
+    (board.wanted / file).write_bytes(content)
     board.refuses("the signature of MANIFEST.json is not of a key in")
 
 
@@ -133,7 +132,7 @@ def test_one_byte_of_a_file_is_refused(board: Board, file: str) -> None:
 
 
 def test_an_unsigned_release_is_refused(board: Board) -> None:
-    (board.incoming / "MANIFEST.json.sig").unlink()
+    (board.wanted / "MANIFEST.json.sig").unlink()
     board.refuses("the release is not signed")
 
 
@@ -147,7 +146,7 @@ def test_the_signature_of_another_key_is_refused(board: Board, tmp_path: Path) -
 
 def test_a_signature_for_another_purpose_is_refused(board: Board) -> None:
     """The key signs commits or mails as well: their namespace is another one."""
-    manifest = board.incoming / "MANIFEST.json"
+    manifest = board.wanted / "MANIFEST.json"
     manifest.with_suffix(".json.sig").unlink()
     subprocess.run(["ssh-keygen", "-q", "-Y", "sign", "-f", board.key, "-n", "file", manifest], check=True)
     board.refuses("is not of a key in")
@@ -193,7 +192,7 @@ def test_a_cut_archive_is_refused(board: Board) -> None:
 )
 def test_an_older_release_needs_the_flag(board: Board, version: str, made_at: int, is_older: bool) -> None:
     """1.10 is newer than 1.9; of one version the later one is newer."""
-    shutil.copy(board.incoming / "MANIFEST.json", board.active)
+    shutil.copy(board.wanted / "MANIFEST.json", board.active)
     board.write_and_sign(version, made_at, "another")
     board.copy()
     if is_older:

@@ -9,6 +9,7 @@ import subprocess
 import pytest
 
 from deploy_rig.image import ANSIBLE, PROJECT, TOOLS, ansible
+from palpate_edge.can_bus import socketcan_link
 
 pytestmark = pytest.mark.deploy_lint
 
@@ -25,6 +26,7 @@ def run(*words):
     return subprocess.run(words, capture_output=True, text=True, cwd=ANSIBLE, env=surroundings, check=False)
 
 
+@pytest.mark.slow
 def test_the_playbooks_pass_the_production_profile():
     answer = run(ansible("ansible-lint"), "--profile", "production", "-c", ".ansible-lint.yml", ".")
     assert answer.returncode == 0, answer.stdout + answer.stderr
@@ -41,6 +43,12 @@ def test_node_ids_of_the_example_differ():
     hosts = (ANSIBLE / "inventory/example/hosts.yml").read_text()
     ids = re.findall(r"fingertip_node_id: (0x1[0-9A-F])", hosts)
     assert len(ids) == len(set(ids)) == 3
+
+
+def test_a_board_lets_a_can_socket_have_the_receive_buffer_that_it_asks_for():
+    kernel = (ANSIBLE / "roles/base/files/sysctl.conf").read_text()
+    allowed = re.findall(r"^-net\.core\.rmem_max = (\d+)$", kernel, re.MULTILINE)
+    assert allowed == [str(socketcan_link._BUFFER_BYTES)]
 
 
 def test_no_secret_is_committed():

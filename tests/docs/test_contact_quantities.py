@@ -35,9 +35,12 @@ PRODUCERS = (
 ALSO_NAMED = {
     "radius95_mm": {
         "edge/palpate_edge/cli/estimate.py",  # its help text
+        "edge/palpate_edge/console/terminal/dome_lines.py",  # draws a circle of this radius
+        "edge/palpate_edge/console/terminal/fingertip_lines.py",  # a figure of the view
         "host/palpate_twin/demo/fingertip_panels.py",  # draws a ring of this radius
     },
     "torsion_Nmm": {
+        "edge/palpate_edge/console/terminal/fingertip_lines.py",  # a figure of the view
         "host/palpate_host/control/tip_friction.py",  # part of the friction ratio
         "host/palpate_host/ros/contents.py",  # part of a wrench
     },

@@ -314,6 +314,7 @@ def patch_eds(path: Path, changes: str) -> None:
     path.write_text("".join(sections))
 
 
+@pytest.mark.slow
 def test_a_contact_quantity_is_a_row_and_a_channel(tmp_path):
     files = example("Add a contact quantity")
     tests = [
@@ -338,7 +339,7 @@ def test_a_contact_quantity_is_a_row_and_a_channel(tmp_path):
     after = run(["-m", "pytest", "-q", "-p", "no:cacheprovider", *check], tmp_path, environ)
     assert after.returncode == 0, after.stdout[-3000:]
     assert (
-        "| indentation | 7130h:17 | 0.01 mm, 8000h not given | 10, place 2 |"
+        "| indentation | 7130h:17 | 0.01 mm, 8000h not given | 11, place 2 |"
         in (tmp_path / "docs/bus.md").read_text()
     )
 

@@ -41,6 +41,7 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
     return "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_the_example_prints_the_contacts_of_the_recording(printed):
     with (ROOT / "demo" / "recording" / "finger-1" / "truth.csv").open(newline="") as file:
         truth = list(csv.DictReader(file))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
+import mujoco  # noqa: F401 - starts a process when it is imported, to find its window library
 import pytest
 from bench.rooms import PAGE, PICTURE, filled, modules, picture, rooms
 

@@ -82,15 +82,16 @@ class Rig:
         stack: ExitStack,
         program: tuple[str, ...] = ("-m", "palpate_edge.cli.main"),
     ) -> None:
-        """calibration: None for a fingertip that has none."""
+        """calibration: None for a fingertip that has none, and no file for parameters."""
         self.folder = folder
         self.config = folder / "finger.toml"
         self.config.write_text(
             f'name = "finger"\nhealth = "{folder / "finger.health"}"\n'
             f'[capture]\nsource = "shared_memory"\npath = "{folder / "ring"}"\n'
             + (f'[estimator]\ncalibration = "{calibration}"\n' if calibration else "")
-            + f'[node]\nid = {NODE}\nparameters = "{folder / "finger.parameters"}"\n'
-            f'[bus]\ninterface = "palpate"\nchannel = "{folder / "hub.sock"}"\n'
+            + f"[node]\nid = {NODE}\n"
+            + (f'parameters = "{folder / "finger.parameters"}"\n' if calibration else "")
+            + f'[bus]\ninterface = "palpate"\nchannel = "{folder / "hub.sock"}"\n'
             f'[record]\nfolder = "{folder / "recordings"}"\n'
         )
         self._stack = stack

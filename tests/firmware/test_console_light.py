@@ -60,7 +60,7 @@ def test_the_level_reaches_the_leds_and_comes_with_the_health(
             assert time.monotonic() < end_s, (shown, levels)
             time.sleep(0.02)
 
-    with closing(CameraFeed(read_config(config), print, broadcast, NewestPicture())) as feed:
+    with closing(CameraFeed(read_config(config), print, broadcast, NewestPicture(), 640)) as feed:
         until_shown(255)
         assert feed.execute("light", 90) == "LED level 90"
         until_shown(90)

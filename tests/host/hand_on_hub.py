@@ -44,8 +44,8 @@ def patient(text):
     return text.replace("\nstop_ms = 3000", "\nstop_ms = 20000")
 
 
-def put_on_the_bus(running, config):
+def put_on_the_bus(running, config, *hub_options):
     hub = config.with_name("hub")
-    running.start("hub", *CLI, "bus", "hub", "--socket", hub, until="hub: listening")
+    running.start("hub", *CLI, "bus", "hub", "--socket", hub, *hub_options, until="hub: listening")
     running.start("drives", *CLI, "drives", "--config", config, until="simulated drives")
     running.start("fingertips", sys.executable, TIPS, config, until="on the bus")

@@ -28,12 +28,13 @@ ROS = {
     "builtin_interfaces",
     "diagnostic_msgs",
     "geometry_msgs",
+    "palpate_msgs",
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
 }
 HOST_EXTRA = {"matplotlib", "mujoco", "pymodbus", "serial", "rich"}
-NEED_ROS = {"palpate_host.ros.bridge", "palpate_host.ros.messages"}
+NEED_ROS = {"palpate_host.ros.actions", "palpate_host.ros.bridge", "palpate_host.ros.messages"}
 BLOCKED = {
     # A fingertip's board has the base dependencies alone, and nothing of the host.
     "palpate_edge": EXTRAS | HOST_EXTRA | {"palpate_bus", "palpate_host"},

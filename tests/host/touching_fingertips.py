@@ -13,7 +13,7 @@ from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.signals import stop_event
 from palpate_edge.node.fingertip import FingertipNode
-from palpate_edge.node.fingertip_objects import MethodCode
+from palpate_edge.node.fingertip_objects import Health, MethodCode
 from palpate_host.config import hand_config
 
 PERIOD_US = 33_333
@@ -40,10 +40,14 @@ def felt(sequence: int, exposed_at_us: int) -> Contact:
 def main(config_path: Path, names: list[str]) -> None:
     config = hand_config.load(config_path)
     tips = [
-        FingertipNode(finger.fingertip_node, MethodCode.CORRECTED, "0" * 16)
+        FingertipNode(
+            finger.fingertip_node, MethodCode.CORRECTED, "0" * 16, data_bitrate=config.bus.data_bitrate
+        )
         for finger in config.fingers
         if not names or finger.name in names
     ]
+    for tip in tips:
+        tip.report_health(Health(temperature_degC=31.5, frames_dropped=0, led_level=128))
     with open_bus(config.bus, "fingertips") as bus, stop_event() as stopped:
         print("fingertips: on the bus", file=sys.stderr, flush=True)
         sequence, next_us, received = 0, time.time_ns() // 1000, []

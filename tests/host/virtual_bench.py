@@ -21,11 +21,11 @@ from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics, HandPose
+from palpate_host.drives.cia402_device import DriveNode
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore, HostOutput
 from palpate_twin.drives.hand_drives import drives_of
-from palpate_twin.drives.simulated_drives import SimulatedDrive
 
 TABLE_4 = Path(palpate_host.__file__).parent / "models" / "table4.toml"
 START_POSE_RAD = (0.0, 0.348, 1.221)
@@ -65,7 +65,8 @@ class VirtualBench:
         self.core = HostCore(config, hand)
         self.host_id = config.network.host_node
         self.drives = drives_of(config, START_POSE_RAD)
-        self.tips = [make_tip(f.fingertip_node) for f in config.fingers]
+        self.plant_motors = [motor for drive in self.drives for motor in drive.motors]
+        self.tips = [make_tip(f.fingertip_node, config.bus.data_bitrate) for f in config.fingers]
         self.feel = feel
         self.to_host = to_host
         self.now_us = START_US
@@ -83,12 +84,12 @@ class VirtualBench:
 
     def pose(self) -> HandPose:
         self._advance_joints()
-        return self.hand.pose(np.array([drive.plant.position_rad for drive in self.drives]))
+        return self.hand.pose(np.array([motor.plant.position_rad for motor in self.plant_motors]))
 
     def _advance_joints(self) -> None:
         """A drive that is not asked does not look at its joint, which moves all the same."""
-        for drive in self.drives:
-            drive.motor.state(self.now_us)
+        for motor in self.plant_motors:
+            motor.state(self.now_us)
 
     def wake(self, node_id: int) -> None:
         """Something was done to a node from outside of the bus: it is asked in the next step."""
@@ -149,7 +150,7 @@ class VirtualBench:
             node.slave.store_finished(True)
             output = node.process(now_us, ())
             frames_out += output.frames_out
-        is_following = isinstance(node, SimulatedDrive) and node.is_following
+        is_following = isinstance(node, DriveNode) and node.is_following
         self._due_us[node_id] = now_us if is_following else output.next_due_us
         return [] if is_cut else list(frames_out)
 
@@ -166,8 +167,8 @@ class VirtualBench:
             self.tips[finger].publish(contact_at(point, sequence, exposed_us), now_us - exposed_us)
 
 
-def make_tip(node_id: int) -> FingertipNode:
-    return FingertipNode(node_id, MethodCode.CORRECTED, "0" * 16)
+def make_tip(node_id: int, data_bitrate: int | None = None) -> FingertipNode:
+    return FingertipNode(node_id, MethodCode.CORRECTED, "0" * 16, data_bitrate=data_bitrate)
 
 
 def contact_at(point: tuple[float, float, float] | None, sequence: int, exposed_us: int) -> Contact:

@@ -41,11 +41,13 @@ def wait_until() -> Callable[..., None]:
 
 
 class FingertipProcess:
-    """``palpate-edge run`` on node 0x10, with its standard error and its health report."""
+    """``palpate-edge run``, with its standard error and its health report."""
 
-    def __init__(self, folder: Path, config: str) -> None:
+    def __init__(self, folder: Path, name: str, config: str) -> None:
+        folder = folder / name
+        folder.mkdir(exist_ok=True)
         self._said, self._health = folder / "said", folder / "health"
-        (folder / "finger.toml").write_text(f'name = "finger-1"\nhealth = "{self._health}"\n{config}')
+        (folder / "finger.toml").write_text(f'name = "{name}"\nhealth = "{self._health}"\n{config}')
         command = [
             sys.executable,
             "-m",
@@ -76,18 +78,29 @@ class FingertipProcess:
 def run_fingertip(
     tmp_path: Path, request: pytest.FixtureRequest
 ) -> Iterator[Callable[..., FingertipProcess]]:
-    """Start a fingertip on a CAN interface. Its source is the drawn dataset in a loop, or `capture`."""
+    """Start a fingertip on a CAN interface. Its source is the drawn dataset in a loop, or `capture`.
+
+    node: section [node] of its configuration. bus: further lines of [bus].
+    """
     with ExitStack() as stack:
 
-        def run(interface: str, capture: str = "", calibration: Path | None = None) -> FingertipProcess:
+        def run(
+            interface: str,
+            capture: str = "",
+            calibration: Path | None = None,
+            name: str = "finger-1",
+            node: str = "id = 16",
+            bus: str = "",
+        ) -> FingertipProcess:
             if calibration is None:
                 calibration = request.getfixturevalue("drawn_calibration_file")
                 dataset = request.getfixturevalue("drawn_dataset")
                 capture = f'source = "recorded"\npath = "{dataset}"\nloop = true\n'
             fingertip = FingertipProcess(
                 tmp_path,
+                name,
                 f'[capture]\n{capture}[estimator]\ncalibration = "{calibration}"\n'
-                f'[node]\nid = 16\n[bus]\ninterface = "socketcan"\nchannel = "{interface}"\n',
+                f'[node]\n{node}\n[bus]\ninterface = "socketcan"\nchannel = "{interface}"\n{bus}',
             )
             stack.callback(fingertip.process.wait)
             stack.callback(fingertip.process.kill)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from kernel_guest.run import Run
 from kernel_guest.user_mode import UserModeLinux
+
+KERNEL_TESTS = Path(__file__).parent
 
 INNER = """
 import os, pathlib, time
@@ -43,21 +47,37 @@ def test_never_comes():
 """
 
 
+EFFORT = """
+import pytest
+
+@pytest.mark.uml
+def test_effort(pytestconfig):
+    assert pytestconfig.getoption("--effort") == "full"
+"""
+
+
 def names_of_processes() -> list[str]:
     return [path.read_text() for path in Path("/proc").glob("[0-9]*/cmdline")]
 
 
 @pytest.fixture
-def run(tmp_path):
+def project(tmp_path):
+    """A folder whose tests are forwarded."""
+    (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {KERNEL_TESTS} {KERNEL_TESTS.parents[1]}\n")
+    plugins = ["tests.tiers", "kernel_guest.forwarding"]
+    (tmp_path / "conftest.py").write_text(f"pytest_plugins = {plugins}\n")
+    return tmp_path
+
+
+@pytest.fixture
+def run(project):
     machine = UserModeLinux()
     if (missing := machine.missing()) is not None:
         pytest.skip(missing)
     machine.limit_s = 25.0
-    (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {Path(__file__).parent}\n")
-    (tmp_path / "conftest.py").write_text('pytest_plugins = ["kernel_guest.forwarding"]\n')
-    (tmp_path / "test_inner.py").write_text(INNER)
+    (project / "test_inner.py").write_text(INNER)
     names = [line[4:].split("(")[0] for line in INNER.splitlines() if line.startswith("def test")]
-    running = Run(machine, tmp_path, [f"test_inner.py::{name}" for name in names])
+    running = Run(machine, project, [f"test_inner.py::{name}" for name in names])
     yield running
     running.close()
 
@@ -85,3 +105,14 @@ def test_closing_ends_a_machine_at_work(run):
     assert run.outcome("test_inner.py::test_skips").outcome == "skipped"
     run.close()
     assert not any(str(run.folder) in name for name in names_of_processes())
+
+
+@pytest.mark.slow
+def test_the_effort_outside_is_the_effort_inside(project):
+    if (missing := UserModeLinux().missing()) is not None:
+        pytest.skip(missing)
+    (project / "test_effort.py").write_text(EFFORT)
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--effort=full", project]
+    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "1 passed" in done.stdout

@@ -1,16 +1,22 @@
-"""The host's process on CAN interfaces, with simulated drives and fingertips: lost and found again."""
+"""The host's process on CAN interfaces, with simulated drives and fingertips: lost and found again.
+
+On CAN FD each finger has one drive node with three axes.
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from tests.host.axes_hand import MBIT_5, axes_text
 
 import palpate_host
 from kernel_guest.links import PATIENCE_S, Link, ip
+from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_host import Hand
 from palpate_host.common.command import CommandError
 from palpate_host.common.mode import STOPPED, Mode
@@ -41,14 +47,17 @@ SLOWER = {
 class HandOnCan:
     """A host, nine drives and three fingertips on vcan0, each a process."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
+    def __init__(
+        self, folder: Path, stack: ExitStack, changed: Callable[[str], str] = lambda text: text
+    ) -> None:
+        """changed: makes another hand of Table 4's file."""
         self._folder, self._stack = folder, stack
         text = TABLE_4.read_text().replace('start = "command"', 'start = "auto"')
         for usual, patient in SLOWER.items():
             assert usual in text
             text = text.replace(usual, patient)
         self.config, self.socket = folder / "hand.toml", folder / "host.sock"
-        self.config.write_text(text)
+        self.config.write_text(changed(text))
         self.put_nodes_on_the_bus()
         self.host = self._start("host", *CLI, "run", "--config", self.config, "--socket", self.socket)
 
@@ -72,6 +81,13 @@ class HandOnCan:
 def hand_on_can(vcan, tmp_path):
     with ExitStack() as stack:
         yield HandOnCan(tmp_path, stack)
+
+
+@pytest.fixture
+def axes_on_can(fd_vcan, tmp_path):
+    """A finger's drives are axes of one node; contacts and drives send CAN FD frames."""
+    with ExitStack() as stack:
+        yield HandOnCan(tmp_path, stack, axes_text)
 
 
 @pytest.fixture
@@ -133,3 +149,24 @@ def test_told_to_stop_while_the_bus_is_away_it_ends_at_once_and_cleanly(vcan, ha
     hand_on_can.host.terminate()
     assert hand_on_can.host.wait(PATIENCE_S) == 0
     assert not hand_on_can.socket.exists()
+
+
+def test_axes_of_three_nodes_grasp_on_can_fd(fd_vcan, axes_on_can, wait_until):
+    """In each tick a node sends one frame of its three axes, and takes one."""
+    wait_until(axes_on_can.socket.exists)
+    with (
+        Hand(axes_on_can.socket) as hand,
+        open_bus(BusConfig(channel=fd_vcan.name, data_bitrate=MBIT_5), "listener") as bus,
+    ):
+        grasp(hand, wait_until)
+        seen = set()
+
+        def all_seen():
+            frames = [frame for _, frame in bus.receive(PATIENCE_S)]
+            seen.update((frame.can_id, len(frame.data)) for frame in frames if frame.fd)
+            return seen >= {(0x180 + node, 48) for node in (1, 2, 3)} | {(0x200 + n, 12) for n in (1, 2, 3)}
+
+        wait_until(all_seen)
+        assert {can_id >> 7 for can_id, _ in seen} == {0x180 >> 7, 0x200 >> 7, 0x400 >> 7}
+    axes_on_can.host.terminate()
+    assert axes_on_can.host.wait(PATIENCE_S) == 0

@@ -53,6 +53,22 @@ def test_canplayer_plays_what_our_log_wrote(vcan, tmp_path):
         assert receive(bus, len(TRAFFIC)) == TRAFFIC
 
 
+def test_frames_that_the_sockets_buffer_does_not_hold_are_an_overrun(vcan):
+    """The kernel drops them, and marks the next frame that it can store."""
+    with opened(vcan) as bus, opened(vcan) as stranger:
+        flood = [CanFrame(0x181, number.to_bytes(8, "big")) for number in range(12_000)]
+        stranger.send(flood)
+        kept = [frame for _, frame in bus.receive(PATIENCE_S)]
+        while batch := bus.receive(0):
+            kept += [frame for _, frame in batch]
+        assert 1_000 < len(kept) < len(flood)  # the kernel's default buffer holds 477
+        assert kept == flood[: len(kept)]
+        assert bus.counters.receive_overruns == 0
+        stranger.send([CanFrame(0x080)])
+        assert receive(bus, 1) == [CanFrame(0x080)]
+        assert bus.counters.receive_overruns == 1
+
+
 def test_the_kernel_filters(vcan):
     with opened(vcan, accept_ids=[0x190, 0x000]) as bus:
         for frame in ("191#", "00000190#", "190#01", "390#", "000#0110"):  # eight digits: 29 bits
@@ -158,3 +174,16 @@ def test_a_receive_overrun_of_the_controller_is_counted(serial_link):
         serial_link.write(b"e1o\rt0810\r")
         assert receive(bus, 1) == [CanFrame(0x81)]
         assert (bus.counters.error_frames, bus.counters.receive_overruns) == (1, 1)
+
+
+def test_more_identifiers_than_the_kernel_filters_are_filtered_too(vcan):
+    """The kernel takes 512 filters a socket (CAN_RAW_FILTER_MAX)."""
+    with opened(vcan, accept_ids=range(0x100, 0x400)) as bus:
+        for frame in ("080#", "00000190#", "400#", "3FF#01", "100#R3"):
+            subprocess.run(["cansend", vcan.name, frame], check=True)
+        assert receive(bus, 2) == [CanFrame(0x3FF, b"\x01"), CanFrame(0x100, bytes(3), remote=True)]
+        assert bus.counters.foreign_frames == 0
+        bus.accept([0x080])
+        for frame in ("3FF#", "080#"):
+            subprocess.run(["cansend", vcan.name, frame], check=True)
+        assert receive(bus, 1) == [CanFrame(0x080)]

@@ -74,9 +74,7 @@ def fingertip_frames(name: str, records: tuple[LogRecord, ...]) -> list[LogRecor
     begin_us = records[0].stamp_us
     stops_us = begin_us + CAMERA_STOPS_US.get(name, 1 << 40)
     off_us, on_us = (begin_us + at for at in BUS_OFF_US.get(name, (1 << 40, 1 << 40)))
-    core = FingertipCore(
-        FingertipNode(NODE, MethodCode.PAPER, "0" * 16), "finger-2", CAMERA_TIMEOUT_US, begin_us
-    )
+    core = FingertipCore(FingertipNode(NODE, MethodCode.PAPER, "0" * 16), CAMERA_TIMEOUT_US, begin_us)
     events: list[tuple[int, int, object]] = [
         (record.stamp_us, 0, record.frame)
         for record in records

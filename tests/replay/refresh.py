@@ -7,9 +7,10 @@
     python tests/replay/refresh.py --rebind           the same after an EDS changed and the recorded frames
                                                       stay valid: the logs' headers take the new contract
 
-``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time, the
-others such a run with what scenarios.py does to it. ``virtual`` has the host's records too. ``*.answers`` is
-what the host sends, ``*.fingertip`` what finger-2 sends (fingertip_rig.py). All are candump logs, compressed.
+``demo`` is what the demo's real processes said on the bus, ``virtual`` a run of the host in virtual time,
+``fd`` a short one on a CAN FD bus, the others such a run with what scenarios.py does to it. ``virtual`` and
+``fd`` have the host's records too. ``*.answers`` is what the host sends, ``*.fingertip`` what finger-2 sends
+(fingertip_rig.py). All are candump logs, compressed.
 Look at the difference before you commit it.
 """
 
@@ -31,6 +32,7 @@ from palpate_host.service.replay import replay_to_log, write_output
 
 HERE = Path(__file__).parent
 VIRTUAL_SECONDS = 4.0
+FD_SECONDS = 1.5
 LARGEST_BYTES = 300_000
 
 
@@ -77,6 +79,24 @@ def virtual_log(path: Path) -> None:
     write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log], notes)
 
 
+def hand_of(name: str, config_path: Path | None):
+    """Return configuration and hand of a log."""
+    config, hand = load_hand(config_path or load_bench().TABLE_4)
+    return (scenarios.on_fd_bus(config) if name == "fd" else config), hand
+
+
+def fd_log(path: Path) -> None:
+    """Start-up and turning on a CAN FD bus."""
+    bench = load_bench()
+    config, hand = bench.load_table_4()
+    config = scenarios.on_fd_bus(config)
+    rig = bench.VirtualBench(config, hand, feel=lambda finger, _time_us, _pose: (1.5 * finger, -4.0, 29.7))
+    rig.run(FD_SECONDS)
+    recorder = HostRecorder(config)
+    notes = [note for status in rig.statuses for note in recorder.notes(status)]
+    write_log(path, contract_header(config), [LogRecord(stamp, frame) for stamp, frame in rig.log], notes)
+
+
 def scenario_logs(folder: Path) -> None:
     """Every scenario's log from one normal run."""
     bench = load_bench()
@@ -98,7 +118,7 @@ def cut(source: Path, target: Path, seconds: float) -> None:
 
 def rebind(name: str, config_path: Path | None) -> None:
     """Write NAME.log.gz with the present contract in its header; its frames stay."""
-    config, _ = load_hand(config_path or load_bench().TABLE_4)
+    config, _ = hand_of(name, config_path)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log"
         log = read_log(unpack(HERE / f"{name}.log.gz", path))
@@ -109,7 +129,7 @@ def rebind(name: str, config_path: Path | None) -> None:
 
 def renew_answers(name: str, config_path: Path | None) -> None:
     """NAME.answers.log.gz from NAME.log.gz."""
-    config, hand = load_hand(config_path or load_bench().TABLE_4)
+    config, hand = hand_of(name, config_path)
     with tempfile.TemporaryDirectory() as folder:
         log = unpack(HERE / f"{name}.log.gz", Path(folder) / "log")
         result = replay_to_log(log, config, hand)
@@ -150,10 +170,12 @@ def refresh(
         if virtual:
             virtual_log(log)
             pack(log, HERE / "virtual.log.gz")
+            fd_log(log)
+            pack(log, HERE / "fd.log.gz")
             scenario_logs(Path(folder))
     if frames:
         fingertip_rig.write_contacts()
-    for name in ("demo", "virtual", *scenarios.SCENARIOS):
+    for name in ("demo", "virtual", "fd", *scenarios.SCENARIOS):
         if rebinds:
             rebind(name, config_path)
         renew_answers(name, config_path)

@@ -10,8 +10,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from random import Random
 
+import msgspec
+
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_host.config.hand_config import HandConfig
 
 START_US = 1_700_000_000_000_000
 FAULT_US = START_US + 1_500_000
@@ -28,6 +31,12 @@ BOOT_DELAY_US = 300_000
 
 Records = list[LogRecord]
 Scenario = Callable[[Records], Records]
+
+
+def on_fd_bus(config: HandConfig) -> HandConfig:
+    """Return the hand on a CAN FD bus."""
+    bus = msgspec.structs.replace(config.bus, data_bitrate=5_000_000)
+    return msgspec.structs.replace(config, bus=bus)
 
 
 def is_of(record: LogRecord, node: int) -> bool:

@@ -80,9 +80,9 @@ def test_a_recorder_with_another_zero_is_put_on_the_bus_clock():
 
 
 def test_foreign_frames_are_left_out(tmp_path):
-    frames = ("190#01", "18DAF110#0102", "123##1AA", "20000004#0000000000000000", "080#")
+    frames = ("190#01", "18DAF110#0102", "123##0AA", "123##1AA", "20000004#0000000000000000", "080#")
     (tmp_path / "x.log").write_text("".join(f"(1.00000{n}) can0 {f}\n" for n, f in enumerate(frames)))
-    assert [r.frame.can_id for r in read_any_log(tmp_path / "x.log").records] == [0x190, 0x080]
+    assert [r.frame.can_id for r in read_any_log(tmp_path / "x.log").records] == [0x190, 0x123, 0x080]
 
 
 @pytest.mark.parametrize(

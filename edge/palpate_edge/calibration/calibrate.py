@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,11 @@ from palpate_edge.calibration.measurement import Measured, measure
 from palpate_edge.calibration.mounting import check_mounting, find_mounting
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import Press, PressDataset
-from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource
+from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, JigErrors
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
-from palpate_edge.geometry.angles import polar_angle
+from palpate_edge.geometry.angles import polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
@@ -46,10 +48,11 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, regression = b"", None
+    model, regression, jig = b"", None, None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
+        measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
         model, regression = _train(
             dataset.sensor, dome, measured, lambda done: progress(images + done, total)
         )
@@ -64,7 +67,7 @@ def calibrate(
         contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
-        source=_source(dataset, measured, regression),
+        source=_source(dataset, measured, regression, jig),
         model=model,
         stiffness_scale=None if regression is None else regression.stiffness_scale,
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
@@ -74,7 +77,9 @@ def calibrate(
     )
 
 
-def _source(dataset: PressDataset, measured: Measured, regression: Regression | None) -> CalibrationSource:
+def _source(
+    dataset: PressDataset, measured: Measured, regression: Regression | None, jig: JigErrors | None
+) -> CalibrationSource:
     apex = None if regression is None else regression.apex
     weighed = sum(press.is_weighed for press, _ in measured.touches)
     return CalibrationSource(
@@ -85,12 +90,14 @@ def _source(dataset: PressDataset, measured: Measured, regression: Regression | 
         weighed,
         None if apex is None else 100 * apex.spread,
         () if regression is None else regression.regions,
+        jig,
     )
 
 
 def _fit_paper(measured: Measured, ring_of: NDArray[np.intp], radius_mm: float) -> PaperModel:
     """Fit the paper's correction function and, where forces are known, its stiffness to the presses."""
-    firm, raw = _raw_contacts(measured, ring_of, radius_mm)
+    placed = replace(measured, touches=tuple(touch for touch in measured.touches if not touch[0].is_weighed))
+    firm, raw = _raw_contacts(placed, ring_of, radius_mm)
     has_forces = all(press.force_N is not None for press in firm)
     places = _places(firm)
     return fit_paper_model(
@@ -134,7 +141,7 @@ def _upright(sensor: Sensor, measured: Measured) -> Measured:
         return measured
     from palpate_edge.calibration.training.roll import turned  # noqa: PLC0415 - rarely needed
 
-    return turned(measured, sensor, mounting.turn_rad)
+    return turned(measured, sensor, rotation_about_z(mounting.turn_rad))
 
 
 def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
@@ -143,11 +150,36 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    reader = DisplacementReader(
-        measured.reference.position_px, measured.view, radius_mm, measured.bead_noise_px
+    roll_rad = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
+    return turned(measured, sensor, rotation_about_z(roll_rad))
+
+
+def _adjusted(
+    sensor: Sensor, dome: DomeModel, measured: Measured
+) -> tuple[Measured, DomeModel, JigErrors | None]:
+    """Return the measurement and the dome model adjusted to the places of a jig, and the jig's errors."""
+    from palpate_edge.calibration.training.dome_adjustment import fit_adjustment  # noqa: PLC0415
+    from palpate_edge.calibration.training.roll import estimated_directions, turned  # noqa: PLC0415
+    from palpate_edge.calibration.training.samples import jig_presses  # noqa: PLC0415
+
+    presses = jig_presses(measured)
+    if not presses:
+        return measured, dome, None
+    given = estimated_directions(
+        _reader(sensor, measured),
+        [press.beads for press in presses],
+        dome.for_markers(sensor.markers.radius_mm),
     )
-    roll_rad = camera_roll(reader, training_presses(measured), dome.for_markers(radius_mm))
-    return turned(measured, sensor, roll_rad)
+    radius_mm, is_drawn = sensor.dome.outer_radius_mm, bool(sensor.markers.rings)
+    adjustment = fit_adjustment(given, presses, radius_mm, is_drawn=is_drawn)
+    turn, _ = cv2.Rodrigues(adjustment.numbers[:3])
+    return turned(measured, sensor, np.asarray(turn)), adjustment.stretched(dome), adjustment.errors
+
+
+def _reader(sensor: Sensor, measured: Measured) -> DisplacementReader:
+    return DisplacementReader(
+        measured.reference.position_px, measured.view, sensor.markers.radius_mm, measured.bead_noise_px
+    )
 
 
 def _train(
@@ -163,9 +195,7 @@ def _train(
     )
 
     radius_mm = sensor.markers.radius_mm
-    reader = DisplacementReader(
-        measured.reference.position_px, measured.view, radius_mm, measured.bead_noise_px
-    )
+    reader = _reader(sensor, measured)
     presses = training_presses(measured)
     regression = fit(
         make_samples(reader, presses) if presses else None,

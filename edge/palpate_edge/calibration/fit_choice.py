@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image
@@ -77,7 +78,7 @@ def _found_by_all(ways: Sequence[Sequence[Beads]]) -> list[list[Beads]]:
     """Return the frames of each way with those beads as found that all ways found."""
     return [
         [
-            replace(beads, found=np.logical_and.reduce([way[number].found for way in ways]))
+            msgspec.structs.replace(beads, found=np.logical_and.reduce([way[number].found for way in ways]))
             for number, beads in enumerate(frames)
         ]
         for frames in ways

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from palpate_edge.calibration.fit_choice import choose_fit
@@ -165,7 +166,7 @@ def with_less_noise(beads: Beads, typical: float) -> Beads:
     if beads.noise is None:
         return beads
     noise = np.maximum(1.0, beads.noise / typical).astype(np.float32)
-    return replace(beads, noise=noise if (noise > 1.0).any() else None)
+    return msgspec.structs.replace(beads, noise=noise if (noise > 1.0).any() else None)
 
 
 def bead_noise_px(rest: Sequence[Beads], place_px: Array) -> float:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 
-@dataclass(slots=True)
-class BusCounters:
+class BusCounters(msgspec.Struct):
     """Counters of a `Bus` since it was opened.
 
     send_retries: attempts that a full transmit queue refused. error_frames: reported by the controller,
-    of any kind. foreign_frames: 29-bit and CAN FD frames, left out. receive_overruns: reports that
-    the controller lost received frames. restarts: recoveries from bus-off. own_echoes: frames received that
-    this program had sent itself, left out.
+    of any kind. foreign_frames: 29-bit frames, and CAN FD frames on a classic bus, left out.
+    receive_overruns: reports that the controller or the socket's buffer lost received frames. restarts:
+    recoveries from bus-off. own_echoes: frames received that this program had sent itself, left out.
     """
 
     sent: int = 0

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
+
+import msgspec
 
 WRAP_US = 1 << 32
 WINDOW_US = 30_000_000
@@ -44,8 +45,7 @@ class ClockState(Enum):
     LOST = "lost"
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(msgspec.Struct, frozen=True):
     """Local minus bus time: `offset_us` at local time `at_us`, growing by `drift` (us a us)."""
 
     at_us: int

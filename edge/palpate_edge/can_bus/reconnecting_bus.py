@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import Enum
+
+import msgspec
 
 from palpate_edge.can_bus.back_off import BackOff
 from palpate_edge.can_bus.bus import Bus
@@ -20,7 +21,8 @@ from palpate_edge.can_bus.own_frames import OwnFrames
 from palpate_edge.can_bus.transmit_queue import EMCY_IDS, TransmitQueue
 from palpate_edge.common.errors import BusError, BusOffError
 
-FIRST_REOPEN_US, LONGEST_REOPEN_US = 100_000, 2_000_000  # pauses between two attempts to open the bus
+# Pauses between two attempts to open the bus: after any outage, contacts are sent again within a second.
+FIRST_REOPEN_US, LONGEST_REOPEN_US = 100_000, 500_000
 FIRST_RESEND_US, LONGEST_RESEND_US = 500, 10_000  # pauses between two attempts to send into a full queue
 STUCK_AFTER_US = 1_000_000  # without an accepted frame while some wait
 
@@ -35,8 +37,7 @@ class BusState(Enum):
     DOWN = "down"
 
 
-@dataclass(frozen=True, slots=True)
-class BusStateChange:
+class BusStateChange(msgspec.Struct, frozen=True):
     """A new state of the bus. reason: empty when it is up; after_bus_off: the loss began with a bus-off."""
 
     state: BusState

@@ -25,9 +25,9 @@ import mmap
 import os
 import struct
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Image
@@ -47,8 +47,7 @@ MOST_PIXELS = 8192 * 8192
 TRIES = 8  # copies in a row that the writer may overwrite before `newest` returns None
 
 
-@dataclass(frozen=True, slots=True)
-class RingFormat:
+class RingFormat(msgspec.Struct, frozen=True):
     """The format of all frames of a ring. fingerprint: of the sensor, empty when unknown."""
 
     width: int
@@ -78,8 +77,7 @@ class RingFormat:
         return (self.height, self.width) if self.channels == 1 else (self.height, self.width, self.channels)
 
 
-@dataclass(frozen=True, slots=True)
-class RingFrame:
+class RingFrame(msgspec.Struct, frozen=True):
     """A complete frame; image is the reader's own copy. exposed_at_us: on CLOCK_MONOTONIC."""
 
     image: Image

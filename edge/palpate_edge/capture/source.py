@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from typing import Protocol
+
+import msgspec
 
 from palpate_edge.common.errors import CameraLostError, CaptureError
 from palpate_edge.common.frame import Frame
@@ -84,7 +85,7 @@ class ReopeningSource:
             return None
         sequence = self._first_sequence + frame.sequence
         self._next_sequence = sequence + 1
-        return replace(frame, sequence=sequence)
+        return msgspec.structs.replace(frame, sequence=sequence)
 
     def close(self) -> None:
         """Close the camera; a later `read` opens it again."""

@@ -55,9 +55,9 @@ def calibrate(
     Layout and camera pose are fitted to the reference frames. The paper's correction function, the stiffness
     and the correction model are fitted to the train split of the presses; without presses the correction
     model is the dome model, and no force is estimated. Presses of the apex on a kitchen scale (weights.csv)
-    give it the force. A DATASET whose truth.csv has pose labels in place of
-    contact places needs no drawing of the sensor (docs/own-sensor.md). Where it has both, --labels chooses;
-    a calibration gives contacts or poses.
+    give it the force; those through a printed jig (docs/jig.md) adjust the positions too. A DATASET whose
+    truth.csv has pose labels in place of contact places needs no drawing of the sensor (docs/own-sensor.md).
+    Where it has both, --labels chooses; a calibration gives contacts or poses.
 
     \b
     Example:

@@ -15,12 +15,14 @@ from palpate_edge.cli.options import config_option
 @click.command()
 @config_option
 def guide(config_path: Path) -> None:
-    """Calibrate a fingertip step by step, with a kitchen scale.
+    """Calibrate a fingertip step by step, with a scale or a jig.
 
     Focus, exposure, beads, pictures of the untouched dome, warm-up, presses of the apex on the scale, and the
     calibration: each step has live values and a verdict. Enter goes on; grams are typed as a number; `undo`
-    deletes the last press; `quit` ends. Everything is kept in the folder of estimator.sensor as it is done,
-    and the next call goes on from there. The page of `palpate-edge watch` has the same steps.
+    deletes the last press; `quit` ends. With the jig.csv of `palpate-edge jig` beside sensor.toml the presses
+    go from hole to hole; `scale` and `jig` change between both ways. Everything is kept in the folder of
+    estimator.sensor as it is done, and the next call goes on from there. The page of `palpate-edge watch` has
+    the same steps.
 
     \b
     Example:

@@ -16,6 +16,7 @@ from palpate_edge.cli.follow import follow
 from palpate_edge.cli.guide import guide
 from palpate_edge.cli.identify import identify
 from palpate_edge.cli.inspect_frame import inspect
+from palpate_edge.cli.jig import jig
 from palpate_edge.cli.press_rig import press_rig
 from palpate_edge.cli.record import record
 from palpate_edge.cli.run import run
@@ -56,6 +57,7 @@ def _quieten_libraries() -> None:
 for command in (
     setup,
     guide,
+    jig,
     calibrate,
     train,
     estimate,

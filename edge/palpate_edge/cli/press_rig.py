@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 @click.option(
     "--press-seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of the presses."
 )
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="Show the run in the browser, on this port of 127.0.0.1. 0: any free.",
+)
 @click.option("--yes", is_flag=True, help="Do not ask before the printer moves.")
 @click.option("--labels-only", is_flag=True, help="Move nothing: label the presses taken so far.")
 def press_rig(
@@ -47,6 +52,7 @@ def press_rig(
     presses: int,
     test_presses: int,
     press_seed: int,
+    port: int | None,
     yes: bool,
     labels_only: bool,
 ) -> None:
@@ -56,10 +62,12 @@ def press_rig(
     found by touch, then pressed and sheared all over; the camera takes a picture of each press. The printer
     stays inside the box of rig.toml, and lifts the ball off at a force over the limit, when the scale is
     silent, and on Ctrl-C. A run that was stopped is continued by the same command. Home the printer first.
+    With --port a page in the browser has the picture, the progress and a button to stop.
 
     \b
-    Example:
+    Examples:
       palpate-edge press-rig --config finger-1.toml --rig rig.toml -o finger-1-presses
+      palpate-edge press-rig --config finger-1.toml --rig rig.toml -o finger-1-presses --port 8470
 
     Exit status: 0 complete, 2 configuration or a move that is not allowed, 5 camera, 8 stopped.
     """
@@ -82,7 +90,7 @@ def press_rig(
                 f"{_corner(rig.box.high_mm)} mm. Is it homed, and the box free?",
                 abort=True,
             )
-        _run(config, rig, files)
+        _run(config, rig, files, port)
     count = len(files.journal.records)
     with progress_bar("labelling") as progress:
         report = label_run(output, files.journal, load_dome_model(), lambda done: progress(done, count + 8))
@@ -118,19 +126,24 @@ def _open_files(
     return RunFiles(output, described, fresh)
 
 
-def _run(config: FingertipConfig, rig: RigConfig, files: RunFiles) -> None:
-    """Take the frames that are missing. Raises RigError, ConfigError or CaptureError."""
+def _run(config: FingertipConfig, rig: RigConfig, files: RunFiles, port: int | None) -> None:
+    """Take the frames that are missing. port: of the run's page; None: no page.
+
+    Raises RigError, ConfigError or CaptureError.
+    """
     from palpate_edge.can_bus.simulated_clock import clock_of  # noqa: PLC0415
     from palpate_edge.common.errors import CaptureError  # noqa: PLC0415
     from palpate_edge.common.progress import progress_bar  # noqa: PLC0415
     from palpate_edge.common.signals import stop_event  # noqa: PLC0415
+    from palpate_edge.console.rig_page import serve_rig  # noqa: PLC0415
     from palpate_edge.daemon.capture_factory import open_source  # noqa: PLC0415
     from palpate_edge.daemon.health import read_health  # noqa: PLC0415
     from palpate_edge.datasets.sensor_file import read_sensor  # noqa: PLC0415
     from palpate_edge.press_rig.plan import make_plan  # noqa: PLC0415
     from palpate_edge.press_rig.rig_core import RigCore, RigOutputs  # noqa: PLC0415
-    from palpate_edge.press_rig.rig_run import open_port, run_rig  # noqa: PLC0415
+    from palpate_edge.press_rig.rig_run import RunCamera, open_port, run_rig  # noqa: PLC0415
     from palpate_edge.press_rig.run_sequence import RunSequence  # noqa: PLC0415
+    from palpate_edge.press_rig.watched_camera import WatchedCamera  # noqa: PLC0415
 
     running = read_health(config.name, config.health, time.monotonic())
     if running is not None:
@@ -141,19 +154,29 @@ def _run(config: FingertipConfig, rig: RigConfig, files: RunFiles) -> None:
     core = RigCore(rig, sequence.run())
     clock = clock_of(config.bus)
 
-    with (
-        open_port(rig.printer.port, rig.printer.baud, "printer") as printer,
-        open_port(rig.scale.port, rig.scale.baud, "scale") as scale,
-        closing(open_source(config, None, clock, lambda line: click.echo(line, err=True))) as camera,
-        stop_event() as stopped,
-        progress_bar("pressing") as progress,
-    ):
+    def report(line: str) -> None:
+        click.echo(line, err=True)
+
+    with ExitStack() as stack:
+        printer = stack.enter_context(open_port(rig.printer.port, rig.printer.baud, "printer"))
+        scale = stack.enter_context(open_port(rig.scale.port, rig.scale.baud, "scale"))
+        source = open_source(config, None, clock, report)
+        stack.enter_context(closing(source))
+        camera: RunCamera = source
+        stopped = stack.enter_context(stop_event())
+        page = None
+        if port is not None:
+            page = stack.enter_context(serve_rig(config, port, len(plan), stopped, report))
+            camera = stack.enter_context(closing(WatchedCamera(source, page.show)))
+        progress = stack.enter_context(progress_bar("pressing"))
 
         def after_step(outputs: RigOutputs) -> None:
             for kept in outputs.keep:
                 files.keep(kept)
                 progress(len(files.journal.records), len(plan))
             for line in outputs.lines:
-                click.echo(line, err=True)
+                report(line)
+            if page is not None:
+                page.step(core, sequence.place, files.journal.records, outputs.lines)
 
         run_rig(core, printer, scale, camera, clock.now_us, stopped, after_step)

@@ -41,7 +41,7 @@ def _read_answers(context: click.Context, _option: click.Parameter, path: Path |
 @click.option("--i2c-bus", type=click.IntRange(0, 255), help="N of /dev/i2c-N; default: where one answers.")
 @click.option("--exposure-us", type=click.IntRange(1, 1_000_000), help="Default: proposed from the picture.")
 @click.option("--sensor", type=INPUT, help="Your sensor.toml; default: the sensor of docs/building.md.")
-@click.option("--yes", is_flag=True, help="Ask nothing: take the first of what is found.")
+@click.option("--yes", is_flag=True, help="Ask nothing: take the first of what is found and not down.")
 @click.option(
     "--answers",
     type=INPUT,
@@ -96,10 +96,11 @@ def setup(
     if chosen.source == "recorded":
         chosen = replace(chosen, path=str(Path(chosen.path).resolve()))
     answering = [light.i2c_bus for light in lights if not light.problem]
+    ready = [one for one in buses if not (yes and one.is_down)]
     choices = SetupChoices(
         name=name,
         camera=chosen,
-        bus=named_bus(channel) if channel else _choose("bus", buses, yes),
+        bus=named_bus(channel) if channel else _choose("bus", ready, yes),
         node_id=node,
         dataset=f"{name}-presses",
         exposure_us=exposure_us,

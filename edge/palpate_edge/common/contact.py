@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import msgspec
+
 from palpate_edge.common.contact_quantities import FlatPose, OptionalQuantities
 
 Vector3 = tuple[float, float, float]
@@ -15,8 +17,7 @@ Vector3 = tuple[float, float, float]
 MIN_BEADS_SHARE = 0.6  # of the beads that a frame must show; with fewer it is rejected
 
 
-@dataclass(frozen=True, slots=True)
-class LabelEstimate:
+class LabelEstimate(msgspec.Struct, frozen=True):
     """Estimate of a pose label in its unit; with 95 % probability the truth is within half_width95."""
 
     label: str
@@ -38,6 +39,7 @@ class Contact(OptionalQuantities):
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
     slip: what touches slides over the skin (see slip.py).
+    slip_begins: the load across the skin stopped growing, as when slip begins (see slip_onset.py).
     pose: of a flat object, one estimate for each label that the calibration learned.
     """
 
@@ -54,6 +56,7 @@ class Contact(OptionalQuantities):
     beads_expected: int
     slip: bool = False
     pose: tuple[LabelEstimate, ...] = ()
+    slip_begins: bool = False
 
     @property
     def flat_pose(self) -> FlatPose | None:

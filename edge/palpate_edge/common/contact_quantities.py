@@ -8,9 +8,11 @@ against it. docs/bus.md describes how to add a quantity.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
+
+import msgspec
 
 AI_AUTOZERO, AI_UNIT, AI_DECIMALS, AI_STATUS, AI_INPUT = 0x6125, 0x6131, 0x6132, 0x6150, 0x7130
 """CiA 404, analog input block: each quantity is one channel, that is one sub-index; 7130h is an INTEGER16."""
@@ -41,8 +43,7 @@ class OptionalQuantities:
     force95_N: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlatPose:
+class FlatPose(msgspec.Struct, frozen=True, kw_only=True):
     """Pose of a flat object on a sensor (docs/own-sensor.md); None for a label that was not learned.
 
     Those ending in _95: half widths of 95 % intervals.
@@ -62,13 +63,12 @@ class FlatPose:
     torsion_deg_95: float | None = None
 
 
-FLAT_POSE_FIELDS = tuple(field.name for field in fields(FlatPose))
+FLAT_POSE_FIELDS = FlatPose.__struct_fields__
 POSE_LABELS = tuple(name for name in FLAT_POSE_FIELDS if not name.endswith("_95"))
 """Columns of truth.csv and of the CSV of estimates, in their order there."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorOutputs:
+class SensorOutputs(msgspec.Struct, frozen=True):
     """Parts of a contact that a calibration gives.
 
     place: position on the dome; force: normal force and shear; pose: of a flat object. A contact without one
@@ -80,8 +80,7 @@ class SensorOutputs:
     pose: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class Quantity(msgspec.Struct, frozen=True, kw_only=True):
     """One quantity of a contact.
 
     name: as the EDS spells it, behind "Value of", "Unit of", "Status of".
@@ -321,8 +320,14 @@ CONTACT_TPDOS = tuple(sorted([*BASE_TPDOS, *EXTRA_TPDOS]))
 POSE_TPDOS = tuple(sorted({row.tpdo[0] for row in QUANTITIES if row.attribute == "flat_pose"}))
 """Extra TPDOs that are disabled in the EDS; a node whose sensor gives poses enables them."""
 
+FD_TPDO = 10
+"""TPDO that carries all of them in one CAN FD frame, without poses or with."""
+
+FD_TPDO_POSES = len(QUANTITIES) + 5
+"""Number of objects that it maps with poses; the EDS lists them last. 2010h to 2014h are no quantities."""
+
 POSE_NODE_OFFSET = 0x20
-"""Their identifiers are those of TPDO 1, RPDO 1, TPDO 2 and RPDO 2 of a node with an id that much higher."""
+"""POSE_TPDOS have the identifiers of TPDO 1, RPDO 1, TPDO 2, RPDO 2 of a node with an id that much higher."""
 
 ATTRIBUTES = tuple(dict.fromkeys(quantity.attribute for quantity in QUANTITIES))
 """The fields of TipContact and FingerStatus that hold quantities."""

@@ -12,10 +12,12 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TextIO
+
+import msgspec
 
 ROOT = "palpate"
 JOURNAL_STREAM = "JOURNAL_STREAM"
@@ -57,6 +59,80 @@ class ServiceFormatter(logging.Formatter):
         message = super().format(record)
         text = f"{self._subject}: {message}" if self._subject else message
         return with_priority(text, record.levelno, self._stream)
+
+
+class LogLine(msgspec.Struct, frozen=True):
+    """A line for the log. level: of `logging`."""
+
+    level: int
+    text: str
+
+
+class RepeatedProblem:
+    """A problem that may end and begin again at any rate, with at most two log lines a minute; pure.
+
+    The first line is the problem itself. After each minute follows one line: the number of further events, or
+    the end of the problem when there were none.
+    """
+
+    EVERY_US = 60_000_000
+
+    def __init__(self, event: str, over: str) -> None:
+        """event: what is counted (``foreign frames``); over: the text of the end."""
+        self._event, self._over = event, over
+        self._events = 0
+        self._due_us: int | None = None
+
+    def update(self, now_us: int, problem: str, events: int) -> LogLine | None:
+        """Return the line that is due. problem: empty when there is none; events: since the start."""
+        if self._due_us is None:
+            if not problem:
+                return None
+            line = LogLine(logging.ERROR, problem)
+        elif now_us < self._due_us:
+            return None
+        elif events > self._events:
+            line = LogLine(logging.ERROR, f"{events - self._events} more {self._event} in the last minute")
+        elif problem:
+            return None
+        else:
+            self._due_us = None
+            return LogLine(logging.INFO, f"{self._over}: {events} {self._event}")
+        self._events, self._due_us = events, now_us + self.EVERY_US
+        return line
+
+
+class LineLimit:
+    """A limit on log lines of one kind: MOST a minute, then one line with the number of the others; pure."""
+
+    MOST = 10
+    EVERY_US = 60_000_000
+
+    def __init__(self, event: str) -> None:
+        """event: what a line reports, in the plural (``changes of the bus``)."""
+        self._event = event
+        self._end_us: int | None = None
+        self._logged = 0
+        self._further = 0
+        self._last: LogLine | None = None
+
+    def update(self, now_us: int, lines: Sequence[LogLine] = ()) -> list[LogLine]:
+        """Return the lines that are due; call it without lines too, for the number of those held back."""
+        due: list[LogLine] = []
+        if self._end_us is not None and now_us >= self._end_us:
+            if self._last is not None:
+                text = f"{self._further} more {self._event} in the last minute, the last: {self._last.text}"
+                due.append(LogLine(self._last.level, text))
+            self._end_us, self._logged, self._further, self._last = None, 0, 0, None
+        for line in lines:
+            if self._end_us is None:
+                self._end_us = now_us + self.EVERY_US
+            if self._logged < self.MOST:
+                self._logged += 1
+                due.append(line)
+            else:
+                self._further, self._last = self._further + 1, line
+        return due
 
 
 @contextmanager

@@ -1,13 +1,13 @@
 """Load a part by its name: palpate's own from a table, those of other packages by entry point.
 
-The part is imported only when it is loaded, since each brings its own libraries.
+The part is imported only when it is loaded, since each brings its own libraries. The search for parts of
+other packages imports importlib.metadata with 34 modules more, so that import waits as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any
 
@@ -28,8 +28,9 @@ def load_part(group: str, name: str, choice: str, own: Mapping[str, str] = NONE_
         if name in own:
             module, _, attribute = own[name].partition(":")
             return getattr(import_module(module), attribute)
-        for entry_point in entry_points(group=group, name=name):
-            return entry_point.load()
+        part = find_part(group, name)
+        if part is not None:
+            return part
     except (ImportError, AttributeError) as exc:
         if isinstance(exc, ImportError) and (library := missing_library(exc)):
             raise MissingExtraError(choice, library) from exc
@@ -43,6 +44,17 @@ def load_part(group: str, name: str, choice: str, own: Mapping[str, str] = NONE_
     )
 
 
+def find_part(group: str, name: str) -> Any | None:
+    """Return the object that another package registers as `name`, None when no package does."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - see above
+
+    for entry_point in entry_points(group=group, name=name):
+        return entry_point.load()
+    return None
+
+
 def part_names(group: str, own: Mapping[str, str] = NONE_OWN) -> list[str]:
     """Return the names of all parts: palpate's own in their order, then those of other packages, sorted."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - see above
+
     return [*own, *sorted({point.name for point in entry_points(group=group)} - own.keys())]

@@ -14,6 +14,7 @@ from palpate_edge.common.arrays import Image
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.errors import CaptureError, PalpateError
 from palpate_edge.common.frame import Frame
+from palpate_edge.common.sliding_window import DroppedFrames
 from palpate_edge.console.events import (
     ConsoleHealth,
     ConsoleState,
@@ -32,12 +33,12 @@ from palpate_edge.daemon.estimator_factory import configured_calibration, make_e
 from palpate_edge.daemon.frame_monitor import FrameMonitor
 from palpate_edge.daemon.health_report import bead_health, camera_health, light_health, picture_health
 from palpate_edge.daemon.recording_control import RecordingControl
-from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.daemon.watching.view_tap import PictureRate
 from palpate_edge.daemon.watching.watch_messages import BeadsShown, WatchCommand, beads_shown
-from palpate_edge.daemon.watching.watched_fingertip import TARE_TEXT, describe, needed_light, refuse_tare
+from palpate_edge.daemon.watching.watched_fingertip import TARE_TEXT, count_tare, describe, needed_light
 from palpate_edge.estimation.frame_estimator import BeadsInView
 from palpate_edge.illumination.controller_thread import FULL_LEVEL, open_light
+from palpate_edge.node.change_policy import WriteRates
 from palpate_edge.web.broadcast import Broadcast
 
 HEALTH_S = 1.0
@@ -48,7 +49,8 @@ Shown = tuple[Image, Contact, float, BeadsInView | None]
 
 
 class CameraFeed:
-    """Reads, estimates and publishes frames. report: takes one line for each setting that differs.
+    """Reads, estimates and publishes frames. report: takes one line for each setting that differs;
+    widest_px: of the published pictures.
 
     Raises ConfigError, CalibrationError, DatasetError, CaptureError or IlluminationError for what cannot be
     used.
@@ -60,8 +62,10 @@ class CameraFeed:
         report: Callable[[str], None],
         broadcast: Broadcast,
         picture: NewestPicture,
+        widest_px: int,
     ) -> None:
         self._config, self._broadcast, self._picture = config, broadcast, picture
+        self._widest_px = widest_px
         self._clock = clock_of(config.bus)
         self._stopped = threading.Event()
         self._rate, self._shown = PictureRate(), threading.Condition()
@@ -69,6 +73,7 @@ class CameraFeed:
         self._guide = GuideFeed(config, broadcast)
         self._dropped_frames = DroppedFrames()
         self._health_at_s = 0.0
+        self._tares = WriteRates()
         with ExitStack() as stack:
             calibration = configured_calibration(config)
             self._estimator = make_estimator(config, calibration)
@@ -105,7 +110,7 @@ class CameraFeed:
                 self._recording.request(False)
                 return "recording ends"
             case "tare":
-                refuse_tare(self._fingertip)
+                count_tare(self._fingertip, self._tares, self._clock.now_us())
                 self._estimator.tare(accepts_contact=False)
                 return TARE_TEXT
             case "light":
@@ -149,7 +154,9 @@ class CameraFeed:
             image, contact, latency_ms, beads = newest
             self._picture.show(image, contact.sequence)
             shown = self._beads(image, beads)
-            self._broadcast.publish("frame", console_frame(image, contact, latency_ms, shown))
+            self._broadcast.publish(
+                "frame", console_frame(image, contact, latency_ms, shown, self._widest_px)
+            )
 
     def _beads(self, image: Image, beads: BeadsInView | None) -> BeadsShown | None:
         if self._loose is not None:

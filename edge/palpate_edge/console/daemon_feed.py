@@ -57,6 +57,7 @@ class DaemonFeed:
     """Publishes what a daemon sends, and connects again when the daemon has ended.
 
     Pictures are requested while the broadcast has listeners. timeout_ms: capture.timeout_ms.
+    widest_px: of the published pictures.
     """
 
     def __init__(
@@ -66,9 +67,10 @@ class DaemonFeed:
         open_connection: Callable[[], socket.socket | None],
         broadcast: Broadcast,
         picture: NewestPicture,
+        widest_px: int,
     ) -> None:
         self._name, self._timeout_ms, self._open = name, timeout_ms, open_connection
-        self._broadcast, self._picture = broadcast, picture
+        self._broadcast, self._picture, self._widest_px = broadcast, picture, widest_px
         self._connection: socket.socket | None = None
         self._ring: _RingView | None = None
         self._loose: LooseBeads | None = None
@@ -164,7 +166,7 @@ class DaemonFeed:
             return
         beads = message.beads if self._loose is None else self._loose.find(picture.image)
         self._picture.show(picture.image, picture.sequence)
-        frame = console_frame(picture.image, message.contact, message.latency_ms, beads)
+        frame = console_frame(picture.image, message.contact, message.latency_ms, beads, self._widest_px)
         self._broadcast.publish("frame", frame)
 
     def _forget(self, connection: socket.socket) -> None:

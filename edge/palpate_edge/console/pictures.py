@@ -23,16 +23,22 @@ WEAKEST_SHARE = 0.5
 
 
 def console_frame(
-    image: Image, contact: Contact, latency_ms: float, beads: BeadsShown | None
+    image: Image, contact: Contact, latency_ms: float, beads: BeadsShown | None, widest_px: int = WIDEST_PX
 ) -> ConsoleFrame:
-    """Return a frame for the page. image: (height, width) or (height, width, 3)."""
+    """Return a frame to show. image: (height, width) or (height, width, 3)."""
+    height, width = image.shape[:2]
+    return ConsoleFrame(contact, latency_ms, beads, (width, height), jpeg_of(image, widest_px))
+
+
+def jpeg_of(image: Image, widest_px: int = WIDEST_PX) -> bytes:
+    """Return an image, (height, width) or (height, width, 3), as a JPEG of at most `widest_px` width."""
     height, width = image.shape[:2]
     shown = image
-    if width > WIDEST_PX:
-        size = WIDEST_PX, max(1, round(height * WIDEST_PX / width))
+    if width > widest_px:
+        size = widest_px, max(1, round(height * widest_px / width))
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     _, jpeg = cv2.imencode(".jpg", shown, JPEG_OPTIONS)
-    return ConsoleFrame(contact, latency_ms, beads, (width, height), jpeg.tobytes())
+    return jpeg.tobytes()
 
 
 class LooseBeads:

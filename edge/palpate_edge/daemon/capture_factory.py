@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from palpate_edge.calibration.calibration_file import AnySensor, check_sensor
-from palpate_edge.calibration.recording_match import check_recording
 from palpate_edge.capture.shared_memory import SharedMemorySource
 from palpate_edge.capture.source import ReopeningSource, Source
 from palpate_edge.capture.v4l2.controls import FixedExposure
@@ -16,13 +15,12 @@ from palpate_edge.capture.v4l2.source import CameraSettings, V4l2Source
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.daemon.capture_sources import find_opener
 from palpate_edge.daemon.config import FingertipConfig
-from palpate_edge.datasets.pose_dataset import open_pose_recording, read_picture_sensor
-from palpate_edge.datasets.recording import DEFAULT_FPS, RealTimeSource, open_recording
+from palpate_edge.datasets.picture_sensor_file import read_picture_sensor
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration
 
-DEFAULT_SIZE_PX = (640, 480)
+DEFAULT_SIZE_PX, DEFAULT_FPS = (640, 480), 30.0
 
 AnyCalibration = Calibration | PoseCalibration
 
@@ -79,6 +77,11 @@ def open_recorded(
     _report: Callable[[str], None],
 ) -> Source:
     """Open a recording, played in real time."""
+    # A fingertip with a camera does not load what reads recordings.
+    from palpate_edge.calibration.recording_match import check_recording  # noqa: PLC0415
+    from palpate_edge.datasets.pose_dataset import open_pose_recording  # noqa: PLC0415
+    from palpate_edge.datasets.recording import RealTimeSource, open_recording  # noqa: PLC0415
+
     path, grey = Path(config.capture.path), is_grey(calibration)
     if isinstance(calibration, PoseCalibration):
         recording = open_pose_recording(path, grey=grey)

@@ -25,6 +25,7 @@ from palpate_edge.common.errors import CaptureError, ConfigError, PalpateError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_clock import LocalClock
 from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
+from palpate_edge.common.logs import LineLimit, LogLine, RepeatedProblem
 from palpate_edge.common.signals import IDENTIFY, RECORD, RECORD_NO_MORE, called_by_signals, stop_event
 from palpate_edge.daemon.capture_factory import AnyCalibration, open_source, requested_stream
 from palpate_edge.daemon.capture_thread import CaptureThread
@@ -48,10 +49,10 @@ from palpate_edge.daemon.watching.watch_messages import (
 from palpate_edge.daemon.watching.watch_socket import WatchSocket
 from palpate_edge.daemon.watching.watched_fingertip import (
     TARE_TEXT,
+    count_tare,
     describe,
     needed_light,
     refuse_blinking,
-    refuse_tare,
 )
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.frame_estimator import Method
@@ -135,8 +136,10 @@ class _Daemon:
             model_hash=_model_hash(calibration),
             serial_number=hardware_serial(config.name) if serial_number is None else serial_number,
             kept=file.load() if file else NOTHING_STORED,
+            stores=file is not None,
             has_led=config.illumination.i2c_bus is not None,
             outputs=estimator.outputs,
+            data_bitrate=config.bus.data_bitrate,
         )
         if self._node.slave.stored_fault is not None:
             _parameters_log.error(f"{self._node.slave.stored_fault}; the defaults of the EDS apply")
@@ -149,9 +152,7 @@ class _Daemon:
         self._bus = ReconnectingBus(lambda: open_bus(config.bus, config.name, accept_ids()))
         stack.callback(self._bus.close)
         timeout_us, is_calibrated = 1000 * config.capture.timeout_ms, calibration is not None
-        self._core = FingertipCore(
-            self._node, config.name, timeout_us, clock.now_us(), is_calibrated=is_calibrated
-        )
+        self._core = FingertipCore(self._node, timeout_us, clock.now_us(), is_calibrated=is_calibrated)
         self._gate = WatchdogGate(notifier.watchdog_us)
         self._parts = FingertipParts(
             config=config,
@@ -164,7 +165,9 @@ class _Daemon:
             loaded=loaded,
         )
         self._reporter = stack.enter_context(closing(HealthReporter(self._parts, notifier)))
-        self._camera_problem = self._conflict_problem = ""
+        self._camera_problem = ""
+        self._conflicts = RepeatedProblem("foreign frames", "no other node uses this node id any more")
+        self._bus_lines = LineLimit("changes of the bus")
         self._is_stuck = False
         self._watch: WatchSocket | None = None
         self._watched = describe(config.name, calibration, estimator, self._light, self._tap.path)
@@ -222,8 +225,10 @@ class _Daemon:
         bus.poll(clock.now_us())
         frames = bus.receive(clock.now_us())
         core.receive(clock.now_us(), [(clock.at_unix_us(stamp_us), frame) for stamp_us, frame in frames])
-        for change in bus.changes():
-            _log_bus_change(change)
+        changes = bus.changes()
+        for line in self._bus_lines.update(clock.now_us(), [_bus_line(change) for change in changes]):
+            _bus_log.log(line.level, line.text)
+        for change in changes:
             core.bus_state_changed(change)
         core.error_passive(bus.error_passive)
         core.receive_overruns(clock.now_us(), bus.receive_overruns)
@@ -282,7 +287,7 @@ class _Daemon:
                 self._recording.request(False)
                 return "recording ends"
             case "tare":
-                refuse_tare(self._watched)
+                count_tare(self._watched, self._node.slave.rates, self._clock.now_us())
                 self._capture.estimator.tare(accepts_contact=False)
                 return TARE_TEXT
             case "light":
@@ -314,7 +319,7 @@ class _Daemon:
                 self._parameters.request(event.parameters)
             elif isinstance(event, StoreRequested):
                 self._node.slave.store_finished(stored=False)
-                _parameters_log.debug("a master wants to store parameters: set node.parameters")
+                _parameters_log.warning("a master wants to store parameters: set node.parameters")
 
     def _take_saves(self) -> None:
         """Report finished saves to the node, which responds to the master."""
@@ -326,12 +331,9 @@ class _Daemon:
     def _log_bus(self, now_us: int) -> None:
         """Log when another node uses this node's id, when the bus accepts no frame, and when that is over."""
         core, is_stuck = self._core, self._bus.is_stuck(now_us)
-        problem = core.conflict_problem
-        if problem and not self._conflict_problem:
-            _bus_log.error(problem)
-        elif self._conflict_problem and not problem:
-            _bus_log.info("no other node uses this node id any more: %d foreign frames", core.conflict.frames)
-        self._conflict_problem = problem
+        line = self._conflicts.update(now_us, core.conflict_problem, core.conflict.frames)
+        if line is not None:
+            _bus_log.log(line.level, line.text)
         if is_stuck != self._is_stuck:
             self._is_stuck = is_stuck
             if is_stuck:
@@ -352,9 +354,9 @@ class _Daemon:
             _camera_log.info("camera gives frames again")
 
 
-def _log_bus_change(change: BusStateChange) -> None:
+def _bus_line(change: BusStateChange) -> LogLine:
     level = logging.INFO if change.state is BusState.UP else logging.ERROR
-    _bus_log.log(level, f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
+    return LogLine(level, f"the bus is {change.state.value}. {change.reason}".rstrip(". "))
 
 
 def _model_hash(calibration: AnyCalibration | None) -> str:

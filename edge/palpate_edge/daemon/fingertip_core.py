@@ -7,7 +7,8 @@ bus is valid only while frames come: when a deadline passes, it is withdrawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+import msgspec
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.clock_sync import BusClock, ClockState
@@ -34,8 +35,7 @@ OVERRUN_CLEARS_AFTER_US = 1_000_000  # without another lost frame, EMCY 8110h is
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
 
 
-@dataclass(frozen=True, slots=True)
-class CoreStep:
+class CoreStep(msgspec.Struct, frozen=True):
     """The result of `poll`. frames_out: to send, in order; next_due_us: the latest time of the next `poll`;
     events: of the node, for the caller to handle."""
 
@@ -49,7 +49,7 @@ class FingertipCore:
     times. is_calibrated: False reports an emergency, and no overruns: the search for blobs drops frames."""
 
     def __init__(
-        self, node: FingertipNode, name: str, timeout_us: int, now_us: int, *, is_calibrated: bool = True
+        self, node: FingertipNode, timeout_us: int, now_us: int, *, is_calibrated: bool = True
     ) -> None:
         self.clock = BusClock()
         self.monitor = FrameMonitor(timeout_us, now_us)
@@ -58,7 +58,6 @@ class FingertipCore:
         self.conflict = IdConflict()
         self._is_calibrated = is_calibrated
         self._node = node
-        self._name = name
         self._frames_out: list[CanFrame] = []
         self._events: list[Event] = []
         self._withdrawn = True  # nothing valid is on the bus yet
@@ -78,7 +77,7 @@ class FingertipCore:
         if not self.conflict.is_active:
             return ""
         return (
-            f"{self._name}: node id 0x{self._node_id:02X} is used twice: a frame "
+            f"node id 0x{self._node_id:02X} is used twice: a frame "
             f"0x{self.conflict.can_id:03X} came from another node, so no contacts are sent until "
             f"{QUIET_US / 1e6:.1f} s after its last one; give one of them another [node] id"
         )

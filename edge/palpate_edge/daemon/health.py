@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import tempfile
 from pathlib import Path
 
 import msgspec
@@ -156,7 +155,11 @@ def health_path(name: str, configured: str) -> Path:
     if configured:
         return Path(configured)
     folder = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
-    return Path(folder or tempfile.gettempdir()) / f"palpate-{name}.json"
+    if not folder:
+        import tempfile  # noqa: PLC0415 - 10 M instructions; a service has its runtime directory
+
+        folder = tempfile.gettempdir()
+    return Path(folder) / f"palpate-{name}.json"
 
 
 class HealthFile:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+
+import msgspec
 
 from palpate_edge.can_bus.clock_sync import BusClock
 from palpate_edge.can_bus.reconnecting_bus import ReconnectingBus
@@ -29,8 +30,7 @@ from palpate_edge.node.fingertip_objects import Counter, Health
 from palpate_edge.vision.picture_measure import PictureMeasure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FingertipParts:
+class FingertipParts(msgspec.Struct, frozen=True, kw_only=True):
     """The parts of a running fingertip that are reported. light: None without an illumination controller.
 
     wanted_fps: the rate that the camera is asked for. loaded: digest of configuration and calibration.
@@ -74,6 +74,7 @@ def board_health(parts: FingertipParts) -> Health:
             Counter.LIGHT_CONTROLLER_LOSSES: light.losses if light else 0,
             Counter.LIGHT_CONTROLLER_PEC_ERRORS: state.pec_errors if state else 0,
             Counter.CAMERA_TRIGGERS: state.triggers if state else 0,
+            Counter.ID_CONFLICTS: parts.core.conflict.frames,
         },
     )
 

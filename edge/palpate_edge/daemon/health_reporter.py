@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 
 from palpate_edge.common.local_sockets.sd_notify import Notifier
+from palpate_edge.common.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.daemon.health import HealthFile, HealthReport, health_path
 from palpate_edge.daemon.health_report import FingertipParts, board_health, health_report
-from palpate_edge.daemon.sliding_window import DroppedFrames, SlidingWindow
 from palpate_edge.node.emergencies import Emergency, name_of
 
 REPORT_EVERY_US = 1_000_000

@@ -6,8 +6,9 @@ import os
 import threading
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
 from queue import SimpleQueue
+
+import msgspec
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.parameter_file import ParameterFile
@@ -16,8 +17,7 @@ from palpate_edge.node.stored_parameters import StoredParameters
 LAST_SAVE_S = 10.0  # for the save in progress when the daemon ends
 
 
-@dataclass(frozen=True, slots=True)
-class SaveResult:
+class SaveResult(msgspec.Struct, frozen=True):
     """The result of a save. failure: the reason; empty when the parameters are on the disk."""
 
     parameters: StoredParameters

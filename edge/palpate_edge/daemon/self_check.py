@@ -17,6 +17,7 @@ from palpate_edge.capture.source import Source
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import SensorOutputs
 from palpate_edge.common.errors import IlluminationError, PalpateError
+from palpate_edge.common.sliding_window import DroppedFrames
 from palpate_edge.daemon.capture_factory import AnyCalibration, open_source, requested_stream
 from palpate_edge.daemon.check_rows import (
     CheckRow,
@@ -39,7 +40,6 @@ from palpate_edge.daemon.health import (
 )
 from palpate_edge.daemon.health_report import clock_health, light_health, picture_health
 from palpate_edge.daemon.loaded_configuration import configuration_digest
-from palpate_edge.daemon.sliding_window import DroppedFrames
 from palpate_edge.estimation.estimator import best_method
 from palpate_edge.estimation.frame_estimator import FrameEstimator
 from palpate_edge.estimation.pose.pose_calibration import PoseCalibration

@@ -6,26 +6,22 @@ import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Image
-from palpate_edge.common.config_file import read_toml
 from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import list_images, read_sized_image
+from palpate_edge.datasets.picture_sensor_file import GUIDE, read_picture_sensor
 from palpate_edge.datasets.recording import ImageRecording, Recording, open_recording
-from palpate_edge.datasets.sensor_file import picture_checks, refuse_out_of_range
 from palpate_edge.datasets.truth_table import (
     check_frame_and_split,
     check_length,
     finite_number,
     read_rows,
 )
-from palpate_edge.geometry.picture_sensor import PictureSensor, hexagonal_counts
+from palpate_edge.geometry.picture_sensor import PictureSensor
 
-GUIDE = "docs/own-sensor.md"
-MARKER_COUNTS = range(7, 2001)
 FILL_OR_DROP = ": fill every row or drop the column"
 
 
@@ -106,28 +102,6 @@ def open_pose_recording(path: Path, *, grey: bool = True) -> Recording:
         return open_recording(path, grey=grey)
     fps = read_picture_sensor(path / "sensor.toml").camera.fps
     return ImageRecording(list_images(path / "frames"), fps, None, grey)
-
-
-def read_picture_sensor(path: Path) -> PictureSensor:
-    """Read a ``sensor.toml`` without a drawing. Raises DatasetError with the key and what is allowed."""
-    guide = f"{GUIDE} lists the keys of a sensor without drawing"
-    sensor = read_toml(path, PictureSensor, guide=guide, error=DatasetError, trusted=False)
-    camera, markers = sensor.camera, sensor.markers
-    size, count = markers.diameter_px, markers.count
-    checks = [
-        *picture_checks(camera.width, camera.height, camera.fps),
-        ("markers.diameter_px", size, size is None or 3 <= size <= 200, "3 to 200, or left out"),
-        ("markers.count", count, count is None or count in MARKER_COUNTS, "7 to 2000, or left out"),
-    ]
-    if sensor.labels is not msgspec.UNSET:
-        turn = sensor.labels.x_axis_deg
-        checks.append(("labels.x_axis_deg", turn, -360 <= turn <= 360, "-360 to 360"))
-    if markers.layout == "hexagonal":
-        fitting = [number for number in hexagonal_counts(max(MARKER_COUNTS)) if number in MARKER_COUNTS]
-        allowed = f"one of {', '.join(map(str, fitting[:12]))}, ... for a hexagonal layout"
-        checks.append(("markers.count", count, count in fitting, allowed))
-    refuse_out_of_range(path, checks)
-    return sensor
 
 
 def read_pose_truth(path: Path) -> tuple[tuple[str, ...], tuple[PosePress, ...]]:

@@ -19,7 +19,7 @@ from palpate_edge.datasets.truth_table import (
     finite_number,
     read_rows,
 )
-from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM, WEIGHTS, read_weight_rows
+from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM, WEIGHTS, WeightRow, read_weight_rows
 from palpate_edge.geometry.sensor import Sensor
 
 COLUMNS = ["frame", "split", "t_s", "x_mm", "y_mm", "z_mm", "fn_N", "fx_N", "fy_N", "fz_N", "probe", "lost"]
@@ -39,12 +39,12 @@ class Press:
     """One row of truth.csv.
 
     frame: file name under frames/. position_mm: point of first touch on the undeformed outer surface, None
-    without contact and for a weighed press. normal_force_N: >= 0; force_N: total force on the dome; both None
-    for a contact whose force was not measured. lost: number of hidden beads. torsion_Nmm: moment of the
+    without contact and for a press on a scale. normal_force_N: >= 0; force_N: total force on the dome; both
+    None for a contact whose force was not measured. lost: number of hidden beads. torsion_Nmm: moment of the
     contact about the inward normal through that point, None for a contact whose torsion was not measured.
 
-    A weighed press is one at the apex, by a weight or on a scale: of its force only the normal component is
-    known, and of its place only that it is near the apex.
+    Of the force of a weighed press only the normal component is known. It is near the apex, on a scale or
+    below a weight, without a place; or through a hole of a jig, which gives the place (docs/jig.md).
     """
 
     frame: str
@@ -59,8 +59,8 @@ class Press:
 
     @property
     def is_weighed(self) -> bool:
-        """Return whether this is a press of known normal force and unknown place, at the apex."""
-        return self.position_mm is None and bool(self.normal_force_N)
+        """Return whether of this press's force only the normal component is known."""
+        return self.force_N is None and bool(self.normal_force_N)
 
     @property
     def touches(self) -> bool:
@@ -101,18 +101,28 @@ def read_dataset(folder: Path) -> PressDataset:
     truth, weights = folder / "truth.csv", folder / WEIGHTS
     presses = read_truth(truth) if truth.exists() else ()
     if weights.exists():
-        presses += read_weights(weights)
+        presses += read_weights(weights, sensor.dome.outer_radius_mm)
     return PressDataset(folder, sensor, reference, presses)
 
 
-def read_weights(path: Path) -> tuple[Press, ...]:
-    """Read the presses at the apex of a weights.csv. Raises DatasetError with the line and the column."""
-    return tuple(
-        Press(row.frame, row.split, 0.0, None, row.mass_g * NEWTONS_PER_GRAM, None, "weight", 0)
-        if row.mass_g
-        else Press(row.frame, row.split, 0.0, None, 0.0, (0.0, 0.0, 0.0), "none", 0, 0.0)
-        for row in read_weight_rows(path)
-    )
+def read_weights(path: Path, outer_radius_mm: float) -> tuple[Press, ...]:
+    """Read the presses of a weights.csv: those at the apex, and those of a jig's rod, along the normal.
+
+    Raises DatasetError with the line and the column.
+    """
+    return tuple(_weighed(row, outer_radius_mm) for row in read_weight_rows(path))
+
+
+def _weighed(row: WeightRow, outer_radius_mm: float) -> Press:
+    force_N = row.mass_g * NEWTONS_PER_GRAM
+    if not row.mass_g:
+        return Press(row.frame, row.split, 0.0, None, 0.0, (0.0, 0.0, 0.0), "none", 0, 0.0)
+    if row.theta_deg is None or row.phi_deg is None:
+        return Press(row.frame, row.split, 0.0, None, force_N, None, "weight", 0)
+    theta, phi = math.radians(row.theta_deg), math.radians(row.phi_deg)
+    x, y, z = math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)
+    place = (outer_radius_mm * x, outer_radius_mm * y, outer_radius_mm * z)
+    return Press(row.frame, row.split, 0.0, place, force_N, None, "rod", 0)
 
 
 def read_truth(path: Path) -> tuple[Press, ...]:

@@ -59,13 +59,28 @@ class RegionErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     held: int = 0
 
 
+class JigErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Mean position errors of firm presses through a jig's holes.
+
+    holes, presses: their numbers; without_mm: of the dome model; left_out_mm: of each hole by the others;
+    used: whether the jig's places adjusted the dome model.
+    """
+
+    holes: int
+    presses: int
+    without_mm: float
+    left_out_mm: float
+    used: bool
+
+
 class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Origin of a calibration.
 
     dataset: its folder; reference_frames, presses, weighed: numbers of frames, placed and weighed presses
     that were used; dropped: what was left out; weighed_spread_percent: what the model misses the weighed
     forces by, in % of the largest, None when the stiffness is not from them; regions: errors of presses left
-    out in turn, empty with too few. Files of earlier versions lack the last fields.
+    out in turn, empty with too few; jig: errors of presses through a jig, None without one. Files of earlier
+    versions lack the last fields.
     """
 
     dataset: str
@@ -75,6 +90,7 @@ class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     weighed: int = 0
     weighed_spread_percent: float | None = None
     regions: tuple[RegionErrors, ...] = ()
+    jig: JigErrors | None = None
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

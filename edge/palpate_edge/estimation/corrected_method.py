@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import msgspec
 
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.calibration import Calibration
@@ -39,7 +39,9 @@ class CorrectedMethod:
         if not self._gives_force:
             return located
         normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
-        return replace(located, normal_force_N=normal_N, force_N=result.force_N, force95_N=result.force95_N)
+        return msgspec.structs.replace(
+            located, normal_force_N=normal_N, force_N=result.force_N, force95_N=result.force95_N
+        )
 
 
 def load_model(calibration: Calibration) -> CorrectionModel:

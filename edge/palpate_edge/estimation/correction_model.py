@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,8 +30,7 @@ NUMBERS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 SENSOR_KEY = "palpate_sensor"  # metadata of the ONNX file
 
 
-@dataclass(frozen=True, slots=True)
-class Correction:
+class Correction(msgspec.Struct, frozen=True):
     """direction of the contact point, unit vector in F; force_N on the dome in F; radius95_mm:
     with 95 % probability the contact is no farther from the given point; misfit: squared
     distance of the field to the one that a contact with this answer makes, both of size 1;

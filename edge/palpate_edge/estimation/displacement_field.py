@@ -13,9 +13,9 @@ that of a faint one smoothed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,8 +37,7 @@ PIXEL_STEP = 0.5  # of the finite differences
 PER_COSINE = 6.0 / KERNEL_LENGTH**2  # 3 chord^2 / length^2, with chord^2 = 2 - 2 cos
 
 
-@dataclass(frozen=True, slots=True)
-class CanonicalField:
+class CanonicalField(msgspec.Struct, frozen=True):
     """One frame's displacement in the canonical frame.
 
     values (2 g,), mm: the meridional components at all g canonical directions, then the azimuthal ones;
@@ -50,8 +49,7 @@ class CanonicalField:
     hidden: float
 
 
-@dataclass(frozen=True, slots=True)
-class HiddenBeads:
+class HiddenBeads(msgspec.Struct, frozen=True):
     """The beads (h,) that were not found or are inexact.
 
     covariance (h, h): of their displacement given the other beads', where the inexact beads' own measurement
@@ -111,10 +109,12 @@ class DisplacementReader:
             return NONE_HIDDEN
         if beads.noise is None:
             return HiddenBeads(beads.lost, np.linalg.inv(self._inverse[np.ix_(beads.lost, beads.lost)]))
-        some = np.flatnonzero((beads.noise > 1.0) | ~beads.found)
+        some = ((beads.noise > 1.0) | ~beads.found).nonzero()[0]
         noise = beads.noise[some].astype(np.float64)
         added = np.where(beads.found[some], 1.0 / (BEAD_NOISE * (noise**2 - 1.0) + 1e-12), 0.0)
-        return HiddenBeads(some, np.linalg.inv(self._inverse[np.ix_(some, some)] + np.diag(added)))
+        inverse = self._inverse.take(some, axis=0).take(some, axis=1)
+        inverse.ravel()[:: len(some) + 1] += added
+        return HiddenBeads(some, np.linalg.inv(inverse))
 
     def read(self, beads: Beads, turn_rad: float = 0.0, hidden: HiddenBeads | None = None) -> CanonicalField:
         """Return the canonical field of one frame.

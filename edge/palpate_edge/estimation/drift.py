@@ -9,8 +9,8 @@ contact threshold: a contact that grows too slowly to be noticed loses no more t
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
@@ -43,7 +43,7 @@ class Drift:
 
     def compensate(self, beads: Beads) -> Beads:
         """Return the beads as they would be seen without the drift."""
-        return replace(beads, position_px=beads.position_px - self._drift_px)
+        return msgspec.structs.replace(beads, position_px=beads.position_px - self._drift_px)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""

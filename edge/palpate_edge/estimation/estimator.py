@@ -23,6 +23,7 @@ from palpate_edge.estimation.paper_method import PaperMethod
 from palpate_edge.estimation.plausibility import ImplausibleBeadsError, check_beads, check_blind_spot
 from palpate_edge.estimation.skin_motion import SkinMotion
 from palpate_edge.estimation.slip import SlipDetector
+from palpate_edge.estimation.slip_onset import LoadHistory, detect_onset
 from palpate_edge.estimation.tare import Tare
 from palpate_edge.estimation.touch_classification import SkinState, TouchClassifier
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
@@ -41,7 +42,8 @@ def best_method(calibration: Calibration) -> Method:
 class Estimator:
     """Estimates contact and force of one sensor, by the paper's method or by the correction model.
 
-    State from frame to frame: the beads' last places, the tare, the drift and the last second's contacts.
+    State from frame to frame: the beads' last places, the tare, the drift, and the last second's contacts and
+    loads.
     picture: None, since the health of a calibrated sensor is that of its beads.
     """
 
@@ -62,6 +64,7 @@ class Estimator:
         self._tare = Tare(reference, self._use_reference)
         self._validation = ContactValidation(calibration)
         self._slip = SlipDetector()
+        self._loads: LoadHistory = ()
         self._refused = 0
         self._last: FrameRecord | None = None
         self._use_reference(reference)
@@ -89,7 +92,9 @@ class Estimator:
             self._refused += 1
             return record.refused(str(rejection), len(self._calibration.beads))
         contact = record.contact()
-        return replace(contact, slip=True) if self._slip.detect(contact) else contact
+        slips = self._slip.detect(contact)
+        self._loads, slip_begins = detect_onset(self._loads, contact)
+        return replace(contact, slip=slips, slip_begins=slip_begins) if slips or slip_begins else contact
 
     def tare(self, *, accepts_contact: bool = True) -> None:
         """Take the mean of the next `tare.TARE_FRAMES` plausible frames as the untouched sensor.

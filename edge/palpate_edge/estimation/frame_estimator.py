@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
+
+import msgspec
 
 from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.common.contact import Contact
@@ -21,8 +22,7 @@ class Method(Enum):
     POSE = "pose"
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatorHealth:
+class EstimatorHealth(msgspec.Struct, frozen=True):
     """Counters since the start, and the drift.
 
     frames: tracked; refused: rejected, with or without tracking; beads_lost: summed over frames; searches: of
@@ -37,8 +37,7 @@ class EstimatorHealth:
     drift_px: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class BeadsInView:
+class BeadsInView(msgspec.Struct, frozen=True):
     """The beads of a frame in its pixels, to look at.
 
     position_px (n, 2): measured where `found` (n,), else predicted; rest_px (n, 2): the same without contact,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import msgspec
+
 from palpate_edge.common.contact import Contact, Vector3, refused_contact
 from palpate_edge.common.frame import Frame
 from palpate_edge.estimation.displacement_field import HiddenBeads
@@ -16,8 +18,7 @@ class FrameRejectedError(Exception):
     """A frame that gives no valid contact; the message is the reason that is published."""
 
 
-@dataclass(frozen=True, slots=True)
-class LocatedContact:
+class LocatedContact(msgspec.Struct, frozen=True):
     """Position, force and uncertainty of a contact as a method estimates them.
 
     position_mm: on the outer sphere in F; None when nothing touches. normal_force_N, force_N, radius95_mm and

@@ -13,8 +13,6 @@ Choices where the paper leaves a question open:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import msgspec
 import numpy as np
 
@@ -41,8 +39,7 @@ class PaperModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stiffness_N_px: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class RawContact:
+class RawContact(msgspec.Struct, frozen=True):
     """Eqs. (2)-(3) before any fitted correction.
 
     centre: virtual point of the largest area change (vp_1); around (k,): its trusted neighbours

@@ -8,8 +8,7 @@ a higher ratio, with travel along the tangential force, friction drags the skin 
 
 Not detected: a flat face that slides over the dome touches the same skin as before. From the first local slip
 until the whole face slides, the beads' displacement field keeps its shape within 1 % (finite elements,
-friction 0.3); then it stands still, as when the push ends. Only the force could show this case, with a known
-coefficient of friction.
+friction 0.3); then it stands still, as when the push ends. slip_onset.py detects how it comes to a stand.
 """
 
 from __future__ import annotations

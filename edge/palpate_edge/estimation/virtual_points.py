@@ -14,9 +14,8 @@ Choices where the paper leaves a question open:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Indices, Mask
@@ -27,8 +26,7 @@ MIN_ELLIPSE_BEADS = 6
 MIN_RING_SHARE = 0.5  # of a ring's beads that must be found for its ellipse to be trusted
 
 
-@dataclass(frozen=True, slots=True)
-class VirtualPoints:
+class VirtualPoints(msgspec.Struct, frozen=True):
     """The virtual points of one frame.
 
     position_px (n, 2); ellipses: (x, y, width, height, angle_deg) of each ring that has one, as

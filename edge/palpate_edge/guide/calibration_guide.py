@@ -18,8 +18,9 @@ from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.guide.calibration_report import report_figures, report_judgement
 from palpate_edge.guide.guide_view import STEPS, GuideAction, GuideStep, GuideView, Judgement
 from palpate_edge.guide.picture_steps import BeadsStep, ExposureStep, Figures, FocusStep
-from palpate_edge.guide.press_step import PRESSES, PressStep
+from palpate_edge.guide.press_step import PressStep
 from palpate_edge.guide.untouched_steps import MOST_DRIFT_PX, REFERENCE_FRAMES, ReferenceStep, WarmUpStep
+from palpate_edge.jig.jig_plan import Hole
 
 FEWEST_REFERENCES = 5
 NEXT = GuideAction("next", "Next")
@@ -69,11 +70,14 @@ class CalibrationGuide:
         references: int = 0,
         rows: Sequence[WeightRow] = (),
         names: Collection[str] = (),
+        holes: Sequence[Hole] = (),
     ) -> None:
-        """references, rows: number of reference frames and presses that an earlier run saved; with enough of
+        """holes: of the sensor's jig, empty without one.
+
+        references, rows: number of reference frames and presses that an earlier run saved; with enough of
         the former it goes on at the presses. names: of files that may not be overwritten."""
         self._sensor = sensor
-        self._rows, self._names = list(rows), set(names)
+        self._rows, self._names, self._holes = list(rows), set(names), tuple(holes)
         self._work: list[Work] = []
         self._is_warm = False
         self._fitted = (0, 1)
@@ -117,6 +121,8 @@ class CalibrationGuide:
             case "mass" if self._presses is not None and number is not None:
                 frame, image = self._presses.weigh(number)
                 self._work.append(SavePress(tuple(self._presses.rows), frame, image))
+            case "jig" | "scale" if self._presses is not None:
+                self._presses.change_way()
             case "undo" if self._presses is not None:
                 self._presses.undo()
                 self._work.append(SavePress(tuple(self._presses.rows)))
@@ -136,7 +142,7 @@ class CalibrationGuide:
             self.calibration, self.step = calibration, GuideStep.REPORT
             return
         estimator = Estimator(calibration)
-        self._presses = PressStep(estimator, self._rows, self._names)
+        self._presses = PressStep(estimator, self._rows, self._names, self._holes)
         self._warm_up = None if self._is_warm else WarmUpStep(estimator)
         self.step = GuideStep.PRESSES if self._is_warm else GuideStep.WARM_UP
 
@@ -146,11 +152,11 @@ class CalibrationGuide:
 
     def view(self) -> GuideView:
         """Return what a person sees now."""
-        judgement, (done, total) = self._judge(), self._progress()
+        present, judgement, (done, total) = self._present(), self._judge(), self._progress()
         return GuideView(
             number=STEPS.index(self.step) + 1,
             steps=len(STEPS),
-            title=self.step.value,
+            title=present.title if isinstance(present, PressStep) else self.step.value,
             instruction=self._instruction(),
             verdict=judgement.verdict,
             text=judgement.text,
@@ -240,7 +246,7 @@ class CalibrationGuide:
             case ReferenceStep() as reference:
                 return len(reference.images), REFERENCE_FRAMES
             case PressStep() as presses:
-                return len(presses.rows), PRESSES
+                return presses.progress
             case None if self.step is not GuideStep.REPORT:
                 return self._fitted
         return 0, 0
@@ -260,4 +266,5 @@ def _press_actions(presses: PressStep) -> list[GuideAction]:
     if presses.taken is not None:
         return [GuideAction("mass", "Enter the grams", "g"), GuideAction("undo", "Discard the picture")]
     undo = [GuideAction("undo", "Delete the last press")] if presses.rows else []
-    return [GuideAction("take", "Take the picture"), GuideAction("next", "Calibrate"), *undo, RESTART]
+    way = [presses.other_way] if presses.other_way is not None else []
+    return [GuideAction("take", "Take the picture"), GuideAction("next", "Calibrate"), *undo, *way, RESTART]

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate_edge.daemon.check_rows import Verdict
-from palpate_edge.estimation.calibration import Calibration, RegionErrors
+from palpate_edge.estimation.calibration import Calibration, JigErrors, RegionErrors
 from palpate_edge.guide.guide_view import Judgement
 from palpate_edge.guide.picture_steps import Figures
 
 POOR_SPREAD_PERCENT = 5.0
 GOOD_MM, LEAST_HELD = 0.6, 0.8  # mean error of 20 presses (docs/accuracy.md); share in the 95 % radius
+POOR_JIG_MM = 1.2  # holes of a jig as printed are 0.3 to 0.8 mm off (python -m bench.jig)
 POOR_RESIDUAL_DIAMETERS = 0.15
 """Residual of the layout over a bead's diameter: beads were drawn 0.2 mm off of 3 mm at most."""
 
@@ -28,6 +29,8 @@ def report_judgement(calibration: Calibration) -> Judgement:
         )
     elif source.regions:
         return _judge_regions(source.regions)
+    elif source.jig is not None:
+        return _judge_jig(source.jig)
     elif calibration.stiffness_scale is None:
         text = "positions, and no force: add presses on a kitchen scale"
     else:
@@ -37,6 +40,23 @@ def report_judgement(calibration: Calibration) -> Judgement:
         )
         return Judgement(Verdict.OK, text)
     return Judgement(Verdict.WARN, text)
+
+
+def _judge_jig(jig: JigErrors) -> Judgement:
+    if jig.left_out_mm > POOR_JIG_MM:
+        text = (
+            f"presses through the jig are {jig.left_out_mm:.2f} mm off: look for a hole taken for another, "
+            "or a jig that is turned or not down on the housing"
+        )
+        return Judgement(Verdict.WARN, text)
+    if not jig.used:
+        text = f"the jig confirms the dome model: {jig.left_out_mm:.2f} mm off at its holes, nothing adjusted"
+    else:
+        text = (
+            f"holes left out in turn are {jig.left_out_mm:.2f} mm off, {jig.without_mm:.2f} without the jig; "
+            "the print's own error is in both"
+        )
+    return Judgement(Verdict.OK, text)
 
 
 def weakest_region(regions: Sequence[RegionErrors]) -> RegionErrors:
@@ -75,8 +95,14 @@ def report_figures(calibration: Calibration) -> Figures:
         ("presses", f"{source.presses} placed, {source.weighed} weighed, {dropped} left out"),
         ("stiffness", "unknown" if scale is None else f"{scale:.3f} of the dome model's"),
         ("weights disagree by", "–" if spread_percent is None else f"{spread_percent:.1f} %"),
+        *([] if source.jig is None else [("jig", _jig_errors(source.jig))]),
         *region_figures(source.regions),
     ]
+
+
+def _jig_errors(jig: JigErrors) -> str:
+    effect = "adjusts the dome model" if jig.used else "changes nothing"
+    return f"{jig.holes} holes, {jig.left_out_mm:.2f} mm off ({jig.without_mm:.2f} without); {effect}"
 
 
 def region_figures(regions: Sequence[RegionErrors]) -> Figures:

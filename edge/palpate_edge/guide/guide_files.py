@@ -19,6 +19,7 @@ from palpate_edge.datasets.weights_table import WEIGHTS, read_weight_rows, weigh
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.guide.calibration_guide import CalibrationGuide, FitCalibration, SavePress, SaveReference
 from palpate_edge.guide.report_picture import report_svg
+from palpate_edge.jig.jig_table import JIG, read_jig_table
 
 REFERENCE = "reference"
 
@@ -42,7 +43,9 @@ class GuideFiles:
         rows = read_weight_rows(weights) if references and weights.exists() else []
         frames = self.folder / "frames"
         names = [path.name for path in frames.iterdir()] if frames.is_dir() else []
-        return CalibrationGuide(sensor, references, rows, names)
+        jig = self.folder / JIG
+        holes = read_jig_table(jig) if jig.exists() else ()
+        return CalibrationGuide(sensor, references, rows, names, holes)
 
     def save_reference(self, work: SaveReference) -> None:
         """Write the reference frames; keep earlier ones, and the weights of their time, under other names."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+import msgspec
 from smbus2 import SMBus
 
 from palpate_edge.common.errors import IlluminationError
@@ -43,8 +43,7 @@ class SmBus(Protocol):
     def close(self) -> None: ...
 
 
-@dataclass(frozen=True, slots=True)
-class IlluminationState:
+class IlluminationState(msgspec.Struct, frozen=True):
     """Measurements and counters of the controller. duty: 0 to 1.
 
     faults: since the reset or since they were cleared; present: those whose cause persists.

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+
+import msgspec
 
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.illumination.client import IlluminationClient, IlluminationState
@@ -20,8 +21,7 @@ FULL_LEVEL = 255
 BLINK_UPDATES = 40  # 10 s at two flashes a second
 
 
-@dataclass(frozen=True, slots=True)
-class LightState:
+class LightState(msgspec.Struct, frozen=True):
     """The last answer. state: None while the controller does not answer; problem: the reason, else empty.
 
     losses: times that the controller stopped answering, since the start.

@@ -12,13 +12,16 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.common.contact_quantities import (
     AI_AUTOZERO,
     CONTACT_TPDOS,
+    FD_TPDO,
     POSE_TPDOS,
     SensorOutputs,
 )
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fd_bus import on_fd_bus
 from palpate_edge.node.fingertip_objects import (
     CALIBRATION_HASH,
     COUNTERS,
+    DATA_BITRATE,
     DOME_OUTPUTS,
     EXPOSURE_TIME,
     LATENCY_BINS_US,
@@ -44,7 +47,7 @@ from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_parameters import with_tpdos_enabled
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.slave import Slave, SlaveOutput
-from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters
+from palpate_edge.node.stored_parameters import NOTHING_STORED, StoredParameters, without_storage
 
 AUTOZERO_SIGNATURE = int.from_bytes(b"zero", "little")
 TARE_IN_CONTACT_SIGNATURE = int.from_bytes(b"ZERO", "little")
@@ -70,27 +73,37 @@ class FingertipNode:
         model_hash: str = "",
         serial_number: int = 0,
         kept: StoredParameters = NOTHING_STORED,
+        stores: bool = True,
         has_led: bool = False,
         outputs: SensorOutputs = DOME_OUTPUTS,
+        data_bitrate: int | None = None,
     ) -> None:
         """Make the node. Raises ConfigError when `node_id` is not in 1..127 or 255 (id by LSS).
 
-        kept: stored parameters; a node id in it takes precedence over `node_id`. has_led: whether an LED
+        kept: stored parameters; a node id in it takes precedence over `node_id`. stores: whether the
+        application can store parameters; a master reads it in 1010h. has_led: whether an LED
         controller exists; without one, writes to 2030h are rejected. outputs: what the calibration gives;
-        with poses, their TPDOs are enabled.
+        with poses, their TPDOs are enabled. data_bitrate: bit/s of the data phase of CAN FD frames; a contact
+        is then one CAN FD frame. None on a classic bus.
         """
         od = load_eds(FINGERTIP_EDS, node_id)
-        if outputs.pose:
+        if data_bitrate is not None:
+            od = on_fd_bus(od, poses=outputs.pose)
+        elif outputs.pose:
             od = with_tpdos_enabled(od, POSE_TPDOS)
+        if not stores:
+            od = without_storage(od)
         self._is_touched = False
         software = od.entry(*SOFTWARE_VERSION).default
         constants = repr((software, method, calibration_hash, model_hash, serial_number, outputs))
+        constants += f" {data_bitrate}" if data_bitrate else ""
         device = hashlib.sha256(constants.encode()).hexdigest()[:HASH_DIGITS]
         self.slave = Slave(od, self._check_write, kept.on_device(device))
         self._has_led = has_led
         self._outputs = outputs
         self.slave.write(METHOD, 0, int(method))
         self.slave.write(NEVER_GIVEN, 0, never_given_flags(outputs))
+        self.slave.write(DATA_BITRATE, 0, data_bitrate or 0)
         self.slave.write(CALIBRATION_HASH, 0, calibration_hash[:HASH_DIGITS])
         self.slave.write(MODEL_HASH, 0, model_hash[:HASH_DIGITS])
         self.slave.write(*SERIAL_NUMBER, serial_number)
@@ -128,7 +141,7 @@ class FingertipNode:
         if exposed_us is not None:
             objects[EXPOSURE_TIME, 0] = exposed_us & UINT32_MAX
         self.slave.write_all(objects)
-        self.slave.trigger(CONTACT_TPDOS)
+        self.slave.trigger((*CONTACT_TPDOS, FD_TPDO))  # those that are enabled
         self._uncounted.append((contact.valid, latency_us))
 
     def _count(self) -> None:

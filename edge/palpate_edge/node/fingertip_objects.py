@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
+
+import msgspec
 
 from palpate_edge.can_bus.clock_sync import ClockState
 from palpate_edge.common.contact import Contact
@@ -27,6 +28,7 @@ from palpate_edge.common.contact_quantities import (
 from palpate_edge.node.object_dictionary import ObjectKey
 
 METHOD, CALIBRATION_HASH, MODEL_HASH, LOCATION, NEVER_GIVEN = 0x2000, 0x2001, 0x2002, 0x2003, 0x2004
+DATA_BITRATE = 0x2005
 FLAGS, QUALITY, EXPOSURE_TIME, SEQUENCE, LATENCY = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 TEMPERATURE, BEADS_LOST, FRAMES_DROPPED, LED_LEVEL = 0x2020, 0x2021, 0x2022, 0x2023
 SKIN_DRIFT = 0x2024
@@ -68,6 +70,7 @@ class Counter(IntEnum):
     LIGHT_CONTROLLER_LOSSES = 16
     LIGHT_CONTROLLER_PEC_ERRORS = 17
     CAMERA_TRIGGERS = 18
+    ID_CONFLICTS = 19
 
 
 CLOCK_STATES = {ClockState.FREE: 0, ClockState.SYNCHRONISED: 1, ClockState.LOST: 2}
@@ -75,7 +78,7 @@ CLOCK_STATES = {ClockState.FREE: 0, ClockState.SYNCHRONISED: 1, ClockState.LOST:
 
 
 class ContactFlag(IntFlag):
-    """Object 2010h. SLIP only together with CONTACT and VALID.
+    """Object 2010h. SLIP and SLIP_BEGINS only together with CONTACT and VALID.
 
     VALID: everything is, place and force included. NO_PLACE, NO_FORCE: the frame is valid, but its sensor
     never gives that; VALID is then clear, so that a master that does not know these flags uses nothing.
@@ -86,6 +89,7 @@ class ContactFlag(IntFlag):
     VALID = 0x04
     NO_PLACE = 0x08
     NO_FORCE = 0x10
+    SLIP_BEGINS = 0x20
 
 
 VALID_FLAGS = ContactFlag.VALID | ContactFlag.NO_PLACE | ContactFlag.NO_FORCE
@@ -105,6 +109,7 @@ LATENCY_BINS_US = (2_000, 5_000, 10_000, 15_000, 20_000, 30_000, 50_000)
 """Upper edges of the sub-indices of 2040h; the last sub-index is beyond them."""
 
 CONTACT, SLIP, VALID = int(ContactFlag.CONTACT), int(ContactFlag.SLIP), int(ContactFlag.VALID)
+SLIP_BEGINS = int(ContactFlag.SLIP_BEGINS)
 NO_PLACE, NO_FORCE = int(ContactFlag.NO_PLACE), int(ContactFlag.NO_FORCE)
 
 NOTHING_KNOWN: tuple[float | None, ...] = (None,) * len(QUANTITIES)
@@ -116,8 +121,7 @@ WITHOUT_POSE = tuple((place, row) for place, row in ROWS if row.tpdo[0] not in P
 DOME_OUTPUTS = SensorOutputs()
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(msgspec.Struct, frozen=True):
     """The board's state for TPDO 4, 2024h, 2031h and 2041h.
 
     frames_dropped: since the start. led_level: 0 (off) to 255. skin_drift_px: of the untouched skin since the
@@ -130,7 +134,7 @@ class Health:
     led_level: int
     skin_drift_px: float = 0.0
     exposure_us: int = 0
-    counters: Mapping[Counter, int] = field(default_factory=dict)
+    counters: Mapping[Counter, int] = msgspec.field(default_factory=dict)
 
 
 def encode_contact(
@@ -158,7 +162,9 @@ def encode_contact(
         objects[AI_STATUS, quantity.channel] = int(status)  # a plain int is found in its range at once
     flags = 0 if doubt else never_given_flags(outputs) or VALID
     if flags and contact.in_contact:
-        flags |= CONTACT | SLIP if contact.slip and flags == VALID else CONTACT
+        if flags == VALID:
+            flags |= (SLIP if contact.slip else 0) | (SLIP_BEGINS if contact.slip_begins else 0)
+        flags |= CONTACT
     objects[FLAGS, 0] = flags
     objects[QUALITY, 0] = 0 if doubt else clamp(UINT8_MAX * contact.quality, 0, UINT8_MAX)
     objects[EXPOSURE_TIME, 0] = contact.exposed_at_us & UINT32_MAX

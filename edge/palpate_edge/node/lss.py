@@ -14,13 +14,16 @@ from enum import IntEnum
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.object_dictionary import UNCONFIGURED_NODE_ID
 from palpate_edge.node.object_store import ObjectStore
+from palpate_edge.node.stored_parameters import STORE
 
 MASTER_ID, SLAVE_ID = 0x7E5, 0x7E4
 FRAME_BYTES = 8
 IDENTITY = 0x1018
 
 OK, OUT_OF_RANGE, BIT_TIMING_NOT_SUPPORTED = 0, 1, 1
-STORAGE_FAILED = 2
+STORAGE_NOT_SUPPORTED, STORAGE_FAILED = 1, 2
+SPECIFIC_ERROR = 0xFF
+DEVICE_STATE = 1  # the specific error of this node, in the byte after SPECIFIC_ERROR
 
 FASTSCAN_RESET = 0x80
 HIGHEST_BIT = 31
@@ -46,16 +49,18 @@ class LssSlave:
     """The LSS states waiting and configuration, and the pending node id.
 
     store: called to store it; returns True when it is stored already, False when it is not possible now, None
-    when `confirm_store` follows.
+    when `confirm_store` follows. may_change: returns whether the NMT state allows another node id.
     """
 
     def __init__(
         self,
         objects: ObjectStore,
         store: Callable[[int], bool | None],
+        may_change: Callable[[], bool],
     ) -> None:
         self._objects = objects
         self._store = store
+        self._may_change = may_change
         self.pending_node_id = objects.od.node_id
         self.configuring = False
         self._selected = 0
@@ -75,7 +80,7 @@ class LssSlave:
 
     def confirm_store(self, stored: bool) -> list[CanFrame]:
         """Return the response to the store request."""
-        return [answer(LssCommand.STORE, OK if stored else STORAGE_FAILED)]
+        return [answer(LssCommand.STORE, self._store_result(stored))]
 
     def receive(self, data: bytes) -> CanFrame | None:
         """Process one request and return its response, None for a request without one."""
@@ -163,15 +168,26 @@ class LssSlave:
         match command:
             case LssCommand.INQUIRE_NODE_ID:
                 return answer(command, self._objects.od.node_id)
-            case LssCommand.CONFIGURE_NODE_ID:
-                return answer(command, self._configure_node_id(data[1]))
             case LssCommand.CONFIGURE_BIT_TIMING:
                 return answer(command, BIT_TIMING_NOT_SUPPORTED)
-            case LssCommand.STORE:
-                stored = self._store(self.pending_node_id)
-                if stored is not None:
-                    return answer(command, OK if stored else STORAGE_FAILED)
+            case LssCommand.CONFIGURE_NODE_ID | LssCommand.STORE:
+                return self._change(command, data)
         return None
+
+    def _change(self, command: int, data: bytes) -> CanFrame | None:
+        """Process a request that the NMT state may forbid; None while the node id is being stored."""
+        if not self._may_change():
+            return answer(command, SPECIFIC_ERROR, DEVICE_STATE)
+        if command == LssCommand.CONFIGURE_NODE_ID:
+            return answer(command, self._configure_node_id(data[1]))
+        stored = self._store(self.pending_node_id)
+        return None if stored is None else answer(command, self._store_result(stored))
+
+    def _store_result(self, stored: bool) -> int:
+        """Return the error code of a store request. A node without storage has 0 in 1010h:01."""
+        if stored:
+            return OK
+        return STORAGE_FAILED if self._objects.optional_number(STORE, 1) else STORAGE_NOT_SUPPORTED
 
     def _configure_node_id(self, node_id: int) -> int:
         if not 1 <= node_id <= 127 and node_id != UNCONFIGURED_NODE_ID:
@@ -180,6 +196,6 @@ class LssSlave:
         return OK
 
 
-def answer(command: int, value: int = 0) -> CanFrame:
-    """Return a response with one byte of value."""
-    return CanFrame(SLAVE_ID, struct.pack("<BB6x", command, value))
+def answer(command: int, value: int = 0, specific_error: int = 0) -> CanFrame:
+    """Return a response with one byte of value, or SPECIFIC_ERROR and its reason."""
+    return CanFrame(SLAVE_ID, struct.pack("<BBB5x", command, value, specific_error))

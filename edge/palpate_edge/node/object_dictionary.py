@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+
+import msgspec
 
 from palpate_edge.common.errors import BusError
 
@@ -72,8 +73,7 @@ class Access(Enum):
         return self not in (Access.READ_ONLY, Access.CONSTANT)
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(msgspec.Struct, frozen=True):
     """One sub-index of one object.
 
     low, high: limits of values written by SDO; None for the range of the data type. follows_node_id: the
@@ -137,11 +137,11 @@ class Entry:
         return f"{self.index:04X}h:{self.subindex:02X} ({self.name})"
 
 
-@dataclass(frozen=True, slots=True)
-class ObjectDictionary:
+class ObjectDictionary(msgspec.Struct, frozen=True):
     """Every entry of one device, with ``$NODEID`` formulas evaluated for `node_id`.
 
     checksum: 16 hexadecimal digits of the file's hash. bit_rates_kbit_s: those of [DeviceInfo].
+    has_fd: the bus carries CAN FD frames, so that the device may send its CAN FD PDOs.
     """
 
     node_id: int
@@ -150,6 +150,7 @@ class ObjectDictionary:
     entries: Mapping[ObjectKey, Entry]
     indices: frozenset[int]
     bit_rates_kbit_s: frozenset[int]
+    has_fd: bool = False
 
     def for_node(self, node_id: int) -> ObjectDictionary:
         """Return the dictionary of the same device with another node id."""
@@ -157,12 +158,19 @@ class ObjectDictionary:
             return self
         shift = node_id - self.node_id
         entries = {
-            key: replace(entry, default=entry.default + shift)
+            key: msgspec.structs.replace(entry, default=entry.default + shift)
             if entry.follows_node_id and isinstance(entry.default, int)
             else entry
             for key, entry in self.entries.items()
         }
-        return replace(self, node_id=node_id, entries=entries)
+        return msgspec.structs.replace(self, node_id=node_id, entries=entries)
+
+    def with_defaults(self, defaults: Mapping[ObjectKey, Value]) -> ObjectDictionary:
+        """Return the dictionary with other defaults of these objects. Raises BusError when one is missing."""
+        changed = {
+            key: msgspec.structs.replace(self.entry(*key), default=value) for key, value in defaults.items()
+        }
+        return msgspec.structs.replace(self, entries={**self.entries, **changed})
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
         """Return an entry. Raises BusError with the file's name when there is none."""

@@ -7,15 +7,16 @@ reported the result, or after :data:`STORE_TIMEOUT_US`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+
+import msgspec
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.node.change_policy import WriteRates
 from palpate_edge.node.events import StoreRequested
-from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ObjectStore
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
-from palpate_edge.node.stored_parameters import RESTORE, StoredParameters, after_write
+from palpate_edge.node.stored_parameters import RESTORE, STORE, StoredParameters, after_write
 
 STORE_TIMEOUT_US = 5_000_000
 
@@ -23,8 +24,7 @@ Confirm = Callable[[bool], list[CanFrame]]
 """Function that makes the response to the requesting master; its argument is whether storing succeeded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Storing:
+class Storing(msgspec.Struct, frozen=True):
     """Store request in progress: the application is writing the parameters."""
 
     parameters: StoredParameters
@@ -33,43 +33,46 @@ class Storing:
 
 
 class ParameterKeeper:
-    """Keeper of a node's stored parameters; `kept` are those stored last."""
+    """Keeper of a node's stored parameters; `kept` are those stored last. rates: count the saves."""
 
-    def __init__(self, store: ObjectStore, kept: StoredParameters) -> None:
+    def __init__(self, store: ObjectStore, kept: StoredParameters, rates: WriteRates) -> None:
         self.kept = kept
         self._store = store
         self._storing: Storing | None = None
+        self._rates = rates
 
     @property
     def is_storing(self) -> bool:
         """Return whether a request is in progress."""
         return self._storing is not None
 
-    def write(
-        self, now_us: int, state: NmtState, entry: Entry, value: Value, confirm: Confirm
-    ) -> StoreRequested | None:
+    def write(self, now_us: int, entry: Entry, value: Value, confirm: Confirm) -> StoreRequested | None:
         """Process a master's write to 1010h or 1011h; return None when nothing changed since the last save.
 
-        Raises SdoAbortError when it is not allowed: for another value than the signature, in OPERATIONAL, and
-        while another request is in progress.
+        Raises SdoAbortError when it is not allowed: for another value than the signature, while another
+        request is in progress, and after too many saves.
         """
         parameters = after_write(self._store, self.kept, entry, value)
-        if self.is_storing or state is NmtState.OPERATIONAL:
+        if self.is_storing:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
+        request = self._request(now_us, parameters, confirm)
         if entry.index == RESTORE:
             self._store.clear_signature()
-        return self._request(now_us, parameters, confirm)
+        return request
 
     def keep_lss(self, now_us: int, node_id: int, confirm: Confirm) -> StoreRequested | None:
         """Process the store request of LSS; return None when nothing has changed since the last save.
 
-        `is_storing` must be False.
+        Raises SdoAbortError while another request is in progress, and after too many saves.
         """
-        parameters = self.kept
-        if node_id != parameters.node_id:
-            self._store.clear_signature()
-            parameters = replace(parameters.without_signature(), node_id=node_id)
-        return self._request(now_us, parameters, confirm)
+        if self.is_storing:
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
+        if node_id == self.kept.node_id:
+            return None
+        parameters = msgspec.structs.replace(self.kept.without_signature(), node_id=node_id)
+        request = self._request(now_us, parameters, confirm)
+        self._store.clear_signature()
+        return request
 
     def finished(self, stored: bool, parameters: StoredParameters | None = None) -> list[CanFrame]:
         """Process the application's result and return the response to the master.
@@ -96,5 +99,6 @@ class ParameterKeeper:
     def _request(self, now_us: int, parameters: StoredParameters, confirm: Confirm) -> StoreRequested | None:
         if parameters == self.kept:
             return None
+        self._rates.take(now_us, STORE)
         self._storing = Storing(parameters, confirm, now_us + STORE_TIMEOUT_US)
         return StoreRequested(parameters)

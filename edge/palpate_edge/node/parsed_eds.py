@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from palpate_edge.node.object_dictionary import Entry
 
 FINGERTIP_EDS = Path(__file__).with_name("fingertip.eds")
 
 
-@dataclass(frozen=True, slots=True)
-class ParsedEds:
+class ParsedEds(msgspec.Struct, frozen=True):
     """Contents of an EDS, with ``$NODEID`` formulas evaluated for node 1.
 
     checksum: 16 hexadecimal digits of the file's hash. bit_rates_kbit_s: those of [DeviceInfo].

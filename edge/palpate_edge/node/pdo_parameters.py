@@ -6,14 +6,21 @@ valid PDOs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+
+import msgspec
 
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.cob_ids import CAN_ID_MASK, NOT_VALID, check_cob_id
-from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
+from palpate_edge.node.object_dictionary import Entry, ObjectDictionary, ObjectKey
 from palpate_edge.node.object_store import ObjectStore
-from palpate_edge.node.pdo_codec import MappingFault, PdoDirection, PdoLayout, layout_of
+from palpate_edge.node.pdo_codec import (
+    MappingFault,
+    PdoDirection,
+    PdoLayout,
+    is_fd_pdo,
+    layout_of,
+)
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
 MAX_PDOS = 512
@@ -29,8 +36,7 @@ ABORT_OF_FAULT = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class PdoParameters:
+class PdoParameters(msgspec.Struct, frozen=True):
     """Present configuration of one PDO.
 
     event_us: event timer (TPDO) or deadline (RPDO), 0 for none. sync_start: SYNC counter at which a
@@ -65,19 +71,26 @@ def pdo_numbers(od: ObjectDictionary, direction: PdoDirection) -> tuple[int, ...
 
 def with_tpdos_enabled(od: ObjectDictionary, numbers: Sequence[int]) -> ObjectDictionary:
     """Return the dictionary with these TPDOs valid by default, whose identifiers it has but disables."""
-    entries = dict(od.entries)
+    return od.with_defaults({key: cob_id & ~NOT_VALID for key, cob_id in _tpdo_cob_ids(od, numbers)})
+
+
+def with_tpdos_disabled(od: ObjectDictionary, numbers: Sequence[int]) -> ObjectDictionary:
+    """Return the dictionary with these TPDOs not valid by default."""
+    return od.with_defaults({key: cob_id | NOT_VALID for key, cob_id in _tpdo_cob_ids(od, numbers)})
+
+
+def _tpdo_cob_ids(od: ObjectDictionary, numbers: Sequence[int]) -> Iterator[tuple[ObjectKey, int]]:
     for number in numbers:
-        entry = od.entry(PdoDirection.TRANSMIT.communication_index + number - 1, COB_ID_SUB)
-        cob_id = od.default_number(*entry.key) & ~NOT_VALID
-        entries[entry.key] = replace(entry, default=cob_id)
-    return replace(od, entries=entries)
+        key = (PdoDirection.TRANSMIT.communication_index + number - 1, COB_ID_SUB)
+        yield key, od.default_number(*key)
 
 
 def read_parameters(store: ObjectStore, direction: PdoDirection, number: int) -> PdoParameters:
     """Read the parameters of one PDO from the store. Raises ConfigError when the EDS's mapping is invalid."""
     index = direction.communication_index + number - 1
     mapping_index = direction.mapping_index + number - 1
-    layout = layout_of(store.od, _mapping_words(store, mapping_index), direction)
+    words = _mapping_words(store, mapping_index)
+    layout = layout_of(store.od, words, direction, fd=is_fd_pdo(store.od, direction, number))
     if isinstance(layout, MappingFault):
         raise ConfigError(f"{store.od.source}: {mapping_index:04X}h maps {layout.value}: correct the EDS")
     cob_id = store.number(index, COB_ID_SUB)
@@ -103,17 +116,22 @@ def valid_can_ids(store: ObjectStore, direction: PdoDirection, numbers: Sequence
 def check_pdo_write(store: ObjectStore, entry: Entry, value: int) -> None:
     """Raise SdoAbortError for an invalid write to a PDO parameter; other objects are not checked."""
     for direction in PdoDirection:
-        if 0 <= entry.index - direction.communication_index < MAX_PDOS:
-            _check_communication(store, entry, value)
+        number = 1 + entry.index - direction.communication_index
+        if 0 < number <= MAX_PDOS:
+            _check_communication(store, direction, number, entry, value)
         offset = entry.index - direction.mapping_index
         if 0 <= offset < MAX_PDOS:
             _check_mapping(store, direction, offset, entry, value)
 
 
-def _check_communication(store: ObjectStore, entry: Entry, value: int) -> None:
+def _check_communication(
+    store: ObjectStore, direction: PdoDirection, number: int, entry: Entry, value: int
+) -> None:
     cob_id = store.number(entry.index, COB_ID_SUB)
     if entry.subindex == COB_ID_SUB:
         _check_pdo_cob_id(cob_id, value)
+        if not value & NOT_VALID and not store.od.has_fd and is_fd_pdo(store.od, direction, number):
+            raise SdoAbortError(AbortCode.DEVICE_STATE)  # a classic bus carries no CAN FD frame
     elif entry.subindex == TYPE_SUB:
         # 252 and 253 are sent on a remote request only, which this node does not support (no RTR).
         if value > HIGHEST_SYNC_TYPE and value not in EVENT_DRIVEN:
@@ -142,7 +160,7 @@ def _check_mapping(
         raise SdoAbortError(AbortCode.DEVICE_STATE)
     else:
         words = [value] if value else []
-    layout = layout_of(store.od, words, direction)
+    layout = layout_of(store.od, words, direction, fd=is_fd_pdo(store.od, direction, offset + 1))
     if isinstance(layout, MappingFault):
         raise SdoAbortError(ABORT_OF_FAULT[layout])
 

@@ -4,13 +4,13 @@ A synchronous RPDO received after the SYNC window (1007h) is ignored. An RPDO wi
 time.
 
 A PDO that is too short is ignored (EMCY 0x8210); of one that is too long the mapped bytes are used (EMCY
-0x8220). The event timer of an RPDO is a deadline from the first reception on (EMCY 0x8250). The next valid
-PDO clears each error.
+0x8220), except for the zeros that fill a CAN FD frame. The event timer of an RPDO is a deadline from the
+first reception on (EMCY 0x8250). The next valid PDO clears each error.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
@@ -23,8 +23,7 @@ from palpate_edge.node.sync import SyncConsumer
 TIME_STAMP = (0x1013, 0)
 
 
-@dataclass(slots=True)
-class Rpdo:
+class Rpdo(msgspec.Struct):
     """One RPDO in OPERATIONAL. waiting: reception time and data of a synchronous RPDO until the next SYNC."""
 
     parameters: PdoParameters
@@ -99,7 +98,7 @@ class RpdoService:
         if len(data) < length_bytes:
             self._emcy.report(EmcyCode.PDO_LENGTH, ErrorRegister.COMMUNICATION)
             return []
-        if len(data) > length_bytes:
+        if len(data) > length_bytes and len(data) > parameters.layout.length_bytes:
             self._emcy.report(EmcyCode.PDO_LENGTH_EXCEEDED, ErrorRegister.COMMUNICATION)
         else:
             self._emcy.clear(EmcyCode.PDO_LENGTH_EXCEEDED)

@@ -10,11 +10,11 @@ from palpate_edge.node.emcy import COB_ID as EMCY_COB_ID
 from palpate_edge.node.emcy import EmergencyProducer
 from palpate_edge.node.heartbeat import PRODUCER_TIME, HeartbeatProducer
 from palpate_edge.node.heartbeat_consumer import CONSUMER_TIMES, HeartbeatConsumer
-from palpate_edge.node.nmt import ERROR_CONTROL_ID, NmtState
+from palpate_edge.node.nmt import ERROR_CONTROL_ID
 from palpate_edge.node.object_dictionary import Entry, Value
 from palpate_edge.node.object_store import ERROR_HISTORY, ObjectStore
 from palpate_edge.node.pdo_codec import PdoDirection
-from palpate_edge.node.pdo_parameters import COB_ID_SUB, MAX_PDOS, check_pdo_write, valid_can_ids
+from palpate_edge.node.pdo_parameters import COB_ID_SUB, check_pdo_write, valid_can_ids
 from palpate_edge.node.rpdo import RpdoService
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 from palpate_edge.node.sdo_server import SdoServer
@@ -64,9 +64,9 @@ class Services:
         if self._is_cob_id(entry) and value & CAN_ID_MASK in self._taken_ids(entry.index):
             raise SdoAbortError(AbortCode.VALUE_INVALID)
 
-    def written(self, now_us: int, state: NmtState, entry: Entry) -> None:
-        """Apply a value that a master wrote."""
-        index, operational = entry.index, state is NmtState.OPERATIONAL
+    def written(self, now_us: int, entry: Entry) -> None:
+        """Apply a value that a master wrote; parameters of PDOs apply from the next start on."""
+        index = entry.index
         if index == PRODUCER_TIME:
             self.heartbeat.reconfigure(now_us)
         elif index == CONSUMER_TIMES:
@@ -75,10 +75,6 @@ class Services:
             self.sync.start()
         elif index == time_stamp.COB_ID:
             self.time.start()
-        elif index in RPDO_PARAMETERS and operational:
-            self.rpdo.start()
-        elif index in TPDO_PARAMETERS and operational:
-            self.tpdo.reconfigure(now_us, 1 + index % MAX_PDOS)
 
     def own_ids(self) -> set[int]:
         """Return the identifiers that only this node may send."""

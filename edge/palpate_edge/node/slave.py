@@ -7,10 +7,12 @@ any counter of microseconds that never decreases.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+
+import msgspec
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node import lss
+from palpate_edge.node.change_policy import LSS_STATES, WriteRates, check_state
 from palpate_edge.node.emcy import EmcyCode, EmergencyProducer, ErrorRegister
 from palpate_edge.node.events import (
     AcceptIdsChanged,
@@ -41,6 +43,7 @@ from palpate_edge.node.object_dictionary import (
 )
 from palpate_edge.node.object_store import SIGNATURE_KEYS, ObjectStore
 from palpate_edge.node.parameter_keeper import ParameterKeeper
+from palpate_edge.node.sdo_abort import SdoAbortError
 from palpate_edge.node.services import Services
 from palpate_edge.node.stored_check import StoredParametersError, check_stored, usable_node_id
 from palpate_edge.node.stored_parameters import (
@@ -65,8 +68,7 @@ def allow_write(_entry: Entry, _value: Value) -> None:
     """Allow every write; the default check."""
 
 
-@dataclass(frozen=True, slots=True)
-class SlaveOutput:
+class SlaveOutput(msgspec.Struct, frozen=True):
     """Result of one call of `Slave.process`.
 
     frames_out: frames to send, in order. next_due_us: time of the next call if no frame is received before.
@@ -82,6 +84,7 @@ class Slave:
 
     A node with id 255 (given or stored by LSS) waits for LSS instead. kept: the stored parameters.
     stored_fault: why they are not used (EMCY 6300h); the defaults of the EDS then apply.
+    rates: count the writes whose rate is bounded.
     """
 
     def __init__(
@@ -102,15 +105,16 @@ class Slave:
             check_stored(od, kept)
         except StoredParametersError as fault:
             self.stored_fault = fault
-            kept = replace(kept, objects={}, node_id=usable_node_id(kept))
-        self._keeper = ParameterKeeper(self._store, kept)
+            kept = msgspec.structs.replace(kept, objects={}, node_id=usable_node_id(kept))
+        self.rates = WriteRates()
+        self._keeper = ParameterKeeper(self._store, kept, self.rates)
         if kept.node_id is not None:
             self._store.set_node_id(kept.node_id)
         self._first_node_id = self.node_id
         self._store.saved = kept.objects
         self._store.restore(ALL_OBJECTS)
         self._services = Services(self._store, self._commit)
-        self._lss = lss.LssSlave(self._store, self._store_lss)
+        self._lss = lss.LssSlave(self._store, self._store_lss, lambda: self.state in LSS_STATES)
         self._handlers: dict[int, Callable[[CanFrame, int], None]] = {}
         self._connect()
         if self.stored_fault is not None:
@@ -336,28 +340,30 @@ class Slave:
 
         Return False while the application stores it.
         """
+        check_state(entry.index, NmtState.OPERATIONAL if self._starts_on_release else self.state)
         if entry.index in SIGNATURES:
             confirm = self._services.sdo.confirm
-            request = self._keeper.write(self._now_us, self.state, entry, value, confirm)
+            request = self._keeper.write(self._now_us, entry, value, confirm)
             if request is not None:
                 self._events.append(request)
             return request is None
         self._services.check_write(entry, value)
         self._check_write(entry, value)
+        self.rates.take(self._now_us, entry.index)
         if is_parameter(entry) and entry.key not in SIGNATURE_KEYS and self._store.values[entry.key] != value:
             self._store.clear_signature()
         self._store.values[entry.key] = value
         self._events.append(ObjectWritten(entry.index, entry.subindex, value))
         if entry.index in COMMUNICATION:
-            self._services.written(self._now_us, self.state, entry)
+            self._services.written(self._now_us, entry)
             self._connect()
         return True
 
     def _store_lss(self, node_id: int) -> bool | None:
-        if self._keeper.is_storing:
+        try:
+            request = self._keeper.keep_lss(self._now_us, node_id, self._lss.confirm_store)
+        except SdoAbortError:
             return False
-        confirm = self._lss.confirm_store
-        request = self._keeper.keep_lss(self._now_us, node_id, confirm)
         if request is None:
             return True
         self._events.append(request)

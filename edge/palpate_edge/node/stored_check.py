@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.cob_ids import NOT_VALID
+from palpate_edge.node.eds_history import EARLIER
 from palpate_edge.node.emcy import COB_ID as EMCY_COB_ID
-from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.object_dictionary import (
     UNCONFIGURED_NODE_ID,
     DataType,
@@ -36,7 +36,7 @@ def check_stored(od: ObjectDictionary, kept: StoredParameters) -> None:
     node_id = kept.node_id
     if node_id is not None and usable_node_id(kept) is None:
         raise StoredParametersError(f"the stored node id is {node_id}: 1 to 127 or 255 is allowed")
-    if kept.objects and kept.eds_checksum != od.checksum:
+    if kept.objects and kept.eds_checksum not in (od.checksum, *(eds.checksum for eds in EARLIER)):
         raise StoredParametersError(
             f"the stored parameters belong to another EDS ({kept.eds_checksum}): save them again"
         )
@@ -89,7 +89,7 @@ def _check_as_writes(od: ObjectDictionary, objects: Mapping[ObjectKey, Value]) -
         except SdoAbortError:
             raise _refused(entry, value) from None
         store.values[key] = value
-        services.written(0, NmtState.PRE_OPERATIONAL, entry)
+        services.written(0, entry)
 
 
 def _pdo_indices(index: int) -> tuple[int, int]:

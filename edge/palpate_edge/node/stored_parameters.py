@@ -8,9 +8,10 @@ that depends on the node id still does so after LSS assigns another one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 
-from palpate_edge.node.object_dictionary import Entry, ObjectKey, Value
+import msgspec
+
+from palpate_edge.node.object_dictionary import Entry, ObjectDictionary, ObjectKey, Value
 from palpate_edge.node.object_store import ERROR_HISTORY, SIGNATURE_KEYS, ObjectStore
 from palpate_edge.node.sdo_abort import AbortCode, SdoAbortError
 
@@ -27,8 +28,7 @@ NEVER_STORED = frozenset({ERROR_HISTORY, STORE, RESTORE, 0x1013})
 """Commands, a history and a clock, which are writable but not parameters."""
 
 
-@dataclass(frozen=True, slots=True)
-class StoredParameters:
+class StoredParameters(msgspec.Struct, frozen=True):
     """Values that a node keeps without power.
 
     eds_checksum: of the EDS that `objects` belong to. node_id: stored by LSS, None if not. bit_rate_kbit_s:
@@ -39,12 +39,12 @@ class StoredParameters:
     eds_checksum: str = ""
     node_id: int | None = None
     bit_rate_kbit_s: int | None = None
-    objects: Mapping[ObjectKey, Value] = field(default_factory=dict)
+    objects: Mapping[ObjectKey, Value] = msgspec.field(default_factory=dict)
     device: str = ""
 
     def without_signature(self) -> StoredParameters:
         """Return the parameters with 1020h at 0, after a change of the others."""
-        return replace(self, objects=_without_signature(self.objects))
+        return msgspec.structs.replace(self, objects=_without_signature(self.objects))
 
     def on_device(self, device: str) -> StoredParameters:
         """Return the parameters as `device` starts with them.
@@ -53,10 +53,15 @@ class StoredParameters:
         signature.
         """
         kept = self if device == self.device else self.without_signature()
-        return replace(kept, device=device)
+        return msgspec.structs.replace(kept, device=device)
 
 
 NOTHING_STORED = StoredParameters()
+
+
+def without_storage(od: ObjectDictionary) -> ObjectDictionary:
+    """Return the dictionary of a device that cannot store: 1010h and 1011h read 0 (CiA 301, 7.5.2.13)."""
+    return od.with_defaults({(index, group): 0 for index in SIGNATURES for group in GROUPS})
 
 
 def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value: Value) -> StoredParameters:
@@ -71,7 +76,7 @@ def after_write(store: ObjectStore, kept: StoredParameters, entry: Entry, value:
     objects = {key: kept_value for key, kept_value in kept.objects.items() if key[0] not in group}
     if entry.index == STORE:
         objects |= changed_parameters(store, group)
-    parameters = replace(kept, eds_checksum=store.od.checksum, objects=objects)
+    parameters = msgspec.structs.replace(kept, eds_checksum=store.od.checksum, objects=objects)
     is_changed = _without_signature(objects) != _without_signature(kept.objects)
     is_signed = entry.index == STORE and store.is_signed
     return parameters.without_signature() if is_changed and not is_signed else parameters

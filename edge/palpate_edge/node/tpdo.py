@@ -6,7 +6,8 @@ With a SYNC start value, counting begins at the SYNC with that counter.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+
+import msgspec
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
@@ -16,8 +17,7 @@ from palpate_edge.node.pdo_parameters import PdoParameters, pdo_numbers, read_pa
 from palpate_edge.node.sync import COUNTER_OVERFLOW
 
 
-@dataclass(slots=True)
-class Tpdo:
+class Tpdo(msgspec.Struct):
     """One TPDO in OPERATIONAL.
 
     self_triggered: valid and event-driven. requested: triggered by the application since it was last sent.
@@ -80,21 +80,20 @@ class TpdoService:
 
     def start(self, now_us: int) -> None:
         """Read the parameters and begin to transmit."""
-        for number in self.numbers:
-            self.reconfigure(now_us, number)
-
-    def reconfigure(self, now_us: int, number: int) -> None:
-        """Read the parameters of TPDO `number` again, after a write to one of them."""
-        parameters = read_parameters(self._store, PdoDirection.TRANSMIT, number)
         counted = bool(self._store.optional_number(COUNTER_OVERFLOW))
-        self._tpdos[number] = tpdo = Tpdo(
-            parameters,
-            self_triggered=parameters.is_sent and parameters.event_driven,
-            awaits_start=counted and parameters.sync_start != 0,
+        all_parameters = (
+            read_parameters(self._store, PdoDirection.TRANSMIT, number) for number in self.numbers
         )
-        tpdo.start_event_timer(now_us)
-        by_identifier = sorted(self._tpdos.items(), key=lambda item: item[1].parameters.can_id)
-        self._tpdos = dict(by_identifier)
+        self._tpdos = {
+            parameters.number: Tpdo(
+                parameters,
+                self_triggered=parameters.is_sent and parameters.event_driven,
+                awaits_start=counted and parameters.sync_start != 0,
+            )
+            for parameters in sorted(all_parameters, key=lambda one: one.can_id)
+        }
+        for tpdo in self._tpdos.values():
+            tpdo.start_event_timer(now_us)
 
     def stop(self) -> None:
         """Stop transmitting."""
@@ -140,4 +139,4 @@ class TpdoService:
 
     def _send(self, tpdo: Tpdo, now_us: int) -> CanFrame:
         tpdo.sent(now_us)
-        return CanFrame(tpdo.parameters.can_id, tpdo.parameters.layout.pack(self._store.values))
+        return tpdo.parameters.layout.frame(tpdo.parameters.can_id, self._store.values)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import PalpateError, RigError
 from palpate_edge.common.frame import Frame
 from palpate_edge.press_rig.marlin import EMERGENCY_STOP, MarlinLink
@@ -44,7 +45,11 @@ class RigOutputs:
 
 
 class RigCore:
-    """Answers the requests of a run."""
+    """Answers the requests of a run.
+
+    target_mm: (3,) of the last move, force_N: the last reading of the scale since the last tare; None before
+    the first one.
+    """
 
     def __init__(self, rig: RigConfig, run: Run) -> None:
         self._run = run
@@ -52,6 +57,8 @@ class RigCore:
         self._settling = rig.scale.settling
         self.printer = MarlinLink(rig.printer.silence_s)
         self.scale = ScaleLink(rig.scale.unit_N, rig.scale.silence_s)
+        self.target_mm: Array | None = None
+        self.force_N: float | None = None
         self._request: Request | None = None  # None before the first one
         self._unsent: deque[str] = deque()  # lines of the request
         self._readings: list[float] = []
@@ -118,6 +125,7 @@ class RigCore:
         if isinstance(request, Command):
             self._unsent.append(request.line)
         elif isinstance(request, MoveTo):
+            self.target_mm = request.to_mm
             x, y, z = request.to_mm.tolist()
             speed = 60 * request.speed_mm_s
             self._unsent += [f"G1 X{x:.3f} Y{y:.3f} Z{z:.3f} F{speed:.0f}", "M400"]
@@ -154,21 +162,26 @@ class RigCore:
 
     def _receive_reading(self, reading: ScaleReading, outputs: RigOutputs) -> None:
         """Take a reading. Raises RigError, with an emergency stop among the outputs, far above the limit."""
-        if self._limit_N is not None and reading.force_N > self._limit_N:
-            force_N = reading.force_N - self._limit_N + self._stop_N
-            if force_N > EMERGENCY_RATIO * self._stop_N:
-                self._run.close()
-                outputs.to_printer = EMERGENCY_STOP
-                raise RigError(
-                    f"the scale read {force_N:.1f} N: emergency stop (M112); reset the printer, home it and "
-                    "repeat the command to go on"
-                )
-            self.stop(
-                f"the scale read {force_N:.1f} N, presses.stop_N is {self._stop_N:g}: the ball was lifted "
-                "off; find what it met, then repeat the command to go on"
-            )
+        if self._limit_N is not None:
+            self.force_N = reading.force_N - self._limit_N + self._stop_N
+            if reading.force_N > self._limit_N:
+                self._stop_at_force(self.force_N, outputs)
         if isinstance(self._request, Weigh):
             if self._to_skip:
                 self._to_skip -= 1
             elif len(self._readings) < self._request.count:
                 self._readings.append(reading.force_N)
+
+    def _stop_at_force(self, force_N: float, outputs: RigOutputs) -> None:
+        """Stop the run. Raises RigError, with an emergency stop among the outputs, far above the limit."""
+        if force_N > EMERGENCY_RATIO * self._stop_N:
+            self._run.close()
+            outputs.to_printer = EMERGENCY_STOP
+            raise RigError(
+                f"the scale read {force_N:.1f} N: emergency stop (M112); reset the printer, home it and "
+                "repeat the command to go on"
+            )
+        self.stop(
+            f"the scale read {force_N:.1f} N, presses.stop_N is {self._stop_N:g}: the ball was lifted "
+            "off; find what it met, then repeat the command to go on"
+        )

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Protocol
 
-from palpate_edge.capture.source import Source
 from palpate_edge.common.errors import CaptureError, MissingExtraError, RigError, reason_of
 from palpate_edge.common.frame import Frame
 from palpate_edge.press_rig.rig_core import RigCore, RigOutputs
@@ -16,6 +15,12 @@ from palpate_edge.press_rig.rig_core import RigCore, RigOutputs
 WAIT_S = 0.02  # for bytes, at most
 MOST_BYTES = 65536
 INTERRUPTED = "stopped: the ball was lifted off; repeat the command to go on"
+
+
+class RunCamera(Protocol):
+    """The part of a capture source that a run uses."""
+
+    def read(self) -> Frame | None: ...
 
 
 class SerialPort(Protocol):
@@ -53,7 +58,7 @@ def run_rig(
     core: RigCore,
     printer: SerialPort,
     scale: SerialPort,
-    camera: Source,
+    camera: RunCamera,
     clock_us: Callable[[], int],
     stopped: threading.Event,
     after_step: Callable[[RigOutputs], None],
@@ -86,7 +91,7 @@ def run_rig(
             select.select(ports, [], [], WAIT_S)
 
 
-def _picture(core: RigCore, camera: Source) -> Frame | None:
+def _picture(core: RigCore, camera: RunCamera) -> Frame | None:
     """Return the camera's next frame; stop the run without one."""
     try:
         frame = camera.read()

@@ -27,11 +27,12 @@ class FoundCamera:
 
 @dataclass(frozen=True, slots=True)
 class FoundBus:
-    """A CAN interface of the kernel, or the local hub. what: its state."""
+    """A CAN interface of the kernel, or the local hub. what: its state; is_down: no frame can be sent."""
 
     interface: str
     channel: str
     what: str
+    is_down: bool = False
 
     @property
     def line(self) -> str:

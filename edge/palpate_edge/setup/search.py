@@ -42,8 +42,9 @@ def find_buses(network: Path = NETWORK) -> list[FoundBus]:
     for interface in sorted(network.iterdir()) if network.is_dir() else []:
         if _text(interface / "type") == ARPHRD_CAN:
             state = _text(interface / "operstate") or "unknown"
-            way_out = "" if state in ("up", "unknown") else f"; ip link set {interface.name} up"
-            found.append(FoundBus("socketcan", interface.name, f"{state}{way_out}"))
+            is_down = state not in ("up", "unknown")
+            way_out = f"; ip link set {interface.name} up" if is_down else ""
+            found.append(FoundBus("socketcan", interface.name, f"{state}{way_out}", is_down))
     return [*found, FoundBus("palpate", "", "the local hub: palpate-host bus hub")]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask
@@ -48,8 +49,7 @@ class Reference:
         return Neighbourhood(self.position_px)
 
 
-@dataclass(frozen=True, slots=True)
-class Beads:
+class Beads(msgspec.Struct, frozen=True):
     """The beads of one frame, in the reference's order.
 
     position_px (n, 2): measured where `found` (n,), else predicted from the found neighbours; lost (m,):
@@ -76,7 +76,7 @@ class Beads:
         noise: Floats | None = None,
     ) -> Beads:
         """Return the beads at `position_px` (n, 2), of which `found` (n,) were measured."""
-        lost = NO_BEADS if found.all() else np.flatnonzero(~found)
+        lost = NO_BEADS if found.all() else (~found).nonzero()[0]
         return cls(position_px, found, lost, searched, doubt, noise)
 
     @property

@@ -7,9 +7,9 @@ dome's rim, light patches and printed lines give no response. subpixel.py then m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Plane
@@ -21,8 +21,7 @@ KERNEL_SIGMAS = 2.5  # half the width of the filter
 MIN_STRENGTH = 1.0  # grey levels
 
 
-@dataclass(frozen=True, slots=True)
-class Blobs:
+class Blobs(msgspec.Struct, frozen=True):
     """Blobs of one frame, strongest first: position_px (n, 2), strength (n,) in grey levels."""
 
     position_px: Array
@@ -62,26 +61,29 @@ def find_blobs(
     to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
     limit = (min_strength / to_strength) ** 2
     reach = max(1, round(0.45 * diameter_px / binning))
-    near = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    highest: Floats = np.asarray(cv2.dilate(determinant, near, dst=yy), np.float32)
-    np.maximum(highest, np.nextafter(np.float32(limit), np.float32(np.inf)), out=highest)
+    near = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * reach + 1, 2 * reach + 1))
+    highest = cv2.dilate(determinant, near, dst=yy)
     peak = determinant >= highest
-    peak[[0, -1], :] = False
-    peak[:, [0, -1]] = False
-    index = np.flatnonzero(peak)
+    peak &= determinant > limit
+    peak[0] = peak[-1] = peak[:, 0] = peak[:, -1] = False
+    index = peak.ravel().nonzero()[0]
     strength = to_strength * np.sqrt(determinant.ravel()[index]).astype(np.float64)
     order = np.argsort(-strength, kind="stable")
     place = _highest_points(determinant, index[order])
-    return Blobs(place * binning + 0.5 * (binning - 1), strength[order])
+    place *= binning
+    place += 0.5 * (binning - 1)
+    return Blobs(place, strength[order])
 
 
 def _highest_points(values: Floats, index: Indices) -> Array:
     """Return the places (n, 2) of maxima at flat indices (n,): of parabolas through three pixels an axis."""
     flat, width = values.ravel(), values.shape[1]
-    row, column = np.divmod(index, width)
-    place = np.stack([column, row], axis=1).astype(np.float64)
-    for axis, step in enumerate((1, width)):
-        before, at, after = (flat[index + offset].astype(np.float64) for offset in (-step, 0, step))
-        curvature = np.maximum(2 * at - before - after, 1e-12)
-        place[:, axis] += np.clip(0.5 * (after - before) / curvature, -0.5, 0.5)
+    steps = np.array([[1], [width]])
+    at = flat[index].astype(np.float64)
+    before, after = flat[index - steps].astype(np.float64), flat[index + steps].astype(np.float64)
+    curvature = np.maximum(2 * at - before - after, 1e-12)
+    ahead = np.minimum(np.maximum(0.5 * (after - before) / curvature, -0.5), 0.5)
+    place = np.empty((len(index), 2))
+    np.add(index % width, ahead[0], out=place[:, 0])
+    np.add(index // width, ahead[1], out=place[:, 1])
     return place

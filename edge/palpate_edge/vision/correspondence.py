@@ -22,11 +22,11 @@ pictures.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Indices, Mask
+from palpate_edge.common.arrays import Array, Indices, Mask, median
 from palpate_edge.geometry.points import distances
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.local_warp import LocalWarp
@@ -49,8 +49,7 @@ STRONG = 0.5  # of the labelled blobs' strength; specks and reflections are most
 AT_LATTICE = 1.3  # local spacings; a blob nearer to a bead's place stands in the lattice or one row beside it
 
 
-@dataclass(frozen=True, slots=True)
-class Match:
+class Match(msgspec.Struct, frozen=True):
     """Labels of one frame's blobs.
 
     blob (n,): each bead's blob, or NO_BLOB; predicted_px (n, 2): each bead's place as its neighbours predict
@@ -75,7 +74,7 @@ class Correspondence:
         self._reference_px = neighbourhood.position_px
         self._warp = LocalWarp(neighbourhood)
         spacing_px = self._warp.spacing_px
-        self._spacing_squared = float(np.median(spacing_px)) ** 2
+        self._spacing_squared = median(spacing_px) ** 2
         self._start_gate, self._growth_gate = ((gate * spacing_px) ** 2 for gate in (START_GATE, GROWTH_GATE))
         self._smooth_squared = (SMOOTH * spacing_px) ** 2
         self._some = slice(None, None, max(1, len(spacing_px) // RANKING_BEADS))
@@ -134,9 +133,9 @@ class Correspondence:
         joined &= apart_x * apart_x + apart_y * apart_y < self._patch_step
         none = len(known)
         label = np.arange(none)
-        joined_to = np.where(joined, self._near, label[:, None])
+        joined_to = np.where(joined, self._near, label[:, None]).T.copy()  # minima along short rows are slow
         while True:  # the smallest number of a patch spreads over it; every bead also takes its label's label
-            lower = np.minimum(label, label[joined_to].min(axis=1))
+            lower = np.minimum(label, label[joined_to].min(axis=0))
             lower = lower[lower]
             if (lower == label).all():
                 break

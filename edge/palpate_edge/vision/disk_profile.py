@@ -7,9 +7,8 @@ key, the square of a checkerboard or a maximum of noise lacks one of the two.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Mask, Plane
@@ -24,8 +23,7 @@ MAX_OVAL, MIN_ISOLATION, MAX_OFFSET = 0.15, 0.65, 0.25
 DIAMETER_RANGE = (0.6, 1.5)
 
 
-@dataclass(frozen=True, slots=True)
-class DiskProfile:
+class DiskProfile(msgspec.Struct, frozen=True):
     """Shape of n blobs; lengths are relative to the searched diameter.
 
     contrast (n,): grey levels from core to skin; diameter (n,); oval (n,): deviation of the edge from a

@@ -51,7 +51,7 @@ class LabelCheck:
             return labelling
         x, y = position_px.T.astype(np.float32)
         apart_x, apart_y = (axis.take(self._pairs[0]) - axis.take(self._pairs[1]) for axis in (x, y))
-        near = np.flatnonzero(apart_x * apart_x + apart_y * apart_y < self._overlap_squared)
+        near = (apart_x * apart_x + apart_y * apart_y < self._overlap_squared).nonzero()[0]
         if len(near):
             first, second = (ends[near] for ends in self._pairs)
             both = found[first] & found[second]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Mask
+from palpate_edge.common.arrays import Array, Floats, Mask, median
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 LENGTH, REACH = 1.1, 2.6  # of the weights, in local spacings; neighbours beyond the reach have none
@@ -30,7 +30,7 @@ class LocalWarp:
         np.fill_diagonal(distance_px, np.inf)
         nearest = np.sort(distance_px, axis=1)[:, :NEAREST]
         self.spacing_px: Array = np.mean(nearest, axis=1)
-        self._unit_px = float(np.median(self.spacing_px))
+        self._unit_px = median(self.spacing_px)
         relative = distance_px / self.spacing_px[:, None]
         weight = np.where(relative < REACH, np.exp(-0.5 * (np.minimum(relative, REACH) / LENGTH) ** 2), 0.0)
         self._weight: Floats = np.ascontiguousarray(weight.T, dtype=np.float32)

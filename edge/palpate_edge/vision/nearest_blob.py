@@ -19,17 +19,17 @@ class NearestBlob:
     def __init__(self, blob_px: Array) -> None:
         """blob_px (m, 2), at least one."""
         self._blob_px = blob_px
-        self._centre_px = blob_px.mean(axis=0)
+        self._centre_px = blob_px.sum(axis=0) / len(blob_px)
         centred: Floats = (blob_px - self._centre_px).astype(np.float32)
-        self._to_products = np.ascontiguousarray(-2.0 * centred.T)
-        self._squared = np.vecdot(centred, centred)
-        self._nobody = np.full(len(blob_px), NO_BLOB)
+        self._to_products = np.empty((3, len(blob_px)), np.float32)
+        np.multiply(centred.T, -2.0, out=self._to_products[:2])
+        np.vecdot(centred, centred, out=self._to_products[2])
 
     def look_up(self, place_px: Array) -> tuple[Indices, Array]:
         """Return the nearest blob (n,) of each place (n, 2), and the squared distance to it, px^2."""
-        products = (place_px - self._centre_px).astype(np.float32) @ self._to_products
-        products += self._squared
-        blob = products.argmin(axis=1)
+        factors = np.ones((len(place_px), 3), np.float32)
+        np.subtract(place_px, self._centre_px, out=factors[:, :2], casting="same_kind")
+        blob = (factors @ self._to_products).argmin(axis=1)
         apart = self._blob_px[blob] - place_px
         return blob, np.asarray(np.vecdot(apart, apart))
 
@@ -39,11 +39,12 @@ class NearestBlob:
         gate_squared (n,): limit of the squared distance, px^2.
         """
         blob, squared = self.look_up(place_px)
-        near = np.flatnonzero(squared < gate_squared)
-        near = near[np.argsort(-squared[near])]
-        owner = self._nobody.copy()
-        owner[blob[near]] = near  # of several places the last one written is the nearest
-        taken = np.flatnonzero(owner >= 0)
-        partner = np.full(len(place_px), NO_BLOB)
-        partner[owner[taken]] = taken
+        partner = np.where(squared < gate_squared, blob, NO_BLOB)
+        near = (partner != NO_BLOB).nonzero()[0]
+        wanted = partner[near]
+        if len(near) and np.bincount(wanted).max() > 1:
+            near = near[np.argsort(-squared[near])]
+            owner = np.empty(len(self._blob_px), np.intp)
+            owner[blob[near]] = near  # of several places the last one written is the nearest
+            partner[near[owner[blob[near]] != near]] = NO_BLOB
         return partner

@@ -6,9 +6,8 @@ limit; it is largest when the lens is in focus.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Image
@@ -18,8 +17,7 @@ SATURATED = 250
 STEEPEST_PERCENT = 99.5  # percentile of the gradients that count as edges
 
 
-@dataclass(frozen=True, slots=True)
-class PictureMeasure:
+class PictureMeasure(msgspec.Struct, frozen=True):
     """Measures of one picture. brightness: mean grey level, 0 to 255; saturated_share: of the pixels, 0 to 1;
     sharpness: of the edges, contrasts a pixel; blobs: that look like beads."""
 

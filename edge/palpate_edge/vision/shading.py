@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Plane
@@ -15,8 +14,7 @@ ROUNDS = 3
 OUTLIER_GREY = 6.0  # grey levels from the plane; such a pixel is another bead's, a highlight's or dirt
 
 
-@dataclass(frozen=True, slots=True)
-class Shading:
+class Shading(msgspec.Struct, frozen=True):
     """Brightness of the skin about n beads.
 
     slope (n, 2): growth of the skin's grey from pixel to pixel, over the bead's contrast. unlit: the plane's

@@ -13,10 +13,10 @@ because a pixel twice as bright as the skin also changes twice as much.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
@@ -35,8 +35,7 @@ OUTSIDE = -1e6  # added to the weight of pixels outside the disk
 DARKEST_SKIN = 0.25  # of the contrast: lower bound of the skin's grey that slopes are scaled by
 
 
-@dataclass(frozen=True, slots=True)
-class Refined:
+class Refined(msgspec.Struct, frozen=True):
     """Beads after refinement, in the order given.
 
     position_px (n, 2); contrast (n,): grey levels; area (n,): in bead disks, 1 is a whole bead; unevenness
@@ -139,7 +138,7 @@ class Refiner:
         step = there - position
         converged_squared = self._converged_squared if beads is None else self._converged_squared[beads]
         step_squared = np.vecdot(step, step)
-        moving = np.flatnonzero((step_squared > converged_squared) & at_bead)
+        moving = ((step_squared > converged_squared) & at_bead).nonzero()[0]
         for _ in range(max_steps - 1):
             if not len(moving):
                 break

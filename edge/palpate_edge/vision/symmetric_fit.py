@@ -17,15 +17,18 @@ centre by a tenth of a pixel in strong uneven light.
 
 The same weights give the standard deviation of the place. It is proportional to the error found from clear
 beads to beads in glare. Where pixels are clipped they show no noise, and the standard deviation is raised.
+
+The share of the samples' variation that the profile explains separates beads from skin: faint beads in white
+light, seen only as rings, mostly have more than 0.5, and 99 of 100 places between beads at most 0.37.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import cast
 
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Plane
@@ -58,23 +61,30 @@ REACH, MIN_REACH = 1.0, 0.7  # radius of the samples, in bead diameters; smaller
 KNOT_STEP = 0.15  # of the profile's cubic splines, in bead diameters
 PROFILES = 5  # splines; the last one ends at 0.9 bead diameters
 PLANE = 3  # columns of the design before the profile: constant, x and y
-COLUMNS = PLANE + PROFILES
 BEAD_RADIUS, BEAD_EDGE = 0.45, 0.1  # of a bead with its blurred edge, in bead diameters
 # Least variance of a channel in grey levels^2: noise and compression. Residuals of few samples tell less.
 NOISE = 4.0
+# The same for three channels, which light and noise of the camera change together: their covariance is nearly
+# singular, and its exact inverse would weight errors of a covariance that few residuals determine.
+NOISE_OF_THREE = 64.0
+LEAST_VARIATION = 0.3  # of a sample in grey levels^2, of which a profile explains a share
 CLIPPED_GREY = 250  # brighter samples are taken to be clipped
 CLIPPED_SIGMA, CLIPPED_SHARE = 1.0, 0.5  # added to a deviation's factor, and the share of samples for that
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
 ROUNDS = 2
+CYCLIC = np.array([0, 1, 2, 0, 1])  # three axes, and the two that follow each
 
 
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """Centres of beads: position_px (m, 2), and their standard deviation sigma_px (m,) but for a factor."""
+class Fitted(msgspec.Struct, frozen=True):
+    """Centres of beads: position_px (m, 2), and their standard deviation sigma_px (m,) but for a factor;
+    explained (m,): share of the variation about a centre, without the light's, that a bead's profile makes;
+    clipped (m,): share of the samples about it that are white."""
 
     position_px: Array
     sigma_px: Array
+    explained: Floats
+    clipped: Floats
 
 
 class SymmetricFit:
@@ -95,7 +105,8 @@ class SymmetricFit:
         one of :data:`FIT_CHANNELS`; light: on the beads, like the skin's or even."""
         self._weights = FIT_CHANNELS[channels]
         self._is_grey = channels == GREY_FIT
-        self._noise = NOISE * np.eye(len(self._weights), dtype=np.float32)
+        noise = NOISE_OF_THREE if channels == BOTH_FIT else NOISE
+        self._noise = noise * np.eye(len(self._weights), dtype=np.float32)[..., None]
         self._binning = 1 if self._is_grey and diameter_px.min() < FINE_BELOW_PX else BINNING
         self._diameter = np.asarray(diameter_px, np.float64) / self._binning
         steps = int(REACH / GRID_STEP) * GRID_STEP
@@ -108,22 +119,21 @@ class SymmetricFit:
         design = np.column_stack([np.ones_like(radius), lit, profile])
         outward = grid / np.maximum(radius, 1e-6)[:, None]
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
-        self._grid = grid.T.astype(np.float32)
+        self._steps: Floats = (grid.T[:, None] * self._diameter[:, None]).astype(np.float32)
         reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
         inside, kind, beads_of = np.unique(
             radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True, return_counts=True
         )
         most_first = np.argsort(-beads_of)
         inside, kind = inside[most_first], np.argsort(most_first)[kind.ravel()]
-        self._inside, self._kind = inside.astype(np.float32), kind
-        rows, normal, gram = zip(
+        self._inside, self._kind = inside.astype(np.float32)[:, None], kind
+        rows, gram = zip(
             *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
         )
-        self._rows = [np.ascontiguousarray(kind.T, np.float32) for kind in rows]
-        freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1).astype(np.float32)
-        self._normal = np.array(normal, np.float32)[self._kind]
-        self._motion_gram = np.array(gram, np.float32)[self._kind]
-        self._freedom = freedom[self._kind, None, None]
+        self._rows = np.array(rows, np.float32)
+        freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1)
+        self._per_freedom = (1.0 / freedom[kind]).astype(np.float32)
+        self._motion_gram: Floats = np.array(gram, np.float32)[kind].transpose(2, 1, 0).copy()
 
     def load(self, image: Plane, *, binned: bool = False) -> None:
         """Take the image that is measured until the next one is loaded: (height, width, 3), and for grey also
@@ -138,57 +148,67 @@ class SymmetricFit:
         """Return the centres of `beads` (m,) near `start_px` (m, 2), at most `ROUNDS` steps away."""
         half = 0.5 * (self._binning - 1)
         centre, diameter = (start_px - half) / self._binning, self._diameter[beads]
-        step, sigma = self._step(centre, beads)
+        step, sigma, explained, clipped = self._step(centre, beads)
         centre += step * diameter[:, None]
         for _ in range(ROUNDS - 1):
-            far = np.flatnonzero(np.vecdot(step, step) > FAR_STEP**2)
+            far = (np.vecdot(step, step) > FAR_STEP**2).nonzero()[0]
             if not len(far):
                 break
-            step[far], sigma[far] = self._step(centre[far], beads[far])
+            step[far], sigma[far], explained[far], clipped[far] = self._step(centre[far], beads[far])
             centre[far] += step[far] * diameter[far, None]
-        return Fitted(centre * self._binning + half, sigma * diameter * self._binning)
+        return Fitted(centre * self._binning + half, sigma * diameter * self._binning, explained, clipped)
 
-    def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array]:
+    def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array, Floats, Floats]:
         """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
-        diameters."""
-        diameter = self._diameter[beads].astype(np.float32)[:, None]
-        column, row = (
-            along * diameter + middle.astype(np.float32)[:, None]
-            for along, middle in zip(self._grid, centre.T, strict=True)
-        )
+        diameters, and explained and clipped (m,) of Fitted."""
+        column, row = self._steps[0][beads], self._steps[1][beads]
+        column += centre[:, :1].astype(np.float32)
+        row += centre[:, 1:].astype(np.float32)
         edge = cv2.BORDER_REPLICATE
         samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
-        pixels = self._channels_of(samples)
-        count = pixels.shape[1]
+        pixels, clipped = self._channels_of(samples)
+        products = (pixels.reshape(-1, pixels.shape[2]) @ self._rows[0]).reshape(*pixels.shape[:2], -1)
         kind = self._kind[beads]
-        most, *others = self._rows
-        both = (pixels.reshape(-1, len(most)) @ most).reshape(len(beads), count, -1)
-        for number, rows in enumerate(others, start=1):
-            alike = np.flatnonzero(kind == number)
-            both[alike] = pixels[alike] @ rows
-        inside = pixels * self._inside[kind, None]
-        covariance: Floats = np.asarray(inside @ pixels.transpose(0, 2, 1), np.float32)
-        fitted, left = both[..., :COLUMNS], both[..., COLUMNS:].reshape(-1, count, 2, PROFILES)
-        covariance -= (fitted @ self._normal[beads]) @ fitted.transpose(0, 2, 1)
-        covariance /= self._freedom[beads]
-        covariance += self._noise
-        profile = fitted[..., PLANE:]
-        weighted = _inverse(covariance) @ profile
-        force = (left * weighted[:, :, None]).sum(axis=(1, 3))
-        contrast = (weighted.transpose(0, 2, 1) @ profile).reshape(len(beads), 1, -1)
-        xx, xy, _, yy = (contrast @ self._motion_gram[beads])[:, 0].T.astype(np.float64)
+        others = kind.nonzero()[0]
+        if len(others):
+            kind = kind[others]
+            inside = pixels[others] * self._inside[kind]
+            pixels[others] = inside
+            products[others] = inside @ self._rows[kind]
+        covariance = np.vecdot(pixels[:, :, None], pixels[:, None])
+        parts = products.transpose(1, 2, 0).copy()  # beads last: sums of few numbers for many beads at once
+        profile, fitted = parts[:, :PROFILES], parts[:, 3 * PROFILES :]
+        left = parts[:, PROFILES : 3 * PROFILES].reshape(len(parts), 2, PROFILES, -1)
+        unexplained: Floats = covariance.transpose(1, 2, 0) - np.einsum("ikm,jkm->ijm", fitted, fitted)
+        by_profile = np.einsum(
+            "ikm,ikm->m", fitted[:, PLANE:], fitted[:, PLANE:]
+        )  # orthogonal to the light's
+        left_over = np.einsum("iim->m", unexplained) + LEAST_VARIATION * len(parts) / self._per_freedom[beads]
+        unexplained *= self._per_freedom[beads]
+        unexplained += self._noise
+        weighted = np.einsum("ijm,jpm->ipm", _inverse(unexplained), profile)
+        force_x, force_y = np.einsum("iapm,ipm->am", left, weighted)
+        contrast = np.einsum("ipm,iqm->pqm", weighted, profile).reshape(-1, len(beads))
+        xx, xy, yy = np.einsum("akm,km->am", self._motion_gram[..., beads], contrast).astype(np.float64)
         determinant = np.maximum(xx * yy - xy * xy, 1e-12)
-        step = np.stack([yy * force[:, 0] - xy * force[:, 1], xx * force[:, 1] - xy * force[:, 0]], axis=1)
-        step = np.clip(step / determinant[:, None], -MAX_STEP, MAX_STEP)
-        return step, np.sqrt((xx + yy) / determinant) * _clipping(samples)
+        step = np.empty((len(beads), 2))
+        np.divide(yy * force_x - xy * force_y, determinant, out=step[:, 0])
+        np.divide(xx * force_y - xy * force_x, determinant, out=step[:, 1])
+        np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
+        raised = 1.0 + CLIPPED_SIGMA * np.minimum(clipped / CLIPPED_SHARE, 1.0)
+        explained = by_profile / (by_profile + np.maximum(left_over, 0.0))
+        return step, np.sqrt((xx + yy) / determinant) * raised, explained, clipped
 
-    def _channels_of(self, samples: Floats) -> Floats:
-        """Return the channels (m, c, g) of samples (m, g, 3), or of grey ones (m, g)."""
+    def _channels_of(self, samples: Floats) -> tuple[Floats, Floats]:
+        """Return the channels (m, c, g) of samples (m, g, 3), or of grey ones (m, g), and the share (m,)
+        of clipped samples."""
         if self._is_grey:
-            return samples[:, None]
-        if len(self._weights) < samples.shape[2]:
-            samples = (samples.reshape(-1, 3) @ self._weights.T).reshape(*samples.shape[:2], -1)
-        return np.ascontiguousarray(samples.transpose(0, 2, 1))
+            return samples[:, None], _clipped_share(samples)
+        pixels = samples.transpose(0, 2, 1).copy()
+        clipped = _clipped_share(pixels.reshape(len(pixels), -1))
+        if len(self._weights) < COLOUR:
+            pixels = self._weights @ pixels
+        return pixels, clipped
 
 
 def _skin_share(radius: Array) -> Array:
@@ -196,26 +216,23 @@ def _skin_share(radius: Array) -> Array:
     return np.asarray(0.5 + 0.5 * np.tanh((radius - BEAD_RADIUS) / BEAD_EDGE))
 
 
-def _clipping(samples: Floats) -> Floats:
-    """Return the factor (m,) by which clipped pixels raise a place's deviation; samples (m, g, ...)."""
-    clipped = np.count_nonzero(samples.reshape(len(samples), -1) > CLIPPED_GREY, axis=1)
-    share = clipped / (samples.size // max(len(samples), 1))
-    return np.asarray(1.0 + CLIPPED_SIGMA * np.minimum(share / CLIPPED_SHARE, 1.0))
+def _clipped_share(values: Floats) -> Floats:
+    """Return the share (m,) of clipped samples (m, s)."""
+    _, clipped = cv2.threshold(values, CLIPPED_GREY, 1.0, cv2.THRESH_BINARY)
+    return np.asarray(clipped @ np.full(values.shape[1], 1.0 / values.shape[1], np.float32))
 
 
 def _inverse(matrices: Floats) -> Floats:
-    """Return the inverses of symmetric matrices (m, k, k); small ones faster than NumPy's general one."""
-    size = matrices.shape[1]
+    """Return the inverses of symmetric matrices (k, k, m), k at most 3, by their cofactors."""
+    size = len(matrices)
     if size == 1:
         return np.asarray(1.0 / matrices)
-    if size > 2:
-        return np.asarray(np.linalg.inv(matrices))
-    xx, xy, yy = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
-    inverse = np.empty_like(matrices)
-    inverse[:, 0, 0], inverse[:, 1, 1] = yy, xx
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -xy
-    inverse /= (xx * yy - xy * xy)[:, None, None]
-    return inverse
+    if size == 2:
+        (xx, xy), (_, yy) = matrices
+        return np.asarray(np.stack([yy, -xy, -xy, xx]).reshape(matrices.shape) / (xx * yy - xy * xy))
+    twice = matrices.take(CYCLIC, axis=0).take(CYCLIC, axis=1)
+    cofactors = twice[1:4, 1:4] * twice[2:5, 2:5] - twice[1:4, 2:5] * twice[2:5, 1:4]
+    return np.asarray(cofactors / np.einsum("im,im->m", cofactors[0], matrices[0]))
 
 
 def radial_splines(radius: Array) -> tuple[Array, Array]:
@@ -236,12 +253,13 @@ def _cubic(distance: Array) -> tuple[Array, Array]:
     return value, slope
 
 
-def _least_squares(design: Array, motion: Array) -> tuple[Array, Array, Array]:
-    """Return the rows (k + 2 p, g) that give a bead's fit and the motion's products with what it leaves; the
-    normal matrix (k, k); and the products (p p, 4) of the motion's own residuals, by two profiles and
-    two axes."""
+def _least_squares(design: Array, motion: Array) -> tuple[Array, Array]:
+    """Return the columns (g, 3 p + k) whose products with a bead's samples are its profile, the motion's
+    products with what the fit leaves, and the fit in orthonormal parts; and the products (p p, 3) of the
+    motion's own residuals, by two profiles, for xx, xy and yy."""
     normal = design.T @ design + 1e-9 * np.eye(design.shape[1])
     solution = np.linalg.solve(normal, design.T)
+    orthonormal = np.linalg.solve(np.linalg.cholesky(normal), design.T)
     left = motion - design @ (solution @ motion)
     gram = (left.T @ left).reshape(2, PROFILES, 2, PROFILES).transpose(1, 3, 0, 2).reshape(-1, 4)
-    return np.concatenate([solution, left.T]), normal, gram
+    return np.concatenate([solution[PLANE:], left.T, orthonormal]).T, gram[:, [0, 1, 3]]

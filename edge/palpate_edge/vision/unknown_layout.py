@@ -10,9 +10,9 @@ no beads.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
@@ -43,8 +43,7 @@ SHAPE = ("contrast", "diameter", "oval", "isolation", "offset")
 Selection = Callable[[Array], Mask]  # places (n, 2) -> which may hold a bead
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidates:
+class _Candidates(msgspec.Struct, frozen=True):
     """Blobs of one plane at one diameter, with their shape."""
 
     position_px: Array
@@ -138,8 +137,7 @@ def _undisturbed(found: _Candidates) -> Mask:
     return np.asarray(found.profile.is_disk() & (found.profile.contrast > MIN_CONTRAST))
 
 
-@dataclass(frozen=True, slots=True)
-class _Limits:
+class _Limits(msgspec.Struct, frozen=True):
     """Limits shared by the beads of one picture: a least contrast; lamps: saturated blobs are reflections."""
 
     least_contrast: float

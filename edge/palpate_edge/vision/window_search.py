@@ -10,12 +10,15 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 from palpate_edge.vision.beads import Reference
+from palpate_edge.vision.neighbourhood import upper_median
 from palpate_edge.vision.subpixel import Refined, Refiner
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
 MAX_STEP = 0.45  # of the spacing, from the expected place
+MAX_WINDOW_STEP = 0.5  # of the bead's diameter, from one window to the next
+JUMP, MAX_JUMPED_SHARE = 0.2, 0.05  # of the spacing in the first window, and of the beads
 MAX_WINDOWS = 3  # of one bead in one search
 SAME_WINDOW = 0.15  # of the bead's diameter: a window so near to another one shows the same
 # Of a bead whose place its neighbours predict: light may be dim, and beside glare.
@@ -48,6 +51,8 @@ class WindowSearch:
         self._max_glare, self._windows_of_blob = MAX_GLARE, MAX_WINDOWS
         self._contrast_share = np.ones_like(self._contrast)
         self._excess = np.zeros_like(self._contrast)
+        self._jump_squared = (JUMP * spacing_px) ** 2
+        self._max_step_squared = (MAX_WINDOW_STEP * reference.diameter_px) ** 2
         self._same_squared = (SAME_WINDOW * reference.diameter_px) ** 2
 
     @property
@@ -65,17 +70,29 @@ class WindowSearch:
         self._max_glare = MAX_FITTED_GLARE if allowed else MAX_GLARE
         self._windows_of_blob = 1 if allowed else MAX_WINDOWS
 
-    def find_beads(self, expected_px: Array, max_faint: int) -> tuple[Array, Mask] | None:
+    def find_beads(
+        self, expected_px: Array, max_faint: int, max_faint_after_jump: int
+    ) -> tuple[Array, Mask] | None:
         """Return places (n, 2) of all beads near `expected_px` (n, 2), and which (n,) look like beads.
 
-        Return None where the first windows show more than `max_faint` faint places: the beads are not there.
+        Return None where the first windows show more than `max_faint` faint places, or more than
+        `max_faint_after_jump` beside beads that jumped: the beads are not there.
         """
-        refined = self._refiner.centroids(expected_px, None, MAX_WINDOWS, self._min_contrast, max_faint)
+        refined = self._refiner.centroids(expected_px, None, 1, self._min_contrast, max_faint)
         self._last, self._last_start_px = refined, expected_px
         self._contrast_share = refined.contrast / self._contrast
-        found = self._contrast_share > MIN_CONTRAST_SHARE
-        if len(found) - np.count_nonzero(found) > max_faint:
+        there = self._contrast_share > MIN_CONTRAST_SHARE
+        faint = len(there) - np.count_nonzero(there)
+        if faint > max_faint:
             return None
+        step = refined.position_px - expected_px
+        step_squared = np.vecdot(step, step)
+        if faint > max_faint_after_jump:
+            jumped = np.count_nonzero((step_squared > self._jump_squared) & there)
+            if jumped > MAX_JUMPED_SHARE * len(there):
+                return None
+        self._go_on(expected_px, step, step_squared, (there & ~refined.converged).nonzero()[0])
+        found = self._contrast_share > MIN_CONTRAST_SHARE
         found &= refined.converged
         found &= refined.area > self._min_area
         found &= refined.area < self._max_area
@@ -84,6 +101,20 @@ class WindowSearch:
         self._excess = self._excess_of(refined.unevenness)
         found &= self._excess < 0
         return refined.position_px, found
+
+    def _go_on(self, expected_px: Array, step: Array, step_squared: Array, moving: Indices) -> None:
+        """Measure the `moving` beads (m,) again, that first windows about `expected_px` (n, 2) showed off
+        their centres by `step` (n, 2)."""
+        if not len(moving):
+            return
+        last = self._last
+        reach = np.minimum(1.0, np.sqrt(self._max_step_squared[moving] / step_squared[moving]))
+        start_px = expected_px[moving] + reach[:, None] * step[moving]
+        again = self._refiner.centroids(start_px, moving, MAX_WINDOWS - 1)
+        last.position_px[moving], last.contrast[moving] = again.position_px, again.contrast
+        last.area[moving], last.unevenness[moving] = again.area, again.unevenness
+        last.converged[moving] = again.converged
+        self._contrast_share[moving] = again.contrast / self._contrast[moving]
 
     def find_predicted(self, expected_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), as their neighbours predict them,
@@ -164,6 +195,6 @@ class WindowSearch:
         excess: Floats = unevenness - self._max_unevenness[beads]
         self._noise_unevenness = 0.0
         if (excess >= 0).any():
-            self._noise_unevenness = max(0.0, float(np.median(excess)) + MAX_ADDED_UNEVENNESS)
+            self._noise_unevenness = max(0.0, upper_median(excess) + MAX_ADDED_UNEVENNESS)
             excess -= self._noise_unevenness
         return excess

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 SHARED = Path(__file__).parent / "page"
+CONSOLE_END = "Ctrl-C ends the console"
 
 
 def page_files(folder: Path, name: str) -> Mapping[str, Path]:
@@ -14,12 +15,13 @@ def page_files(folder: Path, name: str) -> Mapping[str, Path]:
     return {**files, "/": folder / f"{name}.html"}
 
 
-def addresses(port: int, token: str) -> list[str]:
-    """Return the lines for the person who started a console: its addresses, and the way over ssh."""
+def addresses(port: int, token: str, end: str = CONSOLE_END) -> list[str]:
+    """Return the lines for the person who started a console: its addresses, the way over ssh, and how it
+    ends."""
     address = f"http://127.0.0.1:{port}/"
     return [
         f"to command:   {address}#token={token}",
         f"to watch:     {address}",
         f"from another machine: ssh -L {port}:127.0.0.1:{port} USER@THIS-MACHINE, then open it there",
-        "Ctrl-C ends the console",
+        end,
     ]

@@ -27,6 +27,28 @@ DOES_NOT_FIT = 1
     "--bitrate", type=click.IntRange(10_000, 1_000_000), default=1_000_000, show_default=True, help="bit/s."
 )
 @click.option(
+    "--fd",
+    is_flag=True,
+    help="Compute a CAN FD bus: a contact is one CAN FD frame, and so is each PDO of a drive.",
+)
+@click.option(
+    "--classic-drives",
+    is_flag=True,
+    help="With --fd: drives send and receive classic frames, as palpate's do.",
+)
+@click.option(
+    "--axes",
+    type=click.IntRange(1, 8),
+    help="With --fd: number of drives that are axes of one node, with one CAN FD frame each way.",
+)
+@click.option(
+    "--data-bitrate",
+    type=click.IntRange(10_000, 8_000_000),
+    default=5_000_000,
+    show_default=True,
+    help="bit/s of the data phase of CAN FD frames, with --fd.",
+)
+@click.option(
     "--heartbeat-ms",
     type=click.FloatRange(1, 10_000),
     default=100,
@@ -57,6 +79,10 @@ def budget(
     fps: float,
     tick: float,
     bitrate: int,
+    fd: bool,
+    classic_drives: bool,
+    axes: int | None,
+    data_bitrate: int,
     heartbeat_ms: float,
     time_stamps: float,
     sdo: float,
@@ -73,7 +99,12 @@ def budget(
       palpate-host bus budget
       palpate-host bus budget --joints 5 --fps 120
       palpate-host bus budget --fingertips 10 --drives 0 --fps 120 --bitrate 500000
+      palpate-host bus budget --fingertips 10 --drives 15 --fps 120 --tick 250 --fd
+      palpate-host bus budget --fingertips 10 --fps 120 --drives 9 --fd --classic-drives
+      palpate-host bus budget --fingertips 10 --drives 15 --fps 120 --tick 250 --fd --axes 5
     """
+    if axes is not None and (classic_drives or not fd):
+        raise click.UsageError("--axes needs --fd without --classic-drives: several axes need CAN FD frames")
     from rich.console import Console  # noqa: PLC0415 - no other command of the hub needs it
 
     from palpate_bus.load.budget import BudgetCase  # noqa: PLC0415
@@ -86,12 +117,14 @@ def budget(
         frames_per_s=fps,
         tick_Hz=tick,
         bitrate=bitrate,
+        data_bitrate=data_bitrate if fd else None,
+        classic_drives=classic_drives,
         heartbeat_ms=heartbeat_ms,
         time_stamps_per_s=time_stamps,
         sdo_per_s=sdo,
         pose_fingertips=min(poses, fingertips),
     )
-    result = budget_of(case)
+    result = budget_of(case if axes is None else case.sharing_nodes(axes))
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 120

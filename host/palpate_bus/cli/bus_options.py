@@ -12,6 +12,7 @@ import click
 from palpate_bus.hub.default_socket import default_socket
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.link import BUS_DATA_BITRATE
 from palpate_edge.common.signals import stop_event
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -56,10 +57,15 @@ def BUS_OPTIONS(command: Command) -> Command:
 
 
 def chosen_bus(interface: str, channel: str, bitrate: int | None) -> BusConfig:
-    """Return the options as a configuration."""
+    """Return the options as a configuration, with CAN FD where the bus has it."""
     if interface == "palpate" and not channel:
         channel = str(default_socket())
-    return BusConfig(interface=interface, channel=channel, bitrate=bitrate or 1_000_000)
+    return BusConfig(
+        interface=interface,
+        channel=channel,
+        bitrate=bitrate or 1_000_000,
+        data_bitrate=BUS_DATA_BITRATE,
+    )
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from palpate_bus.hub.server import Hub
 from palpate_bus.logs.candump import LogHeader, LogRecord, LogWriter, read_log
 from palpate_bus.logs.pcap import write_pcap
 from palpate_edge.can_bus.bus import BusConfig, open_bus
+from palpate_edge.can_bus.link import BUS_DATA_BITRATE
 from palpate_edge.can_bus.simulated_clock import make_clock
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.logs import logging_to_stderr
@@ -79,6 +80,11 @@ def bus() -> None:
     help="bit/s; 0: frames take no time.",
 )
 @click.option(
+    "--data-bitrate",
+    type=click.IntRange(1_000_000, 8_000_000),
+    help="bit/s of the data phase of CAN FD frames; default: classic CAN only.",
+)
+@click.option(
     "--txqueuelen",
     type=click.IntRange(1, 4096),
     default=128,
@@ -96,6 +102,7 @@ def hub(
     socket_path: Path,
     header_entries: tuple[str, ...],
     bitrate: int,
+    data_bitrate: int | None,
     txqueuelen: int,
     log_path: Path | None,
     clock_path: Path | None,
@@ -110,15 +117,17 @@ def hub(
     Examples:
       palpate-host bus hub
       palpate-host bus hub --socket /tmp/hand.sock --bitrate 500000 --log hand.log
+      palpate-host bus hub --data-bitrate 5000000
     """
     clock = None if clock_path is None else make_clock(clock_path)
-    server = Hub(socket_path, bitrate, txqueuelen, clock)
+    server = Hub(socket_path, bitrate, txqueuelen, clock, data_bitrate)
     try:
         signal.set_wakeup_fd(server.wake_descriptor)
         with logging_to_stderr("hub"), on_stop_signal(server.stop):
             if log_path is not None:
                 server.log = LogWriter(log_path, _header(header_entries))
-            hub_log.info("listening at %s, %s bit/s", socket_path, bitrate or "unlimited")
+            fd = f", CAN FD at {data_bitrate} bit/s" if data_bitrate else ""
+            hub_log.info("listening at %s, %s bit/s%s", socket_path, bitrate or "unlimited", fd)
             server.run()
             hub_log.info(status_line(server.statistics()))
     finally:
@@ -140,7 +149,7 @@ def log(socket_path: Path, header_entries: tuple[str, ...], duration_s: float | 
     Example:
       palpate-host bus log hand.log --duration 10 --header origin=bench
     """
-    config = BusConfig(interface="palpate", channel=str(socket_path))
+    config = BusConfig(interface="palpate", channel=str(socket_path), data_bitrate=BUS_DATA_BITRATE)
     end_s = None if duration_s is None else time.monotonic() + duration_s
     with (
         open_bus(config, "log") as port,

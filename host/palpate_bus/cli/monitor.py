@@ -48,7 +48,7 @@ def monitor(
 
     PDOs are printed as named values with units; EMCY, SDO, NMT and heartbeats as text. The names come from
     EDS files. A node's EDS is given by the log's header, --config or --eds; otherwise nodes 0x10 to 0x1F are
-    fingertips and nodes 1 to 15 drives.
+    fingertips and, where no drive is named, nodes 1 to 15 drives.
 
     \b
     Examples:
@@ -58,12 +58,14 @@ def monitor(
       palpate-host bus monitor --interface socketcan --channel can0 --eds 5=drive.eds
     """
     from palpate_bus.decode.decoder import Decoder, Service  # noqa: PLC0415 - not needed by `bus hub`
+    from palpate_bus.decode.hand_nodes import usual_beside  # noqa: PLC0415
     from palpate_bus.decode.monitor_lines import Selection, json_line, line  # noqa: PLC0415
 
     selection = Selection(frozenset(nodes), frozenset(Service(service) for service in services))
     shown, begin_us = 0, None
     with _source(log_path, duration_s, bus) as (header, records):
-        decoder = Decoder(_devices(header, config_path, eds))
+        devices = _devices(header, config_path, eds)
+        decoder = Decoder(devices, usual_beside(devices.values()))
         for record in records:
             begin_us = record.stamp_us if begin_us is None else begin_us
             decoded = decoder.decode(record)

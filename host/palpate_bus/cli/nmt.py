@@ -14,7 +14,8 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.node.nmt import ERROR_CONTROL_ID, NMT_ID, NmtCommand, NmtState
 
 ALL = 0
-WAIT_NODE_S, WAIT_ALL_S = 10.0, 1.5
+WAIT_NODE_S, WAIT_ALL_S = 30.0, 1.5
+"""Time for heartbeats, s: a fingertip that was started just now needs seconds on a small board."""
 COMMANDS = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -47,7 +48,7 @@ class NodeOrAll(NodeId):
     "--wait",
     "wait_s",
     type=click.FloatRange(0, 60),
-    help="Wait this long for heartbeats, s; 0: only send [default: 10 for a node, 1.5 for all].",
+    help="Wait this long for heartbeats, s; 0: only send [default: 30 for a node, 1.5 for all].",
 )
 def nmt(action: str, node: int, wait_s: float | None, **bus: Any) -> None:
     """Start, stop or reset nodes, and print their states.

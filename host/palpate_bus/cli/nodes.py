@@ -35,7 +35,14 @@ EDS = click.option(
 
 @click.command()
 @BUS_OPTIONS
-@TIMEOUT
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.01, 60),
+    default=0.3,
+    show_default=True,
+    help="Wait this long for each response of a node, s.",
+)
 @click.option(
     "--listen",
     "listen_s",
@@ -63,7 +70,7 @@ def scan(timeout_s: float, listen_s: float, lss: bool, as_json: bool, **bus: Any
 
     with master(chosen_bus(**bus), "scan") as network:
         with progress_bar("requesting 127 node ids") as progress:
-            found = scan_bus(network, listen_s, min(timeout_s, 0.3), progress)
+            found = scan_bus(network, listen_s, timeout_s, progress)
         unconfigured = find_unconfigured(network) if lss else []
     if as_json:
         for node in found:

@@ -23,9 +23,10 @@ def stats_table(statistics: Statistics) -> str:
         f"{'client':<20}{'sent':>10}{'delivered':>11}{'overruns':>10}{'refused':>9}{'lost':>7}  state",
     ]
     for port in statistics.ports:
+        withheld = f", {port.fd_withheld} CAN FD frames withheld" if port.fd_withheld else ""
         lines.append(
             f"{port.name:<20}{port.sent:>10}{port.delivered:>11}{port.overruns:>10}{port.refused:>9}"
-            f"{port.lost_to_bus_off:>7}  {'bus-off' if port.bus_off else 'active'}"
+            f"{port.lost_to_bus_off:>7}  {'bus-off' if port.bus_off else 'active'}{withheld}"
         )
     lines += ["", f"{'id':<6}{'frames':>10}{'bits':>12}{'share':>8}"]
     for entry in statistics.ids:

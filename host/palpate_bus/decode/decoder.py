@@ -152,9 +152,10 @@ def _pdo(device: Device | None, frame: CanFrame) -> tuple[str, tuple[Reading, ..
     pdo = device.pdos.get(frame.can_id) if device else None
     if device is None or pdo is None:
         return f"{label} (no EDS): {frame.data.hex(' ')}", ()
-    if len(frame.data) * 8 != (pdo.bits + 7) // 8 * 8:
+    found = pdo.in_frame(frame)
+    if found is None:
         return f"{pdo.label}: malformed: {len(frame.data)} bytes, its mapping has {(pdo.bits + 7) // 8}", ()
-    return pdo.label, device.pdo_readings(pdo, frame.data)
+    return pdo.label, device.pdo_readings(found, frame.data)
 
 
 def _heartbeat(data: bytes) -> str:

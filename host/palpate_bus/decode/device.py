@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of, unknown_text
 from palpate_bus.eds.cia402 import CIA402_EDS
+from palpate_bus.eds.cia402_axes import (
+    CIA402_AXES_EDS,
+    axes_of_tpdos,
+    command_words,
+    profile_key,
+    state_words,
+)
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, pdo_numbers
 from palpate_bus.eds.text import Findings, parse_sections, read_text
 from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
+from palpate_edge.can_bus.can_frame import CanFrame, padded
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 
 Key = tuple[int, int]
+Words = tuple[int, ...]
+NO_MAPPINGS: Mapping[int, Words] = {}
+NO_AXES: Mapping[int, Mapping[int, str]] = {}
+AXES_KIND = "axes"
+"""Kind of a drive node with several axes in a log's header."""
+TARGET_TORQUE_WORD = 0x60710010
 PROCESS_VALUES = (0x6130, 0x7130, 0x9130)  # CiA 404: REAL32, INTEGER16, INTEGER32
 PHYSICAL_UNIT, DECIMAL_DIGITS = 0x6131, 0x6132
 
@@ -42,24 +56,42 @@ class Reading:
 class Pdo:
     """One PDO. label: such as ``TPDO 1``. fields: objects and their bits, in the order of the frame.
 
-    enabled: False when the EDS disables it; the node may enable it.
+    enabled: False when the EDS disables it; the node may enable it. more_fields: those in the mapping behind
+    `fields`, which the node may map too.
     """
 
     label: str
     can_id: int
     fields: tuple[tuple[Key, int], ...]
     enabled: bool
+    more_fields: tuple[tuple[Key, int], ...] = ()
 
     @property
     def bits(self) -> int:
         return sum(bits for _, bits in self.fields)
 
+    def in_frame(self, frame: CanFrame) -> Pdo | None:
+        """Return the PDO with the fields of a frame of this length, None when no mapping has it.
+
+        A CAN FD frame is filled up to the next length of its kind.
+        """
+        for pdo in (self, replace(self, fields=self.fields + self.more_fields)):
+            data = bytes((pdo.bits + 7) // 8)
+            if len(frame.data) == len(padded(data) if frame.fd else data):
+                return pdo
+        return None
+
 
 class Device:
     """A node with its EDS. `name`: its name in output, such as ``finger-1``."""
 
-    def __init__(self, node_id: int, name: str, eds: Path) -> None:
-        """Read the EDS. Raises ConfigError when it cannot be read or describes no object."""
+    def __init__(
+        self, node_id: int, name: str, eds: Path, mappings: Mapping[int, Words] = NO_MAPPINGS
+    ) -> None:
+        """Read the EDS. mappings: words of the mapping parameters that the master changes, by index.
+
+        Raises ConfigError when the file cannot be read or describes no object.
+        """
         sections = parse_sections(read_text(eds), Findings())
         self.node_id = node_id
         self.name = name
@@ -76,7 +108,7 @@ class Device:
         }
         device_info = sections.get("deviceinfo")
         self.product = device_info.value("ProductName") if device_info else ""
-        pdos = list(self._read_pdos())
+        pdos = list(self._read_pdos(mappings))
         enabled = [pdo for pdo in pdos if pdo.enabled]
         self.pdos = {pdo.can_id: pdo for pdo in (*pdos, *enabled)}
 
@@ -162,7 +194,7 @@ class Device:
         unit = self.unit(key)
         if unit is not None and not unknown:
             return Reading(name, raw * unit.factor, unit.name, raw, unit.text(raw))
-        wide = key[0] in (0x6040, 0x6041) or (key[0] < 0x2000 and raw > 0xFFFF)
+        wide = profile_key(key)[0] in (0x6040, 0x6041) or (key[0] < 0x2000 and raw > 0xFFFF)
         text = f"0x{raw:X}" if wide else str(raw)
         return Reading(name, raw, "", raw, f"{text} ({meaning})" if meaning else text)
 
@@ -175,19 +207,23 @@ class Device:
         names = {_plain(own), _plain(f"{container}/{own}")}
         return names if key[1] else names | {_plain(container)}
 
-    def _read_pdos(self) -> Iterable[Pdo]:
+    def _read_pdos(self, mappings: Mapping[int, Words]) -> Iterable[Pdo]:
         for kind in PDO_KINDS:
             for number in pdo_numbers(self.variables, kind):
                 cob_id = self._cob_id((kind.communication + number - 1, 1))
                 mapping = kind.mapping + number - 1
-                words = [
-                    self._number((mapping, sub)) or 0
-                    for sub in range(1, (self._number((mapping, 0)) or 0) + 1)
-                ]
+                count = self._number((mapping, 0)) or 0
+                words = [self._number((mapping, sub)) or 0 for sub in range(1, count + 1)]
+                while word := self._number((mapping, 1 + len(words))):
+                    words.append(word)
+                if mapping in mappings:
+                    words = list(mappings[mapping])
+                    count = len(words)
                 fields = tuple(((word >> 16, word >> 8 & 0xFF), word & 0xFF) for word in words)
                 if cob_id is not None and cob_id & CAN_ID:
                     enabled = not cob_id & NOT_VALID
-                    yield Pdo(f"{kind.label} {number}", cob_id & CAN_ID, fields, enabled)
+                    label = f"{kind.label} {number}"
+                    yield Pdo(label, cob_id & CAN_ID, fields[:count], enabled, fields[count:])
 
     def _cob_id(self, key: Key) -> int | None:
         variable = self.variables.get(key)
@@ -216,22 +252,46 @@ def usual_device(node_id: int) -> Device | None:
     return None
 
 
+def axes_text(names: Mapping[int, str]) -> str:
+    """Return the axes of a node with their joints as in a log's header, such as ``0=abduction,1=flexion``."""
+    return ",".join(f"{axis}={name}" for axis, name in names.items())
+
+
+def axes_device(node_id: int, name: str, axes: Sequence[int]) -> Device:
+    """Return a drive node with these axes, whose PDOs the host has mapped; the targets are torques."""
+    mappings = {0x1600: command_words(axes, TARGET_TORQUE_WORD)}
+    mappings |= {0x1A00 + place: state_words(part) for place, part in enumerate(axes_of_tpdos(axes))}
+    return Device(node_id, name, CIA402_AXES_EDS, mappings)
+
+
 def devices_of_header(entries: Mapping[str, str]) -> dict[int, Device]:
     """Return the nodes listed in a log's header (``node.0x10: fingertip:finger-1``)."""
     devices = {}
     for key, value in entries.items():
         kind, _, name = value.partition(":")
         eds = {"fingertip": FINGERTIP_EDS, "drive": CIA402_EDS}.get(kind)
-        if key.startswith("node.0x") and eds is not None:
+        if key.startswith("node.0x"):
             try:
                 node_id = int(key.removeprefix("node."), 16)
+                if kind == AXES_KIND:
+                    axes = [int(part.partition("=")[0]) for part in name.split(",")]
+                    devices[node_id] = axes_device(node_id, name, axes)
             except ValueError:
                 continue
-            devices[node_id] = Device(node_id, name, eds)
+            if eds is not None:
+                devices[node_id] = Device(node_id, name, eds)
     return devices
 
 
-def devices_by_kind(fingertips: Mapping[int, str], drives: Mapping[int, str]) -> dict[int, Device]:
-    """Return the devices of a hand; both arguments map node id to name."""
+def devices_by_kind(
+    fingertips: Mapping[int, str],
+    drives: Mapping[int, str],
+    axes: Mapping[int, Mapping[int, str]] = NO_AXES,
+) -> dict[int, Device]:
+    """Return the devices of a hand. fingertips, drives: node id to name; axes: node id to axis to joint."""
     devices = {node_id: Device(node_id, name, FINGERTIP_EDS) for node_id, name in fingertips.items()}
-    return devices | {node_id: Device(node_id, name, CIA402_EDS) for node_id, name in drives.items()}
+    devices |= {node_id: Device(node_id, name, CIA402_EDS) for node_id, name in drives.items()}
+    return devices | {
+        node_id: axes_device(node_id, "+".join(names.values()), tuple(names))
+        for node_id, names in axes.items()
+    }

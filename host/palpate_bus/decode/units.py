@@ -1,8 +1,8 @@
 """Units and meanings of raw values.
 
 The EDS gives unit and decimals of a measured value in 6131h and 6132h (CiA 404; codes of CiA 303-2). Objects
-of CiA 301 have the units of that standard. For palpate's two EDS files, recognised by their ProductName, this
-module contains the units given in the comments of those files.
+of CiA 301 have the units of that standard. For palpate's EDS files, recognised by their ProductName, this
+module contains the units given in the comments of those files; each axis of a drive has those of axis 0.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate_bus.eds.cia402 import state_of
+from palpate_bus.eds.cia402_axes import profile_key
 from palpate_edge.common.contact_quantities import AI_INPUT, NOT_GIVEN, QUANTITIES
 from palpate_edge.node.fingertip_objects import (
     BUS_CLOCK,
@@ -21,7 +22,7 @@ from palpate_edge.node.fingertip_objects import (
     MethodCode,
 )
 
-FINGERTIP, JOINT_DRIVE = "palpate fingertip", "palpate joint drive"
+FINGERTIP, JOINT_DRIVE, MULTI_AXIS = "palpate fingertip", "palpate joint drive", "palpate multi-axis drive"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,13 @@ def unit_of(product: str, index: int, subindex: int) -> Unit | None:
     """Return the unit of an object without 6131h, None when it has none."""
     if index in range(0x1400, 0x1600) or index in range(0x1800, 0x1A00):
         return {3: Unit("ms", 0.1, 1), 5: Unit("ms")}.get(subindex)
-    return _COMMUNICATION.get((index, subindex)) or _PRODUCT.get(product, {}).get((index, subindex))
+    product, key = _profile_object(product, (index, subindex))
+    return _COMMUNICATION.get(key) or _PRODUCT.get(product, {}).get(key)
+
+
+def _profile_object(product: str, key: tuple[int, int]) -> tuple[str, tuple[int, int]]:
+    """Return the object of the joint drive that an object of an axis corresponds to."""
+    return (JOINT_DRIVE, profile_key(key)) if product == MULTI_AXIS else (product, key)
 
 
 def _flags(raw: int) -> str:
@@ -167,5 +174,6 @@ def unknown_text(product: str, index: int, subindex: int, raw: int) -> str:
 
 def meaning_of(product: str, index: int, subindex: int, raw: int) -> str:
     """Return the meaning of a raw value as text; empty for a plain number."""
-    known = _MEANINGS.get(product, {}).get((index, subindex))
+    product, key = _profile_object(product, (index, subindex))
+    known = _MEANINGS.get(product, {}).get(key)
     return known(raw) if known else ""

@@ -1,4 +1,7 @@
-"""Checks of an EDS file's PDOs against CiA 301: complete parameters, valid mappings, 64 bits at most."""
+"""Checks of an EDS file's PDOs against CiA 301: complete parameters, valid mappings, 64 bits at most.
+
+A PDO that the file disables may map up to 512 bits: it may be one for CAN FD, of which CiA 301 has nothing.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 
 NOT_VALID = 1 << 31
-MAX_PDO_BITS = 64
+MAX_PDO_BITS, MAX_FD_PDO_BITS = 64, 512
 MAX_MAPPED = 64
 
 
@@ -79,9 +82,14 @@ def check_pdo(
             )
             return
         bits += _mapped_bits(kind, slot, variables, dummies, findings)
-    if bits > MAX_PDO_BITS:
+    enabled = cob_id is not None and not (cob_id.number() or 0) & NOT_VALID
+    most_bits = MAX_PDO_BITS if enabled else MAX_FD_PDO_BITS
+    if bits > most_bits:
         findings.error(
-            count.line, label, f"maps {bits} bits, a frame has {MAX_PDO_BITS}", "map fewer objects"
+            count.line,
+            label,
+            f"maps {bits} bits, a frame has {most_bits}",
+            "map fewer objects",
         )
     elif granularity and bits % granularity:
         findings.error(
@@ -90,7 +98,6 @@ def check_pdo(
             f"maps {bits} bits, not a multiple of Granularity {granularity}",
             "map a multiple of it, or correct Granularity",
         )
-    enabled = cob_id is not None and not (cob_id.number() or 0) & NOT_VALID
     if enabled and not mapped:
         findings.warning(
             count.line, label, "is enabled but maps no object", "map one, or set bit 31 of its COB-ID"

@@ -23,6 +23,10 @@ class HubGoneError(BusError):
     """No hub listens on the socket, or the hub has closed the connection."""
 
 
+class HubSilentError(HubGoneError):
+    """The hub does not reply."""
+
+
 def connect(path: Path) -> socket.socket:
     """Return a non-blocking socket to the hub. Raises HubGoneError with the command that starts a hub."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -76,6 +80,11 @@ def gone(path: Path) -> HubGoneError:
     )
 
 
+def silent(path: Path) -> HubSilentError:
+    """Return the error for a hub that does not reply within ANSWER_TIMEOUT_S."""
+    return HubSilentError(f"the CAN hub at {path} does not reply within {ANSWER_TIMEOUT_S:.0f} s: restart it")
+
+
 def rejected(path: Path, payload: bytes) -> HubGoneError:
     """Return the error for a REJECT message."""
     return HubGoneError(f"the CAN hub at {path} rejected the connection: {payload.decode(errors='replace')}")
@@ -113,7 +122,7 @@ def ask(path: Path, request: Request) -> Reply:
                     raise rejected(path, payload)
                 if kind is Kind.REPLY:
                     return _checked(_decoded(path, payload))
-    raise HubGoneError(f"the CAN hub at {path} does not reply within {ANSWER_TIMEOUT_S:.0f} s: restart it")
+    raise silent(path)
 
 
 def _decoded(path: Path, payload: bytes) -> Reply:

@@ -37,7 +37,7 @@ class Refused(msgspec.Struct, frozen=True, tag="refused"):
 
 
 class IdCount(msgspec.Struct, frozen=True):
-    """Frames and bits of one identifier since the hub started."""
+    """Frames and bits of one identifier since the hub started; bits as in `Statistics`."""
 
     can_id: int
     frames: int
@@ -49,7 +49,7 @@ class PortStatistics(msgspec.Struct, frozen=True):
 
     sent: frames transmitted on the wire. overruns: frames dropped because the client read too slowly.
     refused: frames that a tx-full fault refused. lost_to_bus_off: frames dropped because the port was
-    bus-off.
+    bus-off. fd_withheld: CAN FD frames that passed its filters, but the client has no CAN FD.
     """
 
     name: str
@@ -59,6 +59,7 @@ class PortStatistics(msgspec.Struct, frozen=True):
     refused: int
     lost_to_bus_off: int
     bus_off: bool
+    fd_withheld: int = 0
 
 
 class FaultStatistics(msgspec.Struct, frozen=True):
@@ -71,8 +72,10 @@ class FaultStatistics(msgspec.Struct, frozen=True):
 class Statistics(msgspec.Struct, frozen=True, tag="statistics"):
     """The hub's counters.
 
+    bits are bit times of the nominal rate: the data phase of a CAN FD frame counts by its time. A hub without
+    a bit rate (bitrate 0) counts that time as at 1 Mbit/s, and has no load.
     window_bits: bits on the wire in the last window_us. garbled_clients: clients that were disconnected
-    because they violated the protocol.
+    because they violated the protocol. data_bitrate: None on a classic bus.
     """
 
     uptime_us: int
@@ -86,6 +89,7 @@ class Statistics(msgspec.Struct, frozen=True, tag="statistics"):
     ids: list[IdCount]
     ports: list[PortStatistics]
     faults: list[FaultStatistics]
+    data_bitrate: int | None = None
 
     @property
     def load(self) -> float | None:

@@ -35,17 +35,17 @@ MAX_LEFT = 64  # ports of disconnected programs that are remembered
 
 _VERDICT_WANTED = int(FrameFlag.VERDICT_WANTED)
 _OWN = int(FrameFlag.OWN)
-_DELIVER_HEADER = protocol.HEADER.pack(protocol.MAGIC, protocol.VERSION, Kind.DELIVER, protocol.STAMPED.size)
 
 
 class HubCore:
     """Bus, faults, statistics and clients; see protocol.py for the messages.
 
     bitrate: bit/s, 0 for a bus whose frames take no time. txqueuelen: length of each client's transmit queue.
+    data_bitrate: bit/s of the data phase of CAN FD frames, None for a classic bus.
     """
 
-    def __init__(self, bitrate: int, txqueuelen: int, now_us: int) -> None:
-        self.wire = Wire(bitrate, txqueuelen)
+    def __init__(self, bitrate: int, txqueuelen: int, now_us: int, data_bitrate: int | None = None) -> None:
+        self.wire = Wire(bitrate, txqueuelen, data_bitrate)
         self.load = BusLoad()
         self.faults = FaultPlan()
         self.garbled_clients = 0
@@ -102,18 +102,23 @@ class HubCore:
             bitrate=self.wire.bitrate,
             txqueuelen=self.wire.txqueuelen,
             frames=self.load.frames,
-            bits=self.load.bits,
+            bits=round(self.load.bits),
             window_us=WINDOW_US,
-            window_bits=self.load.window_bits(now_us),
+            window_bits=round(self.load.window_bits(now_us)),
             garbled_clients=self.garbled_clients,
-            ids=[IdCount(can_id, *counts) for can_id, counts in sorted(self.load.by_id.items())],
+            ids=[
+                IdCount(can_id, frames, round(bits))
+                for can_id, (frames, bits) in sorted(self.load.by_id.items())
+            ],
             ports=[client.statistics() for client in self._by_port.values()],
             faults=[FaultStatistics(rule, hits) for rule, hits in self.faults.rules()],
+            data_bitrate=self.wire.data_bitrate,
         )
 
     def _handle(self, client: Client, kind: Kind, payload: bytes, now_us: int) -> None:
-        if kind is Kind.SEND and client.port is not None:
-            for flags, frame in protocol.parse_frames(payload):
+        may_send = kind is Kind.SEND or (kind is Kind.SEND_FD and client.has_fd)
+        if may_send and client.port is not None:
+            for flags, frame in protocol.parse_frames(kind, payload):
                 self._submit(client, client.port, frame, bool(flags & _VERDICT_WANTED), now_us)
         elif kind is Kind.HELLO and not client.name:
             self._welcome(client, protocol.parse_hello(payload), now_us)
@@ -126,18 +131,36 @@ class HubCore:
             raise GarbledStreamError(f"unexpected message {kind.name} in this state of the connection")
 
     def _welcome(self, client: Client, hello: protocol.Hello, now_us: int) -> None:
-        if self.wire.bitrate and hello.bitrate not in (0, self.wire.bitrate):
-            reason = (
-                f"the hub has bit rate {self.wire.bitrate}, {hello.name} has {hello.bitrate}: make them equal"
-            )
+        if reason := self._mismatch(hello):
             client.output += protocol.message(Kind.REJECT, reason.encode())
             return
         client.name = hello.name
+        client.has_fd = hello.data_bitrate is not None and self.wire.data_bitrate is not None
         client.output += protocol.welcome_message(self.wire.txqueuelen, self.wire.bitrate)
         if not hello.control_only:
-            client.port = self.wire.attach(hello.receive_own)
+            client.port = self.wire.attach(hello.receive_own, client.has_fd)
             self._by_port[client.port] = client
             self._apply_fault_windows(now_us)
+
+    def _mismatch(self, hello: protocol.Hello) -> str:
+        """Return why the client's bit rates do not fit the bus; empty when they do."""
+        rate, data_rate = self.wire.bitrate, self.wire.data_bitrate
+        if rate and hello.bitrate not in (0, rate):
+            return f"the hub has bit rate {rate}, {hello.name} has {hello.bitrate}: make them equal"
+        if not hello.data_bitrate:
+            return ""
+        if data_rate is None:
+            return (
+                f"the hub carries classic CAN frames only, {hello.name} has data bit rate "
+                f"{hello.data_bitrate}: start it with --data-bitrate {hello.data_bitrate}, or remove "
+                "bus.data_bitrate"
+            )
+        if rate and hello.data_bitrate != data_rate:
+            return (
+                f"the hub has data bit rate {data_rate}, {hello.name} has {hello.data_bitrate}: "
+                "make them equal"
+            )
+        return ""
 
     def _answer(self, request: Request, now_us: int) -> Reply:
         if isinstance(request, AskStatistics):
@@ -193,12 +216,17 @@ class HubCore:
             sender.sent += 1
             if not delivery.copy:
                 self._give_credit(sender, 1)
-        record = _deliver_message(delivery, 0)
+        record = protocol.deliver_message(delivery.won_at_us, 0, frame)
         for port in delivery.receivers:
             client = self._by_port.get(port)
             if client is not None:  # it may have disconnected while the frame was on the wire
                 own = port == delivery.sender or self._is_former_port(client, delivery.sender)
-                self._output_frame(client, _deliver_message(delivery, _OWN) if own else record)
+                own_record = protocol.deliver_message(delivery.won_at_us, _OWN, frame) if own else record
+                self._output_frame(client, own_record)
+        for port in delivery.classic_ports:
+            client = self._by_port.get(port)
+            if client is not None:
+                client.fd_withheld += 1
 
     def _remember(self, port: int, client: Client) -> None:
         """Remember who had a port: its queued frames are its own to the same program's next port."""
@@ -245,14 +273,6 @@ class HubCore:
                 self._give_credit(client, lost)
             client.mode = mode
             client.output += protocol.message(Kind.MODE, bytes([mode]))
-
-
-def _deliver_message(delivery: Delivery, flags: int) -> bytes:
-    frame = delivery.frame
-    if frame.remote:
-        flags |= FrameFlag.REMOTE
-    record = protocol.STAMPED.pack(delivery.won_at_us, frame.can_id, flags, len(frame.data), frame.data)
-    return _DELIVER_HEADER + record
 
 
 def _parse_request(payload: bytes) -> Request:

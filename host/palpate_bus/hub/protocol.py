@@ -4,7 +4,8 @@ Header (8 bytes, little endian): magic U16, version U8, kind U8, payload length 
 
 | kind    | direction | payload                                                                       |
 |---------|-----------|-------------------------------------------------------------------------------|
-| HELLO   | to hub    | flags U8 (bit 0 receive own, bit 1 control only), bit rate U32, name (UTF-8)  |
+| HELLO   | to hub    | flags U8 (1 receive own, 2 control only, 4 CAN FD), bit rate U32, with CAN FD |
+|         |           | data bit rate U32, name (UTF-8)                                               |
 | WELCOME | to client | transmit queue length U32, bit rate U32                                       |
 | FILTERS | to hub    | all U8, then identifier U32, mask U32 for each filter                         |
 | SEND    | to hub    | frames: identifier U16, flags U8 (1 remote, 2 verdict wanted), DLC U8, 8 data |
@@ -16,10 +17,14 @@ Header (8 bytes, little endian): magic U16, version U8, kind U8, payload length 
 | REQUEST | to hub    | JSON, see control.py                                                          |
 | REPLY   | to client | JSON                                                                          |
 | REJECT  | to client | text; the hub then closes the connection                                      |
+| SEND_FD | to hub    | CAN FD frames: as SEND, with the length in bytes for DLC and 64 data          |
+| DELIVER_FD | to client | as DELIVER, with the length in bytes for DLC and 64 data                   |
 
 Flow control: WELCOME grants `transmit queue length` credits, each frame sent takes one, CREDIT returns them
 when frames are transmitted. A client without credit refuses the frame at once (ENOBUFS), so that the sender
 learns of every frame that is not sent.
+
+A client with flag 4 in HELLO sends and receives CAN FD frames; data bit rate 0 accepts the hub's.
 
 Own frames: those of the same connection, and those that a connection of the same process and name had queued
 before it was closed (the hub still transmits them).
@@ -27,12 +32,15 @@ before it was closed (the hub still transmits them).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from itertools import groupby
+from operator import attrgetter
 from struct import Struct
+from typing import Any
 
-from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import FD_LENGTHS, MAX_DATA_BYTES, MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.errors import BusError
 
 MAGIC = 0x4350
@@ -44,8 +52,8 @@ HELLO = Struct("<BI")
 WELCOME = Struct("<II")
 COUNT = Struct("<I")
 FILTER = Struct("<II")
-FRAME = Struct("<HBB8s")
-STAMPED = Struct("<QHBB8s")
+FRAME, FD_FRAME = Struct("<HBB8s"), Struct("<HBB64s")
+STAMPED, FD_STAMPED = Struct("<QHBB8s"), Struct("<QHBB64s")
 
 
 class GarbledStreamError(BusError):
@@ -67,6 +75,8 @@ class Kind(IntEnum):
     REQUEST = 10
     REPLY = 11
     REJECT = 12
+    SEND_FD = 13
+    DELIVER_FD = 14
 
 
 class HelloFlag(IntFlag):
@@ -74,6 +84,7 @@ class HelloFlag(IntFlag):
 
     RECEIVE_OWN = 1
     CONTROL_ONLY = 2
+    FD = 4
 
 
 class FrameFlag(IntFlag):
@@ -98,12 +109,13 @@ _KINDS = {int(kind): kind for kind in Kind}
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Contents of a client's first message."""
+    """Contents of a client's first message. data_bitrate: None for a client of classic CAN."""
 
     name: str
     bitrate: int
     receive_own: bool
     control_only: bool
+    data_bitrate: int | None = None
 
 
 class Splitter:
@@ -152,23 +164,36 @@ def count_message(kind: Kind, count: int) -> bytes:
 def hello_message(hello: Hello) -> bytes:
     """Return a HELLO message."""
     flags = HelloFlag.RECEIVE_OWN * hello.receive_own | HelloFlag.CONTROL_ONLY * hello.control_only
-    return message(Kind.HELLO, HELLO.pack(flags, hello.bitrate) + hello.name.encode())
+    data_rate = b""
+    if hello.data_bitrate is not None:
+        flags |= HelloFlag.FD
+        data_rate = COUNT.pack(hello.data_bitrate)
+    return message(Kind.HELLO, HELLO.pack(flags, hello.bitrate) + data_rate + hello.name.encode())
 
 
 def parse_hello(payload: bytes) -> Hello:
     """Parse the payload of HELLO. Raises GarbledStreamError."""
-    if len(payload) < HELLO.size:
-        raise GarbledStreamError(f"HELLO of {len(payload)} bytes is shorter than {HELLO.size} bytes")
+    is_fd = bool(payload) and bool(payload[0] & HelloFlag.FD)
+    name_at = HELLO.size + COUNT.size * is_fd
+    if len(payload) < name_at:
+        raise GarbledStreamError(f"HELLO of {len(payload)} bytes is shorter than {name_at} bytes")
     flags, bitrate = HELLO.unpack_from(payload)
+    data_bitrate: int | None = COUNT.unpack_from(payload, HELLO.size)[0] if is_fd else None
     try:
-        name = payload[HELLO.size :].decode()
+        name = payload[name_at:].decode()
     except UnicodeDecodeError as error:
         raise GarbledStreamError("the name in HELLO is not UTF-8") from error
     if not name or len(name) > 64 or not name.isprintable():
         raise GarbledStreamError(
             f"the name in HELLO is empty, longer than 64 characters or not printable: {name[:80]!r}"
         )
-    return Hello(name, bitrate, bool(flags & HelloFlag.RECEIVE_OWN), bool(flags & HelloFlag.CONTROL_ONLY))
+    return Hello(
+        name,
+        bitrate,
+        receive_own=bool(flags & HelloFlag.RECEIVE_OWN),
+        control_only=bool(flags & HelloFlag.CONTROL_ONLY),
+        data_bitrate=data_bitrate,
+    )
 
 
 def filters_message(filters: list[tuple[int, int]] | None) -> bytes:
@@ -184,38 +209,59 @@ def parse_filters(payload: bytes) -> list[tuple[int, int]] | None:
     return None if payload[0] else list(FILTER.iter_unpack(payload[1:]))
 
 
-def pack_frame(frame: CanFrame, flags: int = 0) -> bytes:
-    """Return one frame in the format of SEND."""
+def send_messages(frames: Iterable[CanFrame], flags: int = 0) -> bytes:
+    """Return SEND and SEND_FD messages with the frames in their order."""
+    return b"".join(
+        message(Kind.SEND_FD if is_fd else Kind.SEND, b"".join([_packed(frame, flags) for frame in run]))
+        for is_fd, run in groupby(frames, attrgetter("fd"))
+    )
+
+
+def deliver_message(won_at_us: int, flags: int, frame: CanFrame) -> bytes:
+    """Return a DELIVER or DELIVER_FD message with one frame."""
     if frame.remote:
         flags |= _REMOTE
-    return FRAME.pack(frame.can_id, flags, len(frame.data), frame.data)
+    kind, layout = (Kind.DELIVER_FD, FD_STAMPED) if frame.fd else (Kind.DELIVER, STAMPED)
+    return message(kind, layout.pack(won_at_us, frame.can_id, flags, len(frame.data), frame.data))
 
 
-def parse_frames(payload: bytes) -> Iterator[tuple[int, CanFrame]]:
-    """Yield (flags, frame) of SEND.
+def parse_frames(kind: Kind, payload: bytes) -> Iterator[tuple[int, CanFrame]]:
+    """Yield (flags, frame) of SEND or SEND_FD.
 
     Raises GarbledStreamError for a length, identifier or DLC out of range.
     """
-    if len(payload) % FRAME.size:
-        raise GarbledStreamError(f"SEND of {len(payload)} bytes is not a multiple of {FRAME.size}")
-    for can_id, flags, length, data in FRAME.iter_unpack(payload):
-        if can_id > MAX_STANDARD_ID or length > MAX_DATA_BYTES:
-            raise GarbledStreamError(
-                f"SEND contains a frame with identifier {can_id:#x} and {length} data bytes"
-            )
-        yield flags, CanFrame(can_id, data[:length], bool(flags & _REMOTE))
+    is_fd = kind is Kind.SEND_FD
+    for can_id, flags, length, data in _records(kind, FD_FRAME if is_fd else FRAME, payload):
+        yield flags, _frame(kind, can_id, flags, data[:length], length, is_fd)
 
 
-def parse_stamped(payload: bytes) -> Iterator[tuple[int, int, CanFrame]]:
-    """Yield (start of frame in us, flags, frame) of DELIVER. Raises GarbledStreamError."""
-    if len(payload) % STAMPED.size:
-        raise GarbledStreamError(f"DELIVER of {len(payload)} bytes is not a multiple of {STAMPED.size}")
-    for won_at_us, can_id, flags, length, data in STAMPED.iter_unpack(payload):
-        if can_id > MAX_STANDARD_ID or length > MAX_DATA_BYTES:
-            raise GarbledStreamError(
-                f"DELIVER contains a frame with identifier {can_id:#x} and {length} data bytes"
-            )
-        yield won_at_us, flags, CanFrame(can_id, data[:length], bool(flags & _REMOTE))
+def parse_stamped(kind: Kind, payload: bytes) -> Iterator[tuple[int, int, CanFrame]]:
+    """Yield (start of frame in us, flags, frame) of DELIVER or DELIVER_FD. Raises GarbledStreamError."""
+    is_fd = kind is Kind.DELIVER_FD
+    for won_at_us, can_id, flags, length, data in _records(kind, FD_STAMPED if is_fd else STAMPED, payload):
+        yield won_at_us, flags, _frame(kind, can_id, flags, data[:length], length, is_fd)
+
+
+def _packed(frame: CanFrame, flags: int) -> bytes:
+    if frame.remote:
+        flags |= _REMOTE
+    return (FD_FRAME if frame.fd else FRAME).pack(frame.can_id, flags, len(frame.data), frame.data)
+
+
+def _records(kind: Kind, layout: Struct, payload: bytes) -> Iterator[tuple[Any, ...]]:
+    if len(payload) % layout.size:
+        raise GarbledStreamError(f"{kind.name} of {len(payload)} bytes is not a multiple of {layout.size}")
+    return layout.iter_unpack(payload)
+
+
+def _frame(kind: Kind, can_id: int, flags: int, data: bytes, length: int, is_fd: bool) -> CanFrame:
+    is_remote = bool(flags & _REMOTE)
+    fits = length in FD_LENGTHS and not is_remote if is_fd else length <= MAX_DATA_BYTES
+    if can_id > MAX_STANDARD_ID or not fits:
+        raise GarbledStreamError(
+            f"{kind.name} contains a frame with identifier {can_id:#x} and {length} data bytes"
+        )
+    return CanFrame(can_id, data, is_remote, is_fd)
 
 
 def welcome_message(txqueuelen: int, bitrate: int) -> bytes:

@@ -35,14 +35,22 @@ class Hub:
     """A running hub. `run` serves until `stop`; `close` removes the socket file.
 
     log: when set, all transmitted frames are written to it; `close` closes it. clock: the wire's clock, which
-    must not follow steps of the system clock: the wire would stop or transmit faster.
+    must not follow steps of the system clock: the wire would stop or transmit faster. data_bitrate: bit/s of
+    the data phase of CAN FD frames, None for a classic bus.
 
     Raises BusError when another hub listens on the socket or the socket cannot be created.
     """
 
-    def __init__(self, path: Path, bitrate: int, txqueuelen: int, clock: LocalClock | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        bitrate: int,
+        txqueuelen: int,
+        clock: LocalClock | None = None,
+        data_bitrate: int | None = None,
+    ) -> None:
         self._clock = clock or LocalClock()
-        self.core = HubCore(bitrate, txqueuelen, self._clock.now_us())
+        self.core = HubCore(bitrate, txqueuelen, self._clock.now_us(), data_bitrate)
         self.path = path
         self.log: LogWriter | None = None
         self._log_flushed_us = 0

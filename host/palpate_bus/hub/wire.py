@@ -12,11 +12,16 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from math import ceil
 
-from palpate_bus.load.bit_count import frame_bits
+from palpate_bus.load.fd_bit_count import bit_times
 from palpate_edge.can_bus.can_frame import CanFrame
 
 Filters = Sequence[tuple[int, int]] | None  # (identifier, mask); None accepts everything
+
+UNLIMITED_COUNTS_AS = (
+    1_000_000  # nominal bit/s by which the bits of CAN FD frames count where they take no time
+)
 
 
 class Submitted(Enum):
@@ -32,15 +37,17 @@ class Delivery:
     """One frame that was transmitted on the wire.
 
     won_at_us: time of arbitration (start of frame). sender: its port. receivers: ports whose filters match.
-    bits: length on the wire including the interframe space. copy: as in `Wire.submit`.
+    bits: length on the wire including the interframe space, in bit times of the nominal rate. copy: as in
+    `Wire.submit`. classic_ports: those that would receive this CAN FD frame if they had CAN FD.
     """
 
     won_at_us: int
     sender: int
     receivers: tuple[int, ...]
     frame: CanFrame
-    bits: int
+    bits: float
     copy: bool
+    classic_ports: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,7 @@ class _Waiting:
 @dataclass(slots=True)
 class _Port:
     receive_own: bool
+    has_fd: bool
     filters: Filters = ()
     queue: deque[_Waiting] = field(default_factory=deque)
     counted: int = 0  # frames in the queue, copies excluded
@@ -69,10 +77,12 @@ class Wire:
     """The wire and its ports.
 
     bitrate: bit/s; with 0 a frame takes no time. txqueuelen: length of each port's transmit queue.
+    data_bitrate: bit/s of the data phase of CAN FD frames, None for a classic bus.
     """
 
-    def __init__(self, bitrate: int, txqueuelen: int) -> None:
+    def __init__(self, bitrate: int, txqueuelen: int, data_bitrate: int | None = None) -> None:
         self.bitrate = bitrate
+        self.data_bitrate = data_bitrate
         self.txqueuelen = txqueuelen
         self._ports: dict[int, _Port] = {}
         self._next_port = 0
@@ -80,14 +90,14 @@ class Wire:
         self._on_wire: Delivery | None = None
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
 
-    def attach(self, receive_own: bool) -> int:
+    def attach(self, receive_own: bool, has_fd: bool = False) -> int:
         """Add a port and return its number, which is never reused.
 
-        It receives nothing before `set_filters`.
+        It receives nothing before `set_filters`, and CAN FD frames only if it `has_fd`.
         """
         port = self._next_port
         self._next_port += 1
-        self._ports[port] = _Port(receive_own)
+        self._ports[port] = _Port(receive_own, has_fd)
         self._routes.clear()
         return port
 
@@ -175,10 +185,14 @@ class Wire:
         if sender.leaving and not sender.queue:
             self.detach(winner)
         frame = waiting.frame
-        bits = frame_bits(frame)
+        bits = bit_times(frame, self.bitrate or UNLIMITED_COUNTS_AS, self.data_bitrate)
         receivers = self._receivers(winner, frame.can_id)
-        self._on_wire = Delivery(start_us, winner, receivers, frame, bits, waiting.copy)
-        duration_us = -(-bits * 1_000_000 // self.bitrate) if self.bitrate else 0
+        classic_ports: tuple[int, ...] = ()
+        if frame.fd:
+            classic_ports = tuple(port for port in receivers if not self._ports[port].has_fd)
+            receivers = tuple(port for port in receivers if self._ports[port].has_fd)
+        self._on_wire = Delivery(start_us, winner, receivers, frame, bits, waiting.copy, classic_ports)
+        duration_us = ceil(bits * 1_000_000 / self.bitrate) if self.bitrate else 0
         self._free_at_us = start_us + duration_us
         return True
 

@@ -16,8 +16,8 @@ CRC_MASK = 0x7FFF
 TAIL_BITS = 1 + 1 + 1 + 7 + 3
 
 # A stuffing state is (level of the last bit, how many equal bits in a row), a stuff bit included.
-_State = tuple[int, int]
-_IDLE: _State = (1, 0)
+StuffState = tuple[int, int]
+_IDLE: StuffState = (1, 0)
 
 
 def frame_bits(frame: CanFrame) -> int:
@@ -28,19 +28,19 @@ def frame_bits(frame: CanFrame) -> int:
     data = b"" if frame.remote else frame.data
     state, count, crc = _header(frame.can_id, frame.remote, len(frame.data))
     for byte in data:
-        state, stuffed = _stuff(state, byte, 8)
+        state, stuffed = stuff(state, byte, 8)
         count += stuffed
         crc = ((crc << 8) & CRC_MASK) ^ _crc_of_byte((crc >> 7) ^ byte)
-    state, high = _stuff(state, crc >> 8, 7)
-    _, low = _stuff(state, crc & 0xFF, 8)
+    state, high = stuff(state, crc >> 8, 7)
+    _, low = stuff(state, crc & 0xFF, 8)
     return count + high + low + TAIL_BITS
 
 
 @cache
-def _header(can_id: int, remote: bool, length: int) -> tuple[_State, int, int]:
+def _header(can_id: int, remote: bool, length: int) -> tuple[StuffState, int, int]:
     """Return (stuffing state, bits, CRC) after start of frame, identifier, RTR, IDE, r0 and DLC: 19 bits."""
     bits = (can_id << 7) | (int(remote) << 6) | length
-    state, count = _stuff(_IDLE, bits, 19)
+    state, count = stuff(_IDLE, bits, 19)
     crc = 0
     for shift in (16, 8, 0):  # 24 bits: leading zeros do not change a CRC that starts at zero
         crc = ((crc << 8) & CRC_MASK) ^ _crc_of_byte(((crc >> 7) ^ (bits >> shift)) & 0xFF)
@@ -48,7 +48,7 @@ def _header(can_id: int, remote: bool, length: int) -> tuple[_State, int, int]:
 
 
 @cache
-def _stuff(state: _State, bits: int, width: int) -> tuple[_State, int]:
+def stuff(state: StuffState, bits: int, width: int) -> tuple[StuffState, int]:
     """Return (state, bits sent) after `width` bits, most significant first, with stuffing."""
     level, run = state
     sent = width

@@ -3,33 +3,50 @@
 Frames and their lengths come from the two EDS files. A frame takes 47 + 8 n bits (with the interframe space)
 and stuff bits: none at best, floor((34 + 8 n - 1) / 4) at worst (Davis, Burns, Bril, Lukkien, Real-Time
 Systems 35, 2007, 239-272). The mean is counted bit by bit over ordinary values.
+
+On a CAN FD bus a fingertip sends its contacts as TPDO 10, a CAN FD frame; the drives' PDOs may be such frames
+or classic ones, and those of drive nodes with several axes are such frames. All other frames stay classic.
+Bits are bit times of the nominal rate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from random import Random
 from statistics import fmean
 
+import msgspec
+
 from palpate_bus.eds.cia402 import CIA402_EDS
+from palpate_bus.eds.cia402_axes import (
+    axes_codec,
+    axes_of_tpdos,
+    command_words,
+    profile_key,
+    state_words,
+)
 from palpate_bus.load.bit_count import frame_bits
+from palpate_bus.load.fd_bit_count import fd_frame_bits, least_fd_bits, worst_fd_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_edge.common.contact_quantities import AI_INPUT, QUANTITIES
+from palpate_edge.common.contact_quantities import AI_INPUT, POSE_TPDOS, QUANTITIES
 from palpate_edge.node.cob_ids import NOT_VALID
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fd_bus import on_fd_bus
 from palpate_edge.node.object_dictionary import Entry, ObjectDictionary
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
-from palpate_edge.node.pdo_parameters import pdo_numbers
+from palpate_edge.node.pdo_parameters import pdo_numbers, with_tpdos_enabled
 
 SAMPLES = 200
 FITS_PERCENT = 80.0
 """Worst-case load up to which a case fits; a fifth is left for unplanned traffic and errors."""
 
+TIME_STAMP_ID = 0x1FF  # RPDO 1 of every fingertip
 HOST_NODE, FIRST_FINGERTIP, FIRST_DRIVE = 0x7F, 0x10, 1
+TARGET_TORQUE = 0x60710010  # mapping word of axis 0
 NODE_IDS = 127
 
 # Ordinary raw values of the objects. An object that is not listed takes the whole range of its type.
@@ -54,9 +71,12 @@ _USUAL: dict[tuple[int, int], tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class BudgetCase:
-    """A hand on a bus. joints: of all fingers together, one drive each. pose_fingertips: how many fingertips
-    send the pose of a flat object.
+    """A hand on a bus. joints: those with a drive node of their own, of all fingers together.
+    pose_fingertips: how many fingertips send the pose of a flat object. axis_nodes: number of axes of each
+    drive node with several, which a CAN FD bus may have.
 
+    data_bitrate: bit/s of the data phase of CAN FD frames; None for a classic bus. classic_drives: the drives
+    send and receive classic frames on it.
     sdo_per_s: SDO requests reserved for the master, each with a response; time_stamps_per_s: 1013h.
     """
 
@@ -69,11 +89,24 @@ class BudgetCase:
     time_stamps_per_s: float = 20.0
     sdo_per_s: float = 20.0
     pose_fingertips: int = 0
+    data_bitrate: int | None = None
+    classic_drives: bool = False
+    axis_nodes: tuple[int, ...] = ()
 
     @property
     def nodes(self) -> int:
         """Number of nodes, with the host."""
-        return self.fingertips + self.joints + 1
+        return self.fingertips + self.joints + len(self.axis_nodes) + 1
+
+    @property
+    def drives(self) -> int:
+        """Number of drives, in nodes of their own or axes of a node."""
+        return self.joints + sum(self.axis_nodes)
+
+    def sharing_nodes(self, axes: int) -> BudgetCase:
+        """Return the same hand with up to `axes` drives in a node."""
+        full, rest = divmod(self.drives, axes)
+        return replace(self, joints=0, axis_nodes=(axes,) * full + ((rest,) if rest else ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +117,9 @@ class FrameStream:
     name: str
     length: int
     per_s: float
-    least: int
+    least: float
     mean: float
-    worst: int
+    worst: float
     senders: int = 1
 
 
@@ -94,7 +127,7 @@ class FrameStream:
 class Budget:
     """The streams of a case; loads in per cent of the bit rate.
 
-    burst_us: longest time of one frame from each sender of the streams with 10 frames/s or more.
+    burst_us: longest time of one frame from each sender of the streams with 10 frames/s or more from each.
     """
 
     case: BudgetCase
@@ -135,8 +168,9 @@ class Budget:
 def budget(case: BudgetCase) -> Budget:
     """Return the load of a case."""
     streams = [
-        *_pdo_streams("fingertip", FINGERTIP_EDS, FIRST_FINGERTIP, case.fingertips, case),
-        *_pdo_streams("drive", CIA402_EDS, FIRST_DRIVE, case.joints, case),
+        *_fingertip_streams(case),
+        *_drive_streams(case),
+        *_axes_streams(case),
         _stream("SYNC", 0x080, [b""], case.tick_Hz),
         _stream("heartbeats", 0x700 + FIRST_FINGERTIP, [b"\x05"], case.nodes * 1000.0 / case.heartbeat_ms),
     ]
@@ -144,7 +178,7 @@ def budget(case: BudgetCase) -> Budget:
     transfers = [b"\x43" + dice.randbytes(7) for _ in range(SAMPLES)]
     streams.append(_stream("SDO reserve", 0x600 + FIRST_FINGERTIP, transfers, 2 * case.sdo_per_s))
     periodic = [stream for stream in streams if stream.name.startswith(("fingertip", "drive", "SYNC"))]
-    fast = [stream for stream in periodic if stream.per_s >= 10.0]
+    fast = [stream for stream in periodic if stream.per_s >= 10.0 * stream.senders]
     burst_us = sum(stream.worst * stream.senders for stream in fast) * 1e6 / case.bitrate
     return Budget(case, tuple(stream for stream in streams if stream.per_s), burst_us)
 
@@ -160,22 +194,67 @@ def worst_bits(length: int) -> int:
     return 47 + 8 * length + (34 + 8 * length - 1) // 4
 
 
-def _pdo_streams(who: str, eds: Path, node_id: int, count: int, case: BudgetCase) -> list[FrameStream]:
-    """Return a stream for each PDO of `count` nodes; an RPDO with one COB-ID for all nodes is sent once."""
-    od, neighbour = load_eds(eds, node_id), load_eds(eds, node_id + 1)
+def _fingertip_streams(case: BudgetCase) -> list[FrameStream]:
+    """Return a stream for each TPDO of the fingertips, and one for the time stamp that all receive."""
+    od, posed = load_eds(FINGERTIP_EDS, FIRST_FINGERTIP), case.pose_fingertips
+    if case.data_bitrate is None:
+        plain, with_poses = od, with_tpdos_enabled(od, POSE_TPDOS)
+    else:
+        plain, with_poses = (on_fd_bus(od, poses=poses) for poses in (False, True))
+    streams, sent_by_all = [], set()
+    for codec in _enabled(plain):
+        senders = case.fingertips - (posed if codec.layout.fd else 0)
+        if not codec.layout.fd:
+            sent_by_all.add(str(codec))
+        streams.append(
+            _pdo_stream(case, f"fingertip {codec.label}", codec, _rate(plain, codec, case), senders)
+        )
+    for codec in _enabled(with_poses):
+        if str(codec) not in sent_by_all:
+            name = f"fingertip {codec.label}" + (", poses" if codec.layout.fd else "")
+            streams.append(_pdo_stream(case, name, codec, _rate(od, codec, case), posed))
+    return streams
+
+
+def _drive_streams(case: BudgetCase) -> list[FrameStream]:
+    od = load_eds(CIA402_EDS, FIRST_DRIVE)
+    is_fd = case.data_bitrate is not None and not case.classic_drives
     streams = []
+    for codec in _enabled(od):
+        as_sent = msgspec.structs.replace(codec, layout=msgspec.structs.replace(codec.layout, fd=is_fd))
+        rate = _rate(od, codec, case)
+        streams.append(_pdo_stream(case, f"drive {codec.label}", as_sent, rate, case.joints))
+    return streams
+
+
+def _axes_streams(case: BudgetCase) -> Iterator[FrameStream]:
+    """Yield the streams of drive nodes with several axes, by their number of axes."""
+    for count, nodes in sorted(Counter(case.axis_nodes).items(), reverse=True):
+        parts = axes_of_tpdos(range(count))
+        codecs = [
+            axes_codec(FIRST_DRIVE, PdoDirection.TRANSMIT, number, state_words(axes))
+            for number, axes in enumerate(parts, 1)
+        ]
+        words = command_words(range(count), TARGET_TORQUE)
+        codecs.append(axes_codec(FIRST_DRIVE, PdoDirection.RECEIVE, 1, words))
+        for codec in codecs:
+            name = f"drive {codec.label}, {count} axes"
+            yield _pdo_stream(case, name, codec, case.tick_Hz, nodes)
+
+
+def _enabled(od: ObjectDictionary) -> Iterator[PdoCodec]:
     for direction in PdoDirection:
         for number in pdo_numbers(od, direction):
-            codec = pdo_codec(od, direction, number)
-            disabled = od.default_number(direction.communication_index + number - 1, 1) & NOT_VALID
-            senders = count
-            if disabled:
-                senders = case.pose_fingertips if who == "fingertip" else 0
-            name, rate = f"{who} {direction.label} {number}", senders * _rate(od, codec, case)
-            if codec.cob_id == pdo_codec(neighbour, direction, number).cob_id:
-                name, rate = "time stamp", case.time_stamps_per_s if count else 0.0
-            streams.append(_stream(name, codec.cob_id, _payloads(codec), rate, senders))
-    return streams
+            if not od.default_number(direction.communication_index + number - 1, 1) & NOT_VALID:
+                yield pdo_codec(od, direction, number)
+
+
+def _with_camera_frame(od: ObjectDictionary, codec: PdoCodec) -> bool:
+    """Return whether a node sends the PDO with each camera frame: event-driven, without an event timer."""
+    index = codec.direction.communication_index + codec.number - 1
+    if codec.direction is PdoDirection.RECEIVE or od.default_number(index, 2) <= 240:
+        return False
+    return (index, 5) not in od.entries or not od.default_number(index, 5)
 
 
 def _rate(od: ObjectDictionary, codec: PdoCodec, case: BudgetCase) -> float:
@@ -183,11 +262,12 @@ def _rate(od: ObjectDictionary, codec: PdoCodec, case: BudgetCase) -> float:
     index = codec.direction.communication_index + codec.number - 1
     if codec.direction is PdoDirection.RECEIVE:
         return case.tick_Hz
+    if _with_camera_frame(od, codec):
+        return case.frames_per_s
     transmission = od.default_number(index, 2)
     if 1 <= transmission <= 240:
         return case.tick_Hz / transmission
-    timer_ms = od.default_number(index, 5) if (index, 5) in od.entries else 0
-    return 1000.0 / timer_ms if timer_ms else case.frames_per_s
+    return 1000.0 / od.default_number(index, 5)
 
 
 def _payloads(codec: PdoCodec) -> list[bytes]:
@@ -202,7 +282,23 @@ def _usual_range(entry: Entry) -> tuple[int, int]:
     bits = 8 * (entry.size_bytes or 0)
     signed = entry.data_type.name.startswith("INTEGER")
     whole = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-    return _USUAL.get(entry.key, whole)
+    return _USUAL.get(entry.key) or _USUAL.get(profile_key(entry.key), whole)
+
+
+def _pdo_stream(case: BudgetCase, name: str, codec: PdoCodec, rate: float, senders: int) -> FrameStream:
+    """Return the stream of one PDO. rate: of one sender; the time stamp has one for all its receivers."""
+    if codec.cob_id == TIME_STAMP_ID:
+        name, per_s = "time stamp", case.time_stamps_per_s if senders else 0.0
+    else:
+        per_s = senders * rate
+    payloads = _payloads(codec)
+    if not codec.layout.fd or case.data_bitrate is None:
+        return _stream(name, codec.cob_id, payloads, per_s, senders)
+    rates = case.bitrate, case.data_bitrate
+    mean = fmean(fd_frame_bits(codec.cob_id, data).nominal_bits(*rates) for data in payloads)
+    length = codec.length_bytes
+    least, worst = (bits(length).nominal_bits(*rates) for bits in (least_fd_bits, worst_fd_bits))
+    return FrameStream(name, length, per_s, least, mean, worst, senders)
 
 
 def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float, senders: int = 1) -> FrameStream:

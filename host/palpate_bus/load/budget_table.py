@@ -34,7 +34,9 @@ def breakdown(result: Budget) -> RenderableType:
     table.add_column("frame")
     for title in ("bytes", "a second", "bits mean", "worst", "load %"):
         table.add_column(title, justify="right")
-    table.add_column(f"of {result.case.bitrate / 1000:g} kbit/s", width=BAR_WIDTH)
+    data_bitrate = result.case.data_bitrate
+    data_phase = f", FD at {data_bitrate / 1000:g} kbit/s" if data_bitrate else ""
+    table.add_column(f"of {result.case.bitrate / 1000:g} kbit/s{data_phase}", width=BAR_WIDTH)
     largest = max(result.percent_of(stream) for stream in result.streams)
     for stream in result.streams:
         percent = result.percent_of(stream)
@@ -44,7 +46,7 @@ def breakdown(result: Budget) -> RenderableType:
             str(stream.length),
             f"{stream.per_s:.0f}",
             f"{stream.mean:.1f}",
-            str(stream.worst),
+            f"{stream.worst:.0f}",
             f"{percent:.2f}",
             bar(percent, largest, colour),
         )
@@ -55,7 +57,8 @@ def summary(result: Budget) -> Text:
     """Return the total load, the verdict and the burst as text."""
     case = result.case
     text = Text(
-        f"{case.fingertips} fingertips at {case.frames_per_s:g} FPS, {case.joints} drives at "
+        f"{case.fingertips} fingertips at {case.frames_per_s:g} FPS, {case.drives} drives"
+        f"{f' in {case.joints + len(case.axis_nodes)} nodes' if case.axis_nodes else ''} at "
         f"{case.tick_Hz:g} Hz, {result.frames_per_s:.0f} frames/s: {result.mean_percent:.1f} % mean, "
         f"{result.worst_percent:.1f} % at worst, "
     )
@@ -83,12 +86,15 @@ def usual_hands(like: BudgetCase) -> Table:
             joints=usual.joints,
             frames_per_s=usual.frames_per_s,
             pose_fingertips=0,
+            axis_nodes=(),
         )
+        if like.axis_nodes:
+            case = case.sharing_nodes(max(like.axis_nodes))
         result = budget(case)
         colour = _COLOURS[result.verdict]
         table.add_row(
             str(case.fingertips),
-            str(case.joints),
+            str(case.drives),
             f"{case.frames_per_s:g}",
             f"{result.frames_per_s:.0f}",
             f"{result.mean_percent:.1f}",

@@ -10,9 +10,10 @@
     #! (1700000000.124000) tick {"mode":"grasp", ...
     #+ ... }
 
-A remote frame is written as ``R``, followed by its DLC unless that is 0. Time is Unix time in integer
-microseconds, converted without floating point and without a time zone. Source of the line format: can-utils,
-lib.h and candump(1).
+A remote frame is written as ``R``, followed by its DLC unless that is 0, a CAN FD frame as ``190##1`` and its
+data, where 1 is the flag of a fast data phase (BRS). candump of today adds 4 (FDF). Time is Unix time in
+integer microseconds, converted without floating point and without a time zone. Source of the line format:
+can-utils, lib.h and candump(1).
 
 A line that begins with ``#!`` is a note: time, kind and text of something that is not on the bus (a host's
 tick, an operator's command). ``#+`` continues the note before it. can-utils skip every line that does not
@@ -31,7 +32,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
-from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
+from palpate_edge.can_bus.can_frame import FD_LENGTHS, MAX_STANDARD_ID, CanFrame
 from palpate_edge.common.atomic_write import atomic_text
 from palpate_edge.common.errors import BusError
 
@@ -44,10 +45,13 @@ LONGEST_LINE = 380
 
 _LINE = re.compile(
     r"\((?P<seconds>[0-9]{1,12})\.(?P<micros>[0-9]{6})\) (?P<channel>[^\s#]+) "
-    r"(?P<id>[0-9A-Fa-f]{3})#(?:(?P<remote>R)(?P<dlc>[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?: [RT])?"
+    r"(?P<id>[0-9A-Fa-f]{3})#(?:(?P<remote>R)(?P<dlc>[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8})"
+    r"|#[1357](?P<fd>(?:[0-9A-Fa-f]{2}){0,64}))(?: [RT])?"
 )
-_FOREIGN_LINE = re.compile(r"\([0-9]{1,12}\.[0-9]{6}\) [^\s#]+ (?:[0-9A-Fa-f]{8}#|[0-9A-Fa-f]{3,8}##).*")
-"""Valid lines of 29-bit, error and FD frames, which CANopen does not use."""
+_FOREIGN_LINE = re.compile(
+    r"\([0-9]{1,12}\.[0-9]{6}\) [^\s#]+ (?:[0-9A-Fa-f]{8}#|[0-9A-Fa-f]{3}##[02468ACEace]).*"
+)
+"""Valid lines of 29-bit and error frames, and of CAN FD frames without a fast data phase."""
 _NOTE = re.compile(
     r"\((?P<seconds>[0-9]{1,12})\.(?P<micros>[0-9]{6})\) (?P<kind>[a-z][a-z-]*) (?P<text>[ -~]*)"
 )
@@ -121,22 +125,29 @@ def format_record(record: LogRecord) -> str:
     seconds, micros = divmod(record.stamp_us, 1_000_000)
     frame = record.frame
     content = f"R{len(frame.data) or ''}" if frame.remote else frame.data.hex().upper()
+    if frame.fd:
+        content = f"#1{content}"
     return f"({seconds:010d}.{micros:06d}) {record.channel} {frame.can_id:03X}#{content}"
 
 
 def parse_record(line: str) -> LogRecord:
     """Parse one line (without line end).
 
-    Raises ValueError with the reason, also for 29-bit, FD and error frames, which CANopen does not use.
+    Raises ValueError with the reason, also for 29-bit and error frames, and for CAN FD frames without a fast
+    data phase.
     """
     match = _LINE.fullmatch(line)
     if match is None:
-        raise ValueError(f"{line[:60]!r} is not a line of candump -L with a classic 11-bit frame")
+        raise ValueError(f"{line[:60]!r} is not a line of candump -L with an 11-bit frame")
     can_id = int(match["id"], 16)
     if can_id > MAX_STANDARD_ID:
         raise ValueError(f"identifier {can_id:#x} has more than 11 bits")
     if match["remote"]:
         frame = CanFrame(can_id, bytes(int(match["dlc"] or 0)), remote=True)
+    elif match["fd"] is not None:
+        frame = CanFrame(can_id, bytes.fromhex(match["fd"]), fd=True)
+        if len(frame.data) not in FD_LENGTHS:
+            raise ValueError(f"{len(frame.data)} bytes are not a length of CAN FD")
     else:
         frame = CanFrame(can_id, bytes.fromhex(match["data"]))
     return LogRecord(int(match["seconds"]) * 1_000_000 + int(match["micros"]), frame, match["channel"])
@@ -145,7 +156,8 @@ def parse_record(line: str) -> LogRecord:
 def read_log(path: Path, skip_foreign: bool = False) -> BusLog:
     """Read a whole log, with or without a header.
 
-    skip_foreign: omit 29-bit, error and FD frames instead of raising LogError for them.
+    skip_foreign: omit 29-bit and error frames, and CAN FD frames without a fast data phase, instead of
+    raising LogError for them.
     Raises LogError with file and line for an invalid line, a last line without line end, a decreasing time
     stamp, or a header of another version.
     """

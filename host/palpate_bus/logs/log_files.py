@@ -1,8 +1,8 @@
 """Reader of bus logs in the common formats: candump -L (also gzipped), Vector ASC, Vector BLF.
 
 ASC and BLF are read by python-can, which stops without an error at some kinds of damage. The file's length
-and the order of time stamps are therefore checked here. 29-bit, FD and error frames, which CANopen does not
-use, are omitted.
+and the order of time stamps are therefore checked here. 29-bit and error frames, and CAN FD frames without a
+fast data phase, are omitted.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import can
 from can.io.blf import BLFParseError
 
 from palpate_bus.logs.candump import BusLog, LogError, LogHeader, LogRecord, parse_log
-from palpate_edge.can_bus.can_frame import MAX_DATA_BYTES, CanFrame
+from palpate_edge.can_bus.can_frame import CanFrame, check_frame
+from palpate_edge.common.errors import BusError
 
 MAX_LOG_BYTES = 1 << 30
 MAX_GZIP_RATIO = 100  # logs of a bus have 5 to 20
@@ -143,17 +144,17 @@ def _damaged(path: Path, place: str, error: Exception) -> LogError:
 
 
 def _records(path: Path, messages: Iterable[can.Message], place: Any) -> Iterator[LogRecord]:
-    """Yield the classic 11-bit data and remote frames; raise LogError when a time stamp decreases."""
+    """Yield the 11-bit data and remote frames; raise LogError when a time stamp decreases."""
     last_us: int | None = None
     for message in messages:
-        if message.is_error_frame or message.is_extended_id or message.is_fd:
+        if message.is_error_frame or message.is_extended_id or (message.is_fd and not message.bitrate_switch):
             continue
         data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
-        if not 0 <= message.arbitration_id <= 0x7FF or len(data) > MAX_DATA_BYTES:
-            raise LogError(
-                f"bus log {path}, {place()}: not a CAN frame: identifier 0x{message.arbitration_id:X},"
-                f" {len(data)} data bytes: record the log again"
-            )
+        frame = CanFrame(message.arbitration_id, data, message.is_remote_frame, message.is_fd)
+        try:
+            check_frame(frame, fd=True)
+        except BusError as error:
+            raise LogError(f"bus log {path}, {place()}: {error}: record the log again") from error
         stamp_us = round(message.timestamp * 1e6)
         if message.timestamp < _RELATIVE_LIMIT_S:
             stamp_us += EPOCH_OF_RELATIVE_US
@@ -162,4 +163,4 @@ def _records(path: Path, messages: Iterable[can.Message], place: Any) -> Iterato
                 f"bus log {path}, {place()}: time stamp decreases: sort the log or record it again"
             )
         last_us = stamp_us
-        yield LogRecord(stamp_us, CanFrame(message.arbitration_id, data, message.is_remote_frame))
+        yield LogRecord(stamp_us, frame)

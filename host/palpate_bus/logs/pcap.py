@@ -2,7 +2,8 @@
 
 ``tshark -r bus.pcap -d can.subdissector,canopen`` decodes them. Source: pcap savefile format
 (draft-ietf-opsawg-pcap, 4-5) and the link-type page of LINKTYPE_CAN_SOCKETCAN: identifier and flags U32 in
-network byte order (bit 30: remote), length U8, three bytes zero, data.
+network byte order (bit 30: remote), length U8, flags of CAN FD U8 (CANFD_BRS, CANFD_FDF), two bytes zero,
+data.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from pathlib import Path
 from struct import Struct
 
 from palpate_bus.logs.candump import LogError, LogRecord
+from palpate_edge.can_bus.link import CAN_FD_FLAGS
 from palpate_edge.common.atomic_write import write_atomically
 
 LINKTYPE_CAN_SOCKETCAN = 227
 _REMOTE_FLAG = 0x4000_0000
 _FILE_HEADER = Struct("<IHHiIII")  # magic (microseconds), version 2.4, zone, accuracy, snap length, link type
 _RECORD_HEADER = Struct("<IIII")  # seconds, microseconds, captured length, length
-_CAN_HEADER = Struct(">IBxxx")
+_CAN_HEADER = Struct(">IBBxx")
 
 
 def pcap_bytes(records: Iterable[LogRecord]) -> bytes:
@@ -29,7 +31,8 @@ def pcap_bytes(records: Iterable[LogRecord]) -> bytes:
         frame = record.frame
         identifier = frame.can_id | (_REMOTE_FLAG if frame.remote else 0)
         # A remote frame has a length but no data.
-        packet = _CAN_HEADER.pack(identifier, len(frame.data)) + (b"" if frame.remote else frame.data)
+        packet = _CAN_HEADER.pack(identifier, len(frame.data), CAN_FD_FLAGS if frame.fd else 0)
+        packet += b"" if frame.remote else frame.data
         parts += [_RECORD_HEADER.pack(seconds, micros, len(packet), len(packet)), packet]
     return b"".join(parts)
 

@@ -21,6 +21,8 @@ ANSWER_TIMEOUTS_S = (0.05, 0.2, 0.5)
 A node responds within 1 ms, a busy one later; a scan fails when a response arrives after its timeout.
 """
 COMMAND_TIMEOUT_S = 1.0
+TRIES = 2
+NO_RESPONSE = "No LSS response"  # of the canopen package
 MAX_NODES = 127
 SETTLE_S = 0.05
 
@@ -67,27 +69,39 @@ def find_unconfigured(
                     break
                 found.append(address)
         finally:
-            network.lss.send_switch_state_global(network.lss.WAITING_STATE)
-        confirmed = [address for address in found if _is_there(network, address)]
+            _switch_to_waiting(network)
+        with _timeout(network, COMMAND_TIMEOUT_S):
+            confirmed = [address for address in found if _select(network, address)]
+        _switch_to_waiting(network)
     for address in confirmed:
         progress(address)
     return confirmed
 
 
-def _is_there(network: canopen.Network, address: LssAddress) -> bool:
-    """Return whether a device responds to its address; all are in LSS waiting state afterwards."""
-    lss = network.lss
-    try:
-        with _timeout(network, COMMAND_TIMEOUT_S):
+def _switch_to_waiting(network: canopen.Network) -> None:
+    """Switch every device to LSS waiting state, with pauses: there is no response to wait for.
+
+    A device may miss a request that directly follows its last response or another request: CANopenNode does
+    until its main loop has cleared a flag (CO_LSSslave_process). Closing the bus drops frames in the queue.
+    """
+    time.sleep(SETTLE_S)
+    network.lss.send_switch_state_global(network.lss.WAITING_STATE)
+    time.sleep(SETTLE_S)
+
+
+def _select(network: canopen.Network, address: LssAddress) -> bool:
+    """Return whether a device responds to its address; it alone is in configuration state then."""
+    for _ in range(TRIES):
+        _switch_to_waiting(network)
+        try:
             return bool(
-                lss.send_switch_state_selective(
+                network.lss.send_switch_state_selective(
                     address.vendor, address.product, address.revision, address.serial
                 )
             )
-    except LssError:  # no response
-        return False
-    finally:
-        lss.send_switch_state_global(lss.WAITING_STATE)
+        except LssError:  # no response
+            continue
+    return False
 
 
 def _fast_scan(network: canopen.Network) -> LssAddress | None:
@@ -106,21 +120,28 @@ def set_node_id(network: canopen.Network, address: LssAddress, node_id: int, sto
     """
     lss = network.lss
     with _lss_errors(f"device {address}"), _timeout(network, COMMAND_TIMEOUT_S):
-        lss.send_switch_state_global(lss.WAITING_STATE)
-        if not lss.send_switch_state_selective(
-            address.vendor, address.product, address.revision, address.serial
-        ):
+        if not _select(network, address):
             raise BusError(
                 f"device {address} does not respond: list the unconfigured devices with"
                 " palpate-host bus lss list"
             )
         try:
-            lss.configure_node_id(node_id)
+            _configure(lambda: lss.configure_node_id(node_id))
             if store:
-                lss.store_configuration()
+                _configure(lss.store_configuration)
         finally:
-            lss.send_switch_state_global(lss.WAITING_STATE)
-            time.sleep(SETTLE_S)  # closing the bus may drop frames that are still queued
+            _switch_to_waiting(network)
+
+
+def _configure(request: Callable[[], None]) -> None:
+    """Send a request, and again while there is no response. Raises LssError for an error code."""
+    for _ in range(TRIES - 1):
+        try:
+            return request()
+        except LssError as error:
+            if NO_RESPONSE not in str(error):
+                raise
+    return request()
 
 
 def only_unconfigured(network: canopen.Network) -> LssAddress:
@@ -139,8 +160,9 @@ def _lss_errors(what: str) -> Iterator[None]:
     except LssError as error:
         reason = " ".join(str(error).split())
         raise BusError(
-            f"LSS, {what}: {reason} (error code 1: rejected or not supported, 2: storage failed): "
-            "check the id and that the device supports LSS"
+            f"LSS, {what}: {reason} (error code 1: rejected or not supported, 2: storage failed, "
+            "255: not in this NMT state): check the id, that the device supports LSS, and that it is not "
+            "OPERATIONAL (palpate-host bus nmt preop NODE)"
         ) from error
 
 

@@ -17,10 +17,8 @@ from palpate_bus.master.session import master, sdo_client
 from palpate_edge.common.errors import BusError
 from palpate_host.cli.run import CONFIG
 from palpate_host.control.turning_stability import turning_gain
-from palpate_host.service.bus_load_check import check_bus_load
-from palpate_host.service.hand_check import NodeReport, Read, check_nodes, joint_angles, table
-from palpate_host.service.host import load_hand
-from palpate_host.service.host_core import HostCore
+from palpate_host.service.hand_check import NodeReport, Read, check_nodes, joint_angles, problem_count, table
+from palpate_host.service.host import core_of, load_hand
 
 DIFFERS = 1
 
@@ -41,8 +39,7 @@ def check(config_path: Path, picture: Path | None, timeout_s: float, offline: bo
     palpate-host check --config hand.toml --offline --picture hand.png
     """
     config, hand = load_hand(config_path)
-    check_bus_load(config)
-    HostCore(config, hand)  # refuses fingers numbered clockwise
+    core_of(config, hand)  # refuses what a host would refuse
     gain = turning_gain(config, hand)
     if gain is not None:
         at = f"at {gain.tick_Hz:g} ticks a second"
@@ -84,5 +81,4 @@ def _print(reports: list[NodeReport], found: dict[int, FoundNode], expected: set
             click.echo(f"0x{node_id:02X} is on the bus and not in the file ({node.profile or 'no profile'})")
         elif node.answers > 1:
             raise BusError(f"{node.answers} nodes have the id 0x{node_id:02X}: give one another (bus lss)")
-    wrong = sum(bool(report.problems) for report in reports)
-    click.echo(f"{wrong} of {len(reports)} nodes have problems")
+    click.echo(problem_count(reports))

@@ -46,10 +46,7 @@ def export(source: Path, config_path: Path, output: Path) -> None:
         raise ConfigError(f"{output}: is none of {', '.join(FORMATS)}: end its name in one of them")
     config, hand = load_hand(config_path)
     statuses = read_statuses(source, config, hand, lambda line: click.echo(f"note: {line}", err=True))
-    try:
-        count = _write(output, statuses, config, hand, source)
-    except ModuleNotFoundError as exc:
-        raise ConfigError(f"{output}: needs {exc.name}: pip install 'palpate[record]'") from exc
+    count = _write(output, statuses, config, hand, source)
     click.echo(f"{output}: {count} ticks of {config_path.name}")
 
 

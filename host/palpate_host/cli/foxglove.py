@@ -16,7 +16,8 @@ from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.service.host import load_hand
 
-WAIT_S = 0.005
+WAIT_S = 0.1
+"""Longest wait for a tick, after which the command looks whether it has to end."""
 
 
 @click.command()
@@ -59,10 +60,8 @@ def foxglove(
       palpate-host foxglove --config hand.toml --layout hand-layout.json
       palpate-host foxglove --config hand.toml
     """
-    try:
-        from palpate_host.recording.live_server import LiveServer, layout  # noqa: PLC0415 (an extra)
-    except ModuleNotFoundError as exc:
-        raise ConfigError(f"foxglove needs {exc.name}: pip install 'palpate[record]'") from exc
+    from palpate_host.recording.live_server import LiveServer, layout  # noqa: PLC0415 (an extra)
+
     config, hand = load_hand(config_path)
     if layout_path is not None:
         write_atomically(layout_path, layout(config).encode(), ConfigError)
@@ -77,8 +76,8 @@ def foxglove(
         stop_event() as stopped,
     ):
         click.echo(f"foxglove: ws://{address}:{server.port}, host at {socket}", err=True)
-        while not stopped.wait(WAIT_S) and (end_s is None or time.monotonic() < end_s):
-            for status in follower.take():
+        while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
+            for status in follower.take(WAIT_S):
                 server.write(status)
                 ticks += 1
     click.echo(f"foxglove: {ticks} ticks")

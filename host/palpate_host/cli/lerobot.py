@@ -58,11 +58,9 @@ def lerobot(
       palpate-host lerobot run/bus.log --config run/hand.toml -o turns --task "Turn the prism."
       palpate-host lerobot rec1 rec2 --config hand.toml -o set --task Turn --camera finger-1=frames
     """
-    try:
-        from palpate_host.recording.lerobot import episode_of, names_of, write_dataset  # noqa: PLC0415
-        from palpate_host.recording.lerobot_video import write_video  # noqa: PLC0415
-    except ModuleNotFoundError as exc:
-        raise ConfigError(f"lerobot needs {exc.name}: pip install 'palpate[record]'") from exc
+    from palpate_host.recording.lerobot import episode_of, names_of, write_dataset  # noqa: PLC0415
+    from palpate_host.recording.lerobot_video import write_video  # noqa: PLC0415
+
     if output.exists() and any(output.iterdir()):
         raise ConfigError(f"{output}: is not empty: give another folder or remove it")
     config, hand = load_hand(config_path)

@@ -7,17 +7,14 @@ from pathlib import Path
 
 import click
 
-from palpate_bus.logs.candump import LogRecord
-from palpate_edge.can_bus.bus import open_bus
-from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.signals import stop_event
 from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
 from palpate_host.operator.server import default_control_socket
-from palpate_host.recording.status_follower import StatusFollower
-from palpate_host.service.host import bus_time, load_hand
+from palpate_host.recording.bounds import Bounds
+from palpate_host.service.host import load_hand
 
-WAIT_S = 0.02
 MB = 1_000_000
+DEFAULTS = Bounds()
 
 
 @click.command()
@@ -32,12 +29,16 @@ MB = 1_000_000
 @CONTROL_SOCKET
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0), help="Stop after so many seconds.")
 @click.option(
-    "--piece-mb", type=click.FloatRange(0.1), default=100.0, show_default=True, help="A piece ends after it."
+    "--piece-mb",
+    type=click.FloatRange(0.1),
+    default=DEFAULTS.piece_bytes / MB,
+    show_default=True,
+    help="A piece ends after it.",
 )
 @click.option(
     "--keep-mb",
     type=click.FloatRange(0.2),
-    default=2000.0,
+    default=DEFAULTS.folder_bytes / MB,
     show_default=True,
     help="The oldest pieces go beyond it.",
 )
@@ -62,25 +63,21 @@ def record(
       palpate-host view recording --config hand.toml
     """
     # needs the extra `record`, which slow imports come with
-    try:
-        from palpate_host.recording.segments import Bounds, SegmentedRecording  # noqa: PLC0415
-    except ModuleNotFoundError as exc:
-        raise ConfigError(f"record needs {exc.name}: pip install 'palpate[record]'") from exc
+    from palpate_host.recording.hand_recording import record_hand  # noqa: PLC0415
 
     config, hand = load_hand(config_path)
-    now_us = bus_time(config.bus)
     bounds = Bounds(piece_bytes=round(piece_mb * MB), folder_bytes=round(keep_mb * MB))
     socket = socket_path or default_control_socket()
     end_s = None if duration_s is None else time.monotonic() + duration_s
-    with (
-        open_bus(config.bus, "record") as bus,
-        SegmentedRecording(output, config, hand, bounds) as recording,
-        StatusFollower(socket) as follower,
-        stop_event() as stopped,
-    ):
-        click.echo(f"record: listening, host at {socket}", err=True)
-        while not stopped.is_set() and (end_s is None or time.monotonic() < end_s):
-            records = [LogRecord(stamp_us, frame) for stamp_us, frame in bus.receive(WAIT_S)]
-            recording.write(now_us(), records, follower.take())
+    with stop_event() as stopped:
+        recording = record_hand(
+            output,
+            config,
+            hand,
+            bounds,
+            socket,
+            lambda: stopped.is_set() or (end_s is not None and time.monotonic() >= end_s),
+            lambda: click.echo(f"record: listening, host at {socket}", err=True),
+        )
     summary = f"{recording.frames} frames, {recording.ticks} ticks in {output}"
     click.echo(f"record: {summary}, piece {recording.pieces}")

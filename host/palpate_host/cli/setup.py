@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import click
+import msgspec
 
 from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE
 from palpate_bus.master.scan import FoundNode, scan
@@ -22,10 +23,8 @@ from palpate_host.cli.documents import EXAMPLES
 from palpate_host.cli.setup_questions import ask_drives, ask_fingertips
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.service.bus_load_check import check_bus_load
-from palpate_host.service.hand_check import check_nodes, joint_angles, table
-from palpate_host.service.host import hand_of
-from palpate_host.service.host_core import HostCore
+from palpate_host.service.hand_check import check_nodes, joint_angles, problem_count, table
+from palpate_host.service.host import core_of, hand_of
 from palpate_host.setup.found_nodes import sort_nodes
 from palpate_host.setup.hand_file import hand_toml, with_model, with_nodes, with_torque_limits
 from palpate_host.setup.hand_text import fingers_text, top_view
@@ -114,22 +113,22 @@ def setup(
             tip_ids = _fingertips(nodes.fingertips, draft, requests, asks=not yes)
         if not drive_ids:
             drive_ids, directions = _drives(nodes.drives, draft, requests, asks=not yes)
-        config = with_nodes(draft, bus, tip_ids, drive_ids, directions)
+        on_bus = msgspec.structs.replace(bus, data_bitrate=requests.data_bitrate(tip_ids))
+        config = with_nodes(draft, on_bus, tip_ids, drive_ids, directions)
         text = hand_toml(with_torque_limits(config, requests.torque_caps_Nm()))
         config = hand_config.parse(output, text)
         hand = hand_of(config)
-        check_bus_load(config)
-        HostCore(config, hand)  # refuses fingers numbered clockwise
+        core_of(config, hand)  # refuses what a host would refuse
         reports = list(check_nodes(config, read, config.node_names.keys() - responding))
     q_rad, is_measured = joint_angles(config, reports)
-    tip_centre_m = hand.pose(q_rad).tip_centre_m
+    tip_centre_m = hand.tip_centres_m(q_rad)
     for part in (table(reports), fingers_text(config, tip_centre_m, q_rad), top_view(tip_centre_m)):
         click.echo(part)
     picture = picture or output.with_suffix(".svg")
     title = "as it stands" if is_measured else "joints in the middle of their ranges"
     draw_hand(config, q_rad, picture, title)
     click.echo(f"{picture}: the hand drawn")
-    wrong = f"{sum(bool(report.problems) for report in reports)} of {len(reports)} nodes have problems"
+    wrong = problem_count(reports)
     if any(report.problems for report in reports) and (yes or not click.confirm(f"{wrong}: write {output}?")):
         click.echo(f"{output}: not written, as {wrong}")
         sys.exit(DIFFERS)

@@ -27,14 +27,20 @@ class CameraSource:
             ) from exc
 
 
-def parse_camera(text: str) -> CameraSource:
-    """Parse NAME=PATH. Raises ConfigError for another form, or when PATH does not exist."""
+def named_path(option: str, text: str, example: str) -> tuple[str, Path]:
+    """Parse NAME=PATH, the value of an option. Raises ConfigError with an example for another form."""
     name, _, path = text.partition("=")
     if not name or not path:
-        raise ConfigError(f"--camera {text}: write NAME=PATH, as in finger-1=frames/")
-    if not Path(path).exists():
+        raise ConfigError(f"{option} {text}: write NAME=PATH, as in {example}")
+    return name, Path(path)
+
+
+def parse_camera(text: str) -> CameraSource:
+    """Parse NAME=PATH. Raises ConfigError for another form, or when PATH does not exist."""
+    name, path = named_path("--camera", text, "finger-1=frames/")
+    if not path.exists():
         raise ConfigError(
             f"--camera {text}: {path}: no such file or folder:"
             " give a folder of palpate-edge record, or a ring"
         )
-    return CameraSource(name, Path(path))
+    return CameraSource(name, path)

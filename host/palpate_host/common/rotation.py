@@ -10,6 +10,8 @@ from palpate_edge.common.arrays import Array
 
 _SMALL_ANGLE_RAD = 1e-8
 _NEAR_HALF_TURN = 1e-6
+_GIMBAL_LOCK = 1e-9
+"""Cosine of the pitch below which roll and yaw turn about one axis."""
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -35,8 +37,8 @@ def log(R: Array) -> Array:
     s = np.array([x, y, z])
     if cosine > 0.0:
         return s
-    # R = 2 a a^T - I at half a turn: the largest column of (R + I)/2 is the axis, up to its length.
-    columns = 0.5 * (R + np.eye(3))
+    # (R + R^T)/2 = 2 a a^T - I at half a turn: the largest column of a a^T is the axis, up to its length.
+    columns = 0.25 * (R + R.T) + 0.5 * np.eye(3)
     axis = columns[:, int(np.argmax(np.diag(columns)))]
     if axis @ s < 0.0:
         axis = -axis
@@ -70,11 +72,21 @@ def from_rpy_deg(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
     return np.asarray(rz @ ry @ rx)
 
 
+def to_rpy(R: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of `R` in rad: Rz(yaw) Ry(pitch) Rx(roll).
+
+    Yaw is 0 at a pitch of 90 deg, where it equals a roll. For borders and people, never for control.
+    """
+    cosine = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], cosine)
+    if cosine < _GIMBAL_LOCK:
+        return math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0
+    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
+
+
 def to_rpy_deg(R: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw of `R`, the inverse of `from_rpy_deg`; for people to read, never for control."""
-    pitch = math.asin(min(1.0, max(-1.0, -float(R[2, 0]))))
-    roll = math.atan2(float(R[2, 1]), float(R[2, 2]))
-    yaw = math.atan2(float(R[1, 0]), float(R[0, 0]))
+    """Roll, pitch, yaw of `R` in degrees, the inverse of `from_rpy_deg`."""
+    roll, pitch, yaw = to_rpy(R)
     return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
 
 

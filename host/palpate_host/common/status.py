@@ -79,8 +79,8 @@ class HoldStatus:
     object. turn_waits: the turn rests, or is undone, because friction allows no more.
     place_mm: of the point in the object that was the contacts' centroid when the hold began, in the hand's
     frame; place95_mm, orientation95_deg: 95 % radii of it and of R_c. load_N: steady force that the law
-    carries, in the hand's frame; is_load_known: False while it is being learned. All of these are None, or
-    False, unless the pose law holds the object.
+    carries, in the hand's frame; is_load_known: False while it is being learned. place_error_mm: distance of
+    place_mm from its present target. All of these are None, or False, unless the pose law holds the object.
     """
 
     friction_ratio: tuple[float | None, ...]
@@ -94,6 +94,7 @@ class HoldStatus:
     orientation95_deg: float | None = None
     load_N: tuple[float, float, float] | None = None
     is_load_known: bool = False
+    place_error_mm: float | None = None
 
 
 @dataclass(slots=True)

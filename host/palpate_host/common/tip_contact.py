@@ -14,7 +14,8 @@ class TipContact(OptionalQuantities):
     exposed_at_us: on the host's clock (epoch us), unwrapped from the bus clock's 32 bits.
     valid: the frame was not rejected. in_contact counts only together with it. position_mm, normal_force_N,
     shear_N: None in a valid contact of a sensor that never gives them; unknown is not zero.
-    flat_pose: of a flat object; None unless the sensor gives poses.
+    flat_pose: of a flat object; None unless the sensor gives poses. slip, slip_begins: the object slides, or
+    begins to.
     """
 
     received_at_us: int
@@ -29,3 +30,4 @@ class TipContact(OptionalQuantities):
     slip: bool
     quality: int
     flat_pose: FlatPose | None = None
+    slip_begins: bool = False

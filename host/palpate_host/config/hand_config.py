@@ -66,6 +66,7 @@ class JointConfig(Strict, frozen=True):
     """One joint and its drive: q = direction * drive's angle + zero_offset_rad.
 
     home_rad: q where homing finds its switch. drive: the drive's key in the registry (drives/registry.py).
+    axis: of a node with several axes, which other joints may name too; None for a node of its own.
     """
 
     name: Name
@@ -78,6 +79,7 @@ class JointConfig(Strict, frozen=True):
     torque_limit_Nm: Positive
     home_rad: float | None = None
     drive: Name = "cia402"
+    axis: Annotated[int, msgspec.Meta(ge=0, le=7)] | None = None
 
 
 class FingerConfig(Strict, frozen=True):
@@ -146,6 +148,7 @@ class PoseLawConfig(Strict, frozen=True):
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
     smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.
     slip_reflex: a tip that slips gets more grip, and its friction is estimated (tip_friction.py).
+    onset_reflex: the same for a tip where slip begins, a flag that abrupt pushes set too.
     """
 
     position_stiffness_N_m: Positive = 1000.0
@@ -162,6 +165,7 @@ class PoseLawConfig(Strict, frozen=True):
     reach_mm: Positive = 20.0
     reach_deg: Positive = 45.0
     slip_reflex: bool = True
+    onset_reflex: bool = False
 
 
 class TargetConfig(Strict, frozen=True):
@@ -265,9 +269,27 @@ class HandConfig(Strict, frozen=True):
         return tuple(joint for finger in self.fingers for joint in finger.joints)
 
     @property
+    def axis_names(self) -> dict[int, dict[int, str]]:
+        """Node id -> axis -> joint of the drive nodes with several axes, in the order of the axes."""
+        nodes: dict[int, dict[int, str]] = {}
+        for joint in self.joints:
+            if joint.axis is not None:
+                nodes.setdefault(joint.drive_node, {})[joint.axis] = joint.name
+        return {node: dict(sorted(names.items())) for node, names in nodes.items()}
+
+    @property
+    def node_axes(self) -> dict[int, tuple[int, ...]]:
+        """Node id -> the axes of a drive node with several, in the order of their numbers."""
+        return {node: tuple(names) for node, names in self.axis_names.items()}
+
+    @property
     def node_names(self) -> dict[int, str]:
         """Node id -> who it is, for messages and for a log's header."""
-        names = {joint.drive_node: f"drive of {joint.name}" for joint in self.joints}
+        names: dict[int, str] = {}
+        for joint in self.joints:
+            kind = "drive" if joint.axis is None else "axes"
+            above = names.get(joint.drive_node)
+            names[joint.drive_node] = f"{above}, {joint.name}" if above else f"{kind} of {joint.name}"
         return names | {finger.fingertip_node: f"fingertip of {finger.name}" for finger in self.fingers}
 
 
@@ -287,6 +309,7 @@ def parse(path: Path, text: str) -> HandConfig:
 
 def _checked(path: Path, config: HandConfig) -> HandConfig:
     _check_nodes(path, config)
+    _check_axes(path, config)
     _check_ranges(path, config)
     if config.model.mjcf is not None:
         model = msgspec.structs.replace(config.model, mjcf=str(path.parent / config.model.mjcf))
@@ -296,9 +319,14 @@ def _checked(path: Path, config: HandConfig) -> HandConfig:
 
 def _check_nodes(path: Path, config: HandConfig) -> None:
     users: dict[int, str] = {config.network.host_node: "network.host_node"}
+    shared: set[int] = set()
     for finger in config.fingers:
         claims = [(finger.fingertip_node, f"fingertip_node of {finger.name}")]
-        claims += [(joint.drive_node, f"drive_node of {joint.name}") for joint in finger.joints]
+        for joint in finger.joints:
+            if joint.drive_node not in shared:
+                claims.append((joint.drive_node, f"drive_node of {joint.name}"))
+            if joint.axis is not None:
+                shared.add(joint.drive_node)
         for node, user in claims:
             if node in users:
                 raise ConfigError(
@@ -313,6 +341,39 @@ def _check_nodes(path: Path, config: HandConfig) -> None:
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f"{path}: {key} {name!r} is used twice: every one needs its own")
+
+
+def _check_axes(path: Path, config: HandConfig) -> None:
+    """Check the joints that are axes of a node with several."""
+    users: dict[tuple[int, int], str] = {}
+    for joint in config.joints:
+        axis, node = joint.axis, joint.drive_node
+        if axis is None:
+            if node in config.node_axes:
+                raise ConfigError(
+                    f"{path}: node 0x{node:02X} has several axes, and {joint.name} names none:"
+                    " set its fingers.joints.axis, or another drive_node"
+                )
+            continue
+        where = f"{path}: fingers.joints.axis of {joint.name}"
+        if (node, axis) in users:
+            raise ConfigError(
+                f"{path}: axis {axis} of node 0x{node:02X} is used twice, by {users[node, axis]} and by"
+                f" {joint.name}: change one"
+            )
+        users[node, axis] = joint.name
+        if joint.drive != "cia402":
+            raise ConfigError(f"{where} needs drive = 'cia402', not {joint.drive!r}: remove one of them")
+        if config.bus.data_bitrate is None:
+            raise ConfigError(
+                f"{where} needs a CAN FD bus, whose frames hold several axes: set bus.data_bitrate, or give"
+                " each joint a drive_node of its own"
+            )
+        if config.homing is not None:
+            raise ConfigError(
+                f"{where} allows no [homing], since the frames of several axes have no mode: use drives that"
+                " keep their zero, or give each joint a drive_node of its own"
+            )
 
 
 def _check_ranges(path: Path, config: HandConfig) -> None:

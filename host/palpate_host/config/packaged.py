@@ -5,4 +5,4 @@ from __future__ import annotations
 from pathlib import Path
 
 MODELS = Path(__file__).parents[1] / "models"
-"""Folder of table3.toml, table4.toml, table4-wide.toml, table4-az.toml and experiment.toml."""
+"""Folder of table3.toml, table4.toml, its variants -wide, -four and -az, and experiment.toml."""

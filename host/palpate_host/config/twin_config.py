@@ -16,8 +16,9 @@ Vector = tuple[float, float, float]
 class ObjectConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A prism, its axis along z, its centre of mass at the origin.
 
-    outline_m: the corners counter-clockwise seen from +z. inertia_kgm2: about x, y, z; that of a uniform
-    prism by default. position_m: where it is held at first, in the hand's frame.
+    outline_m: the corners counter-clockwise seen from +z. taper_m: length over which each end tapers;
+    end_ratio: outline of an end over outline_m. inertia_kgm2: about x, y, z; that of a uniform body by
+    default. position_m: where it is held at first, in the hand's frame.
     """
 
     outline_m: Annotated[tuple[Point, ...], msgspec.Meta(min_length=3)]
@@ -25,6 +26,8 @@ class ObjectConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     mass_kg: Positive
     position_m: tuple[float, float, float]
     inertia_kgm2: tuple[Positive, Positive, Positive] | None = None
+    taper_m: NotNegative = 0.0
+    end_ratio: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
 
 
 class TipConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

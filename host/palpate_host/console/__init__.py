@@ -1,7 +1,7 @@
-"""The console of a hand: its page in the browser, fed by the control socket.
+"""The console of a hand: its page in the browser, fed by the control socket and the bus.
 
-Belongs here: the hand drawn from its status, the page's commands, the page's files. May use: operator,
-control and below, and palpate_edge.web.
+Belongs here: the hand drawn from its status, figures of the bus, the page's commands, recordings
+and files, and the view in the terminal. May use: recording and below, palpate_bus and palpate_edge.web.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

@@ -13,8 +13,9 @@ import msgspec
 from palpate_edge.common.config_file import json_fault
 from palpate_edge.web.broadcast import Broadcast
 from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
-from palpate_host.common.status import HostStatus
-from palpate_host.console.hand_scene import HandScene, SceneMaker
+from palpate_host.console.hand_news import HandNews
+from palpate_host.console.hand_scene import SceneMaker
+from palpate_host.console.recordings import RecordingCommand, Recordings
 from palpate_host.operator.client import OperatorClient
 from palpate_host.operator.protocol import Status
 
@@ -24,7 +25,7 @@ ALONE_S = 1.0
 RETRY_S = 0.5
 ANSWER_S = 0.8
 """A host that does not answer for so long hangs; the page shows it within a second."""
-_commands = msgspec.json.Decoder(Grasp | Rotate | Release | Stop | Recover)
+_commands = msgspec.json.Decoder(Grasp | Rotate | Release | Stop | Recover | RecordingCommand)
 
 
 class HandState(msgspec.Struct, frozen=True):
@@ -34,31 +35,34 @@ class HandState(msgspec.Struct, frozen=True):
     text: str
 
 
-class HandNews(msgspec.Struct, frozen=True):
-    """A status and the hand drawn from it; scene: None while a joint's position is not known."""
-
-    status: HostStatus
-    scene: HandScene | None
-
-
 class HandFeed:
     """Publishes the status of the host behind a control socket, and connects again when the host has
-    ended."""
+    ended. While a recording is played, the player publishes in place of it."""
 
-    def __init__(self, socket_path: Path, scenes: SceneMaker, broadcast: Broadcast) -> None:
+    def __init__(
+        self, socket_path: Path, scenes: SceneMaker, broadcast: Broadcast, recordings: Recordings
+    ) -> None:
         self._path, self._scenes, self._broadcast = socket_path, scenes, broadcast
+        self._recordings = recordings
         self._stopped, self._wake = threading.Event(), threading.Event()
         broadcast.on_listeners = lambda _any: self._wake.set()
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
         self._thread.start()
 
     def run(self, body: bytes) -> str:
-        """Send a page's command, a JSON object as on the control socket. Raises CommandError with the host's
-        reason, NoHostError when none runs."""
+        """Carry out a page's command, a JSON object: one of the control socket, or one of recordings.py.
+
+        Raises PalpateError to refuse it: CommandError with the host's reason, NoHostError when none runs.
+        """
         try:
-            command: Command = _commands.decode(body)
+            command: Command | RecordingCommand = _commands.decode(body)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            raise CommandError(f"not a command ({json_fault(body, Command)}): see docs/using.md") from None
+            fault = json_fault(body, Command | RecordingCommand)
+            raise CommandError(f"not a command ({fault}): see docs/using.md") from None
+        if isinstance(command, RecordingCommand):
+            return self._recordings.run(command)
+        if self._recordings.is_playing and not isinstance(command, Stop):
+            raise CommandError("the page shows a recording, not the hand: stop playing first")
         with OperatorClient(self._path) as client:
             client.ask(command)
         return f"{type(command).__name__.lower()}: accepted"
@@ -86,7 +90,7 @@ class HandFeed:
             if not is_shown:
                 self._broadcast.publish("state", HandState(True, "live, from the host"))
                 is_shown = True
-            if status is not None:
+            if status is not None and not self._recordings.is_playing:
                 self._broadcast.publish("hand", HandNews(status, self._scenes.of(status)))
             self._wake.wait(PERIOD_S if self._broadcast.listeners else ALONE_S)
             self._wake.clear()

@@ -10,10 +10,15 @@ S = sum |a_i|^2 I - a_i a_i^T, which gives the closed form
 
     f_i = F/n + (S^-1 t) x a_i.
 
-Internal forces have no wrench. Those nearest to the inward normals are h = (I - G^+ G)(-d), scaled here to a
-mean normal part of 1 and multiplied by the grip g in N. Contact i holds while the tangential part of
-f_i + g h_i is at most mu times its normal part: a quadratic inequality in g, and for a given g in the share s
-of the wrench that the contacts get.
+A contact's share s_i of the grip is 1 unless a finger lifts or takes hold again (gait/). With the weights
+w_i = s_i^2 the smallest forces are those with the least sum |f_i|^2/w_i: with arms from the weighted centroid
+and S weighted likewise, f_i = w_i (F/sum w + (S^-1 t) x a_i). A finger that lifts thus gives up its part of
+the wrench before its normal force.
+
+Internal forces have no wrench. Those nearest to the inward normals are h = (I - G^+ G)(-s d), scaled here to
+a mean normal part of 1 for a share of 1 and multiplied by the grip g in N. Contact i holds while the
+tangential part of f_i + g h_i is at most mu times its normal part: a quadratic inequality in g, and for a
+given g in the share s of the wrench that the contacts get.
 """
 
 from __future__ import annotations
@@ -49,14 +54,18 @@ def wrench_forces_N(grip: Grip, force_N: Array, torque_Nm: Array) -> Array:
     """Return the smallest contact forces (n, 3) with this force and torque about the contacts' centroid."""
     x, y, z = grip.per_spread.dot(torque_Nm).tolist()
     turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # a @ turning = (x, y, z) x a
-    return np.asarray(force_N / len(grip.arm_m) + grip.arm_m.dot(turning))
+    return grip.weighted(np.asarray(force_N / grip.total_weight + grip.arm_m.dot(turning)))
 
 
 def internal_forces(grip: Grip) -> Array:
-    """Return the internal forces (n, 3) nearest to the inward normals, with a mean normal part of 1."""
-    normal = grip.normal
+    """Return the internal forces (n, 3) nearest to the inward normals, with a mean normal part of 1.
+
+    With shares, nearest to the normals times the shares, with a sum of normal parts equal to that of shares.
+    """
+    normal = grip.normal if grip.share is None else grip.normal * grip.share[:, None]
+    shares = len(normal) if grip.share is None else float(np.add.reduce(grip.share))
     own = wrench_forces_N(grip, np.add.reduce(normal), moment(grip.arm_m, normal)) - normal
-    return np.asarray(own * (-len(normal) / min(float(np.vdot(own, normal)), -_TINY)))
+    return np.asarray(own * (-shares / min(float(np.vdot(own, grip.normal)), -_TINY)))
 
 
 def forces_within_cones(
@@ -81,6 +90,9 @@ def forces_within_cones(
     )
     g, slopes, reserve = least_N, [], math.inf
     for mu, (an, hn, aa, ah, hh) in zip(friction, rows, strict=True):
+        if aa == hh == an == hn == 0.0:  # a lifted finger
+            slopes.append(mu * mu)
+            continue
         used = math.sqrt(max(hh, 0.0)) / max(hn, _TINY)
         reserve = min(reserve, mu - used)
         mu2 = max(mu, used + LEAST_MARGIN) ** 2

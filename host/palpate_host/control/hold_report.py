@@ -38,6 +38,7 @@ def hold_status(control: Manipulation) -> HoldStatus:
         orientation95_deg=round(law.orientation95_deg, DIGITS),
         load_N=_vector(law.load_N),
         is_load_known=law.is_load_known,
+        place_error_mm=_rounded(law.place_error_mm),
     )
 
 

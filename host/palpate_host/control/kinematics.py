@@ -74,11 +74,16 @@ class HandKinematics:
         """The length nq of q."""
         return self._joint_count
 
+    def tip_centres_m(self, q_rad: Array) -> Array:
+        """Return the centres of the tips (fingers, 3) at `q_rad` (nq,), in a sixth of the time of `pose`."""
+        self._q_rad[self._q_address] = q_rad
+        mujoco.mj_kinematics(self._model, self._scratch)
+        return np.array(self._site_m[self._site_rows])
+
     def pose(self, q_rad: Array) -> HandPose:
         """Return kinematics, Jacobians and gravity torques at `q_rad` (nq,)."""
         model, data = self._model, self._scratch
-        self._q_rad[self._q_address] = q_rad
-        mujoco.mj_kinematics(model, data)
+        tip_centres_m = self.tip_centres_m(q_rad)
         mujoco.mj_comPos(model, data)
         gravity = np.zeros(self._joint_count)
         mujoco.mj_rne(model, data, 0, gravity)
@@ -87,7 +92,7 @@ class HandKinematics:
             mujoco.mj_jacSite(model, data, jacobian[i], turn_jacobian[i], site)
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
-            tip_centre_m=self._site_m[self._site_rows].copy(),
+            tip_centre_m=tip_centres_m,
             tip_jacobian_m=jacobian[:, :, self._v_address],
             tip_rotation=self._axes[self._site_rows].copy(),
             gravity_Nm=gravity[self._v_address],

@@ -9,6 +9,7 @@ the end of the ramp: the last degrees need the most friction, and the slower the
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from palpate_host.control.control_law import (
     limit_torque_Nm,
     target_step,
 )
+from palpate_host.control.gait.gait import Gait
+from palpate_host.control.gait.gait_plan import GaitPlan
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
 from palpate_host.control.pose_law import PoseLaw
@@ -72,9 +75,18 @@ class Manipulation:
         self._squeezed_until_us = 0
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
+        self.gait: Gait | None = None
 
     def turn(self, rpy_deg: tuple[float, float, float], ramp_s: float) -> None:
-        """Start a turn from the last desired orientation, or from the measured one when there is none."""
+        """Start a turn from the last desired orientation, or from the measured one when there is none.
+
+        Raises CommandError, and changes nothing, while a turn by finger gaiting is under way.
+        """
+        if self.gait is not None and not self.gait.is_over:
+            raise CommandError(
+                "the turn is refused: one by finger gaiting is under way; wait until it is over"
+            )
+        self.gait = None
         self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
         self._ramp_s, self._turned_s = ramp_s, 0.0
         self._start = self.R_d
@@ -95,6 +107,17 @@ class Manipulation:
         self.pose_law.check_reach(shift_m, rotation.from_rpy_deg(*rpy_deg))
         self.turn(rpy_deg, ramp_s)
         self.pose_law.shift(shift_m)
+
+    def start_gait(self, plan: GaitPlan) -> None:
+        """Start a planned turn of the held object by finger gaiting, from the last desired orientation.
+
+        Raises CommandError while the pose law holds no object, and while another such turn is under way.
+        """
+        if self.pose_law is None or self.pose_law.object is None:
+            raise CommandError("gait is refused: it needs control.law = 'pose' and a held object")
+        if self.gait is not None and not self.gait.is_over:
+            raise CommandError("gait is refused: another one is under way; wait until it is over")
+        self.gait = Gait(plan, self.pose_law, self.gains)
 
     def stop_turning(self) -> None:
         """Forget the desired orientation: the next turn starts from the measured one."""
@@ -131,6 +154,8 @@ class Manipulation:
         Raises FrameError when the tips' centres defined no virtual frame at that moment.
         """
         self._force.note(finger, contact)
+        if self.gait is not None:
+            self.gait.note_contact(finger, contact.in_contact)
         self._note_friction(finger, contact)
         if not contact.in_contact or contact.position_mm is None:
             self.orientation.without_contact(finger, contact.exposed_at_us)
@@ -151,9 +176,11 @@ class Manipulation:
         Before the object is held, tips slide as they take hold of it: this is no slip.
         """
         config, law = self._pose_config, self.pose_law
+        if contact.slip_begins and not config.onset_reflex:
+            contact = replace(contact, slip_begins=False)
         ratio = friction_ratio(contact, self.gains.tip_radius_m, config.tip_stiffness_N_m2)
         is_held = self.orientation.is_following if law is None else law.object is not None
-        if not is_held:
+        if not is_held or (self.gait is not None and self.gait.away == finger):
             self.friction[finger] = TipFriction(config.friction, ratio=ratio)
             return
         before = self.friction[finger]
@@ -184,7 +211,7 @@ class Manipulation:
                 u = self._pose_torque_Nm(self.pose_law, mode, pose, qdot_rad_s, R_vir, dt_s)
                 return limit_torque_Nm(u, pose.q_rad, self.gains)
             self.pose_law.drop()
-            self._law_M = None
+            self._law_M = self.gait = None
         if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
         if mode is Mode.RELEASE:
@@ -232,6 +259,10 @@ class Manipulation:
         if self._pose_config.slip_reflex:
             friction = [one.friction for one in self.friction]
         self._law_M = R_vir.T.dot(law.object.R)
+        if self.gait is not None:
+            lifted_Nm = self.gait.advance(law, pose, dt_s)
+            self.R_d = law.R_d
+            return law.torque_Nm(pose, qdot_rad_s, friction, dt_s) + lifted_Nm
         if mode is Mode.MANIPULATE:
             self._advance(R_vir, law.pace * dt_s if self.turn_waits else dt_s)
             law.R_d = self.R_d

@@ -87,6 +87,13 @@ class PoseLaw:
         return 0.0 if self._object is None else 1e3 * rotation.norm(self._object.place_m - self._origin_m)
 
     @property
+    def place_error_mm(self) -> float | None:
+        """The distance of the object's place from its present target; None while no object is held."""
+        if self._object is None or self.place_d_m is None:
+            return None
+        return 1e3 * rotation.norm(self.place_d_m - self._object.place_m)
+
+    @property
     def turned_deg(self) -> float:
         """The angle of the object from its orientation when the hold began."""
         return 0.0 if self._object is None else rotation.angle_deg(self._object.R @ self._origin_R.T)
@@ -141,11 +148,24 @@ class PoseLaw:
         radius_m = self._radius_m(np.full(len(normal), self.grip_N))
         self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
         self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
-        self.stiffness = stable_stiffness(self._config, pose, self._object.grip, self._gains.B_Nms_rad, dt_s)
+        self.renew_stiffness(pose, dt_s)
         self._origin_m, self._origin_R = self._object.place_m, R
         self.uncertainty = PoseUncertainty()
         self.is_load_known, self._still_s = False, 0.0
         self.hold_here()
+
+    def follow_point(self, place_m: Array) -> None:
+        """Follow another point of the held object: the one that is now at (3,), which is to stay there."""
+        assert self._object is not None and self.place_d_m is not None
+        self._origin_m = self._origin_m + place_m - self._object.place_m
+        self._object.place_m = place_m
+        self.place_d_m = place_m
+        self.shift(np.zeros(3))
+
+    def renew_stiffness(self, pose: HandPose, dt_s: float) -> None:
+        """Compute the stable stiffness for the present pose and the fingers that hold the object."""
+        assert self._object is not None
+        self.stiffness = stable_stiffness(self._config, pose, self._object.grip, self._gains.B_Nms_rad, dt_s)
 
     def hold_here(self) -> None:
         """Take the present pose as the target."""
@@ -213,8 +233,8 @@ class PoseLaw:
         away_m, turned_rad = self.place_d_m - found.place_m, rotation.log(self.R_d.dot(found.R.T))
         pull_N, twist_Nm = gains.K_p_N_m.dot(away_m), gains.K_o_Nm_rad.dot(turned_rad)
         self._note_pull(rotation.norm(pull_N), dt_s)
-        most_N = min(friction) * len(grip.arm_m) * config.most_grip_N
-        reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.arm_m)) / len(grip.arm_m))
+        most_N = min(friction) * grip.total_weight * config.most_grip_N
+        reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.weighted(grip.arm_m))) / grip.total_weight)
         if self.share >= 1.0:
             self._force_I_N = _bounded(self._force_I_N + dt_s * gains.I_p_N_ms.dot(away_m), most_N)
             more_Nm = dt_s * gains.I_o_Nm_rads.dot(turned_rad)

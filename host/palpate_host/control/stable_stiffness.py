@@ -123,8 +123,10 @@ def object_damping(pose: HandPose, grip: Grip, B_Nms_rad: Array) -> Array:
 
     A joint without damping counts as one of 1e-6 N m s/rad.
     """
-    fingers = len(grip.arm_m)
-    J = contact_jacobian_m(pose, grip).reshape(3 * fingers, -1)
+    J, G = contact_jacobian_m(pose, grip), grasp_matrix(grip)
+    if grip.share is not None:  # a lifted finger resists nothing
+        held = np.flatnonzero(grip.share)
+        J, G = J[held], G.reshape(6, -1, 3)[:, held].reshape(6, -1)
+    J = J.reshape(-1, J.shape[2])
     per_B = J @ (J.T / np.maximum(B_Nms_rad, 1e-6)[:, None])
-    G = grasp_matrix(grip)
     return np.asarray(G @ np.linalg.pinv(per_B, rcond=1e-9, hermitian=True) @ G.T)

@@ -66,7 +66,7 @@ class TipFriction:
 
     def after_contact(self, contact: TipContact, ratio: float | None) -> TipFriction:
         """Return the state after one contact with this friction ratio; `slips` grows with a new slip."""
-        if contact.slip and contact.in_contact:
+        if (contact.slip or contact.slip_begins) and contact.in_contact:
             is_new = contact.exposed_at_us >= self.answered_us
             after = self._after_slip(ratio) if is_new else self
             answered_us = contact.received_at_us + ANSWER_US if is_new else self.answered_us

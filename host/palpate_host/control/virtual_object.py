@@ -36,7 +36,8 @@ class Grip(NamedTuple):
 
     arm_m: (n, 3) from their centroid to each contact. centroid_m: (3,). normal: (n, 3) outward unit normals
     of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: (3, 3) the inverse
-    of S, the sum of |a|^2 I - a a^T over the arms a.
+    of S, the sum of |a|^2 I - a a^T over the arms a. share: (n,) of each contact in the grip, 0 for a lifted
+    finger; centroid and S are weighted by its square. None: all are 1.
     """
 
     arm_m: Array
@@ -44,6 +45,16 @@ class Grip(NamedTuple):
     normal: Array
     to_contact_m: Array
     per_spread: Array
+    share: Array | None = None
+
+    @property
+    def total_weight(self) -> float:
+        """The sum of the squared shares: the number of contacts when all are 1."""
+        return len(self.arm_m) if self.share is None else float(self.share.dot(self.share))
+
+    def weighted(self, rows: Array) -> Array:
+        """Return the rows (n, 3) of the contacts, each times its squared share."""
+        return rows if self.share is None else rows * (self.share * self.share)[:, None]
 
 
 class VirtualObject:
@@ -68,6 +79,7 @@ class VirtualObject:
         self.velocity_m_s, self.spin_rad_s = np.zeros(3), np.zeros(3)
         self.residual_deg, self.doubted = 0.0, 0
         self._doubt_rad = math.radians(doubt_deg)
+        self._share: Array | None = None
         self._kept_q = np.tile(pose.q_rad, (KEPT, 1))
         self._kept_R = np.tile(R, (KEPT, 1, 1))
         self._next, self._since_kept_s = 0, 0.0
@@ -79,15 +91,18 @@ class VirtualObject:
         in_tip = np.matmul(reach_m[:, None, :], last)
         reach_now_m = np.matmul(in_tip, pose.tip_rotation.transpose(0, 2, 1))[:, 0]
         skin_m = pose.tip_centre_m - self._centre_m + reach_now_m - reach_m
-        mean_m = np.add.reduce(skin_m) / len(skin_m)
-        turn = before.per_spread.dot(moment(before.arm_m, skin_m))
+        weighted_m = before.weighted(skin_m)
+        mean_m = np.add.reduce(weighted_m) / before.total_weight
+        turn = before.per_spread.dot(moment(before.arm_m, weighted_m))
         moved_m = mean_m + rotation.cross(turn, self.place_m - before.centroid_m)
         self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
         self.place_m = self.place_m + moved_m
         self.R = rotation.exp(turn).dot(self.R)
         self.velocity_m_s, self.spin_rad_s = moved_m / dt_s, turn / dt_s
         self._keep(pose, dt_s)
-        self.grip = grip_of(pose.tip_centre_m, self._normal_in_object.dot(self.R.T), self._radius_m)
+        self.grip = grip_of(
+            pose.tip_centre_m, self._normal_in_object.dot(self.R.T), self._radius_m, self._share
+        )
         return self.grip
 
     def correct(self, finger: int, normal: Array, exposure_pose: HandPose, share: float) -> bool:
@@ -112,6 +127,19 @@ class VirtualObject:
         """Take a new reference for a finger that touches another face; its normal (3,) is outward."""
         self._normal_in_object[finger] = normal @ self.R
 
+    def take_face(self, finger: int, normal_in_object: Array) -> None:
+        """Take the outward normal (3,) of the face that a finger is going to touch, in the object's frame."""
+        self._normal_in_object[finger] = normal_in_object
+
+    def set_share(self, share: Array) -> None:
+        """Set the share (n,) of each contact in the grip and in the estimate; 0 for a lifted finger."""
+        self._share = None if np.all(share == 1.0) else share
+
+    @property
+    def radius_m(self) -> Array:
+        """The distances (n,) of the tips' centres from their contacts."""
+        return self._radius_m[:, 0]
+
     def set_radius(self, radius_m: Array) -> None:
         """Set the distances (n,) of the tips' centres from their contacts under the present load."""
         self._radius_m = radius_m[:, None]
@@ -125,15 +153,21 @@ class VirtualObject:
         self._next = (self._next + 1) % KEPT
 
 
-def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array) -> Grip:
-    """Return the contacts of tips (n, 3) with outward normals (n, 3) and radii (n, 1)."""
+def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array, share: Array | None = None) -> Grip:
+    """Return the contacts of tips (n, 3) with outward normals (n, 3), radii (n, 1) and shares (n,)."""
     to_contact_m = -radius_m * normal
     contact_m = tip_centre_m + to_contact_m
-    centroid_m = np.add.reduce(contact_m) / len(contact_m)
-    arm_m = contact_m - centroid_m
-    squares = arm_m.T.dot(arm_m)
+    if share is None:
+        centroid_m = np.add.reduce(contact_m) / len(contact_m)
+        arm_m = weighted_m = contact_m - centroid_m
+    else:
+        weight = share * share
+        centroid_m = weight.dot(contact_m) / np.add.reduce(weight)
+        arm_m = contact_m - centroid_m
+        weighted_m = arm_m * weight[:, None]
+    squares = arm_m.T.dot(weighted_m)
     trace = squares[0, 0] + squares[1, 1] + squares[2, 2]
-    return Grip(arm_m, centroid_m, normal, to_contact_m, _inverse(trace * _EYE - squares))
+    return Grip(arm_m, centroid_m, normal, to_contact_m, _inverse(trace * _EYE - squares), share)
 
 
 def moment(arm_m: Array, force: Array) -> Array:

@@ -1,13 +1,12 @@
-"""The master's side of a CiA 402 drive (CiA 402-2; IEC 61800-7-201).
+"""The master's side of a CiA 402 drive that is a node of its own (CiA 402-2; IEC 61800-7-201).
 
 The frames are those of cia402.eds: RPDO 1 carries controlword, mode and target, TPDO 1 position and velocity
-after each SYNC, TPDO 2 statusword, mode display and torque. Torque is in per mille of 6076h, position in
-increments of which 6092h:01 make a turn; both objects are read from the drive at start-up (identify.py).
+after each SYNC, TPDO 2 statusword, mode display and torque. cia402_axes.py has nodes with several axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import msgspec
 
 from palpate_bus.eds.cia402 import (
     CIA402_EDS,
@@ -16,111 +15,40 @@ from palpate_bus.eds.cia402 import (
     STATUSWORD,
     TORQUE,
     VELOCITY,
-    Controlword,
-    DriveState,
-    state_of,
 )
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import MappingFault, PdoCodec, PdoDirection, layout_of, pdo_codec
-from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand, JointState
+from palpate_host.common.joint_command import Follows, JointCommand
+from palpate_host.drives.axis_master import AxisMaster
 from palpate_host.drives.cia402_modes import (
-    CHANGE_AT_ONCE,
     COMMAND_MAPPING,
     CONTROLWORD,
     HOMING_ATTAINED,
     HOMING_ERROR,
     MODE,
-    NEW_SET_POINT,
-    SET_POINT_TAKEN,
-    START_HOMING,
     TARGETS,
     OperationMode,
 )
-from palpate_host.drives.cia402_scale import DriveScale
-from palpate_host.drives.drive import NO_STATUS, DriveNeeds, HomingState
-from palpate_host.drives.identify import DriveIdentification
-
-_NEXT_TO_ENABLED = {
-    DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
-    DriveState.READY_TO_SWITCH_ON: Controlword.SWITCH_ON,
-    DriveState.SWITCHED_ON: Controlword.ENABLE_OPERATION,
-    DriveState.OPERATION_ENABLED: Controlword.ENABLE_OPERATION,
-    DriveState.FAULT: Controlword.FAULT_RESET,
-}
-_POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+from palpate_host.drives.drive import DriveNeeds, HomingState
 
 
-def controlword_for(state: DriveState | None, goal: DriveGoal, last: Controlword) -> Controlword:
-    """Return the next controlword from `state` towards `goal`.
-
-    last: the controlword sent before, since a fault reset needs a rising edge.
-    """
-    if goal is DriveGoal.QUICK_STOP:
-        return Controlword.QUICK_STOP if state in _POWERED else Controlword.DISABLE_VOLTAGE
-    if goal is DriveGoal.OFF or state is None:
-        return Controlword.DISABLE_VOLTAGE
-    word = _NEXT_TO_ENABLED.get(state, Controlword.DISABLE_VOLTAGE)
-    if word is Controlword.FAULT_RESET and last is Controlword.FAULT_RESET:
-        return Controlword.DISABLE_VOLTAGE
-    return word
-
-
-class Cia402Drive:
+class Cia402Drive(AxisMaster):
     """One CiA 402 drive: start-up transfers, TPDOs in, RPDO 1 out (a `Drive`, key ``cia402``)."""
 
     def __init__(self, needs: DriveNeeds) -> None:
-        joint = needs.joint
-        self.node_id = needs.node_id
-        self.name = needs.name
-        self.uses_nmt = True
-        self.identification = DriveIdentification(needs)
-        self.homing: HomingState | None = None
-        self.joint: JointState | None = None
-        self.torque_Nm = 0.0
-        self.state: DriveState | None = None
-        # The joint's angle is direction * the drive's angle + the offset.
-        self._direction = joint.direction
-        self._zero_offset_rad = joint.zero_offset_rad
+        super().__init__(needs)
         od = load_eds(CIA402_EDS, needs.node_id)
         self._motion = pdo_codec(od, PdoDirection.TRANSMIT, 1)
         self._status = pdo_codec(od, PdoDirection.TRANSMIT, 2)
         self._command = command_codec(needs.node_id, needs.follows)
         self._target = TARGETS[needs.follows]
-        self._position = 0
-        self._set_point_taken = False
-        self._last_word = Controlword.DISABLE_VOLTAGE
-
-    @property
-    def scale(self) -> DriveScale | None:
-        """The drive's units, None until it is identified."""
-        return self.identification.scale
-
-    @property
-    def is_identified(self) -> bool:
-        return self.scale is not None
-
-    @property
-    def is_enabled(self) -> bool:
-        return self.state is DriveState.OPERATION_ENABLED
-
-    @property
-    def is_powered(self) -> bool:
-        return self.state in _POWERED
-
-    @property
-    def state_name(self) -> str:
-        return NO_STATUS if self.state is None else self.state.value
 
     @property
     def receive_ids(self) -> tuple[int, ...]:
         """TPDO 1, TPDO 2 and SDO responses."""
         return (self._motion.cob_id, self._status.cob_id, self.identification.reply_id)
-
-    def request(self, now_us: int) -> CanFrame | None:
-        """Return the next SDO request of the identification when one is due."""
-        return self.identification.due(now_us)
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
         """Take a TPDO or an SDO response.
@@ -136,72 +64,18 @@ class Cia402Drive:
             return
         if frame.can_id == self._motion.cob_id:
             values = self._motion.decode(frame.data)
-            self._position = values[POSITION]
-            self.joint = JointState(
-                stamp_us=stamp_us,
-                position_rad=self._direction * scale.to_rad(values[POSITION]) + self._zero_offset_rad,
-                velocity_rad_s=self._direction * scale.to_rad(values[VELOCITY]),
-            )
+            self._take_motion(stamp_us, scale, values[POSITION], values[VELOCITY])
         elif frame.can_id == self._status.cob_id:
             values = self._status.decode(frame.data)
             word = values[STATUSWORD]
-            self.state = state_of(word)
-            self._set_point_taken = bool(word & SET_POINT_TAKEN)
+            self._take_status(scale, word, values[TORQUE])
             self.homing = _homing(word) if values[MODE_DISPLAY] == OperationMode.HOMING else None
-            self.torque_Nm = self._direction * scale.to_Nm(values[TORQUE])
-
-    def restart(self) -> None:
-        """Forget state and identification: the drive has booted."""
-        self.forget()
-        self.identification.restart()
-
-    def forget(self) -> None:
-        """Forget the state, keep the identification: the bus was lost."""
-        self.joint = None
-        self.homing = None
-        self.state = None
 
     def command(self, order: JointCommand) -> tuple[CanFrame, ...]:
-        """Return RPDO 1 for this tick.
-
-        It carries the order's target together with the controlword Enable operation, otherwise 0 or the
-        present position. Raises BusError before the drive is identified.
-        """
-        scale, mode = self.scale, self.identification.mode
-        if scale is None:
-            raise BusError(
-                f"{self.name}: no command is possible before 6076h is read: identify the drive first"
-            )
-        word = controlword_for(self.state, order.goal, self._last_word)
-        self._last_word = word
-        is_homing = order.goal is DriveGoal.HOME
-        is_on = word is Controlword.ENABLE_OPERATION and self.is_enabled
-        bits = 0
-        if is_on and is_homing and self.homing is HomingState.MISSING:
-            bits = START_HOMING
-        elif is_on and mode is OperationMode.PROFILE_POSITION and not is_homing:
-            # One set point after another: the next is new once the drive has acknowledged the last.
-            bits = CHANGE_AT_ONCE | (0 if self._set_point_taken else NEW_SET_POINT)
-        follows = word is Controlword.ENABLE_OPERATION and not is_homing
-        values = {
-            CONTROLWORD: int(word) | bits,
-            MODE: OperationMode.HOMING if is_homing else mode,
-            self._target: self._number(order, scale) if follows else self._target_at_rest(),
-        }
+        """Return RPDO 1 for this tick. Raises BusError before the drive is identified."""
+        controlword, mode, target = self._words(order)
+        values = {CONTROLWORD: controlword, MODE: mode, self._target: target}
         return (CanFrame(self._command.cob_id, self._command.encode(values)),)
-
-    def _number(self, order: JointCommand, scale: DriveScale) -> int:
-        """Return the target in the drive's own units and direction."""
-        match order.goal:
-            case DriveGoal.TORQUE:
-                return self._direction * scale.to_per_mille(order.torque_Nm)
-            case DriveGoal.VELOCITY:
-                return self._direction * scale.to_increments(order.velocity_rad_s)
-            case _:
-                return self._direction * scale.to_increments(order.position_rad - self._zero_offset_rad)
-
-    def _target_at_rest(self) -> int:
-        return self._position if self._target == TARGETS[Follows.POSITION] else 0
 
 
 def command_codec(node_id: int, follows: Follows) -> PdoCodec:
@@ -210,7 +84,7 @@ def command_codec(node_id: int, follows: Follows) -> PdoCodec:
     layout = layout_of(od, COMMAND_MAPPING[follows], PdoDirection.RECEIVE)
     if isinstance(layout, MappingFault):
         raise BusError(f"{od.source}: RPDO 1 maps {layout.value}: restore this file from the package")
-    return replace(pdo_codec(od, PdoDirection.RECEIVE, 1), layout=layout)
+    return msgspec.structs.replace(pdo_codec(od, PdoDirection.RECEIVE, 1), layout=layout)
 
 
 def _homing(statusword: int) -> HomingState:

@@ -1,236 +1,111 @@
-"""A CiA 402 joint drive as a device: slave core, power state machine, and the motor behind them.
+"""A CiA 402 joint drive as a device: slave core, and its axis or axes with their motors (drive_axis.py).
 
 Pure: time and frames in, frames out. The motor is a simulated joint or a drive on another bus. Watchdog: in
 Operation enabled and Quick stop active, a missing RPDO 1 (event timer 1400h:05) or the end of NMT OPERATIONAL
-sets the torque to 0 at once and leads to Fault. In Quick stop active the torque is 0 too: a stopping hand
-must not keep closing.
+sets the torque to 0 at once and leads to Fault, in a node with several axes that of each. In Quick stop
+active the torque is 0 too: a stopping hand must not keep closing.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Protocol
+from collections.abc import Iterable, Mapping, Sequence
 
 from palpate_bus.eds.cia402 import CIA402_EDS, DriveState
+from palpate_bus.eds.cia402_axes import MAX_AXES, axes_dictionary, axis_index
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
-from palpate_edge.node.emcy import EmcyCode, ErrorRegister, is_temperature
-from palpate_edge.node.events import Event, NmtStateChanged, ObjectWritten, RpdoReceived, RpdoTimedOut
-from palpate_edge.node.nmt import NmtCommand, NmtState
 from palpate_edge.node.slave import Slave, SlaveOutput
-from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.drives.cia402_modes import OperationMode
-from palpate_host.drives.cia402_motion import DriveMotion, MotorState, Targets
-from palpate_host.drives.cia402_state_machine import STATE_BITS, DriveStateMachine
-
-ERROR_CODE, CONTROLWORD, STATUSWORD = 0x603F, 0x6040, 0x6041
-MODE, MODE_DISPLAY = 0x6060, 0x6061
-POSITION, VELOCITY = 0x6064, 0x606C
-TARGET_TORQUE, MAX_TORQUE, MAX_CURRENT, RATED_TORQUE, ACTUAL_TORQUE = 0x6071, 0x6072, 0x6073, 0x6076, 0x6077
-TARGET_POSITION, HOME_OFFSET, TARGET_VELOCITY = 0x607A, 0x607C, 0x60FF
-PROFILE_VELOCITY, PROFILE_ACCELERATION = 0x6081, 0x6083
-HOMING_METHOD, HOMING_SPEEDS = 0x6098, 0x6099
-FEED_CONSTANT, SUPPORTED_MODES = 0x6092, 0x6502
+from palpate_host.drives.drive_axis import SUPPORTED_MODES, DriveAxis, Motor
 
 STATUS_TPDO = 2
-COMMUNICATION_LOST = 0x8100
-
-# Statusword, CiA 402-2.
-VOLTAGE_ENABLED, REMOTE, INTERNAL_LIMIT = 1 << 4, 1 << 9, 1 << 11
 LONGEST_STEP_US = 100_000  # a process that was suspended does not catch up
-
-_POWERED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
-
-
-class Motor(Protocol):
-    """The motor of a device."""
-
-    rated_torque_mNm: int
-
-    def state(self, now_us: int) -> MotorState:
-        """Return the joint's state at `now_us`; the last order held until then."""
-        ...
-
-    def order(self, now_us: int, command: JointCommand) -> None:
-        """Set the order that the joint follows from `now_us` on."""
-        ...
-
-    def reset_fault(self) -> None:
-        """Clear the motor's own error, if it has one: the master resets a fault."""
-        ...
+EVERY_MODE = tuple(OperationMode)
 
 
-class Cia402Device:
-    """One drive with its motor; the joint's position and its zero survive NMT resets."""
+class DriveNode:
+    """One CANopen node with the axes of one or several drives."""
 
-    def __init__(
-        self, node_id: int, motor: Motor, modes: Sequence[OperationMode] = tuple(OperationMode)
-    ) -> None:
-        """Make the drive. modes: the supported ones, of those that the EDS lists in 6502h."""
-        self.slave = Slave(load_eds(CIA402_EDS, node_id))
-        self._modes = self._number(SUPPORTED_MODES) & sum(mode.supported_bit for mode in modes)
-        self.slave.write(SUPPORTED_MODES, 0, self._modes)
-        self.slave.write(RATED_TORQUE, 0, motor.rated_torque_mNm)
-        self.per_mille_Nm = motor.rated_torque_mNm * 1e-6
-        self.increments_per_rad = self._number(FEED_CONSTANT, 1) / math.tau
-        self._motor = motor
-        self._machine = DriveStateMachine()
-        self._motion = DriveMotion()
-        self._command_now = JointCommand(DriveGoal.OFF)
-        self._joint = MotorState(0.0, 0.0)
-        self._zero_rad = 0.0
-        self._reported_errors: list[int] = []  # as EMCY, since the last fault reset
+    def __init__(self, slave: Slave, axes: Iterable[DriveAxis]) -> None:
+        self.slave = slave
+        self.axes = tuple(axes)
         self._now_us: int | None = None
 
     @property
-    def state(self) -> DriveState:
-        return self._machine.state
-
-    @property
-    def torque_per_mille(self) -> int:
-        """The motor's torque in a torque mode: the target, limited by 6072h and 6073h; 0 in other modes."""
-        if self._command_now.goal is not DriveGoal.TORQUE:
-            return 0
-        return round(self._command_now.torque_Nm / self.per_mille_Nm)
-
-    @property
     def is_following(self) -> bool:
-        """True while the motor follows a velocity or a position, which also changes between frames (ramps,
+        """True while a motor follows a velocity or a position, which also changes between frames (ramps,
         homing)."""
-        return self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION)
+        return any(axis.is_following for axis in self.axes)
 
     def process(self, now_us: int, frames_in: Sequence[CanFrame]) -> SlaveOutput:
-        """Measure the joint, process the frames, command the motor; return the frames to send."""
+        """Measure the joints, process the frames, command the motors; return the frames to send."""
         step_us = 0 if self._now_us is None else min(now_us - self._now_us, LONGEST_STEP_US)
         self._now_us = now_us
-        self._measure(self._motor.state(now_us))
+        for axis in self.axes:
+            axis.measure(now_us)
         served = self.slave.process(now_us, frames_in)
         for event in served.events:
-            self._handle(event)
-        self._command_now = self._joint_command(step_us * 1e-6)
-        self._motor.order(now_us, self._command_now)
-        self._report()
+            for axis in self.axes:
+                axis.handle(event)
+        for axis in self.axes:
+            axis.drive(now_us, step_us * 1e-6)
         status = self.slave.process(now_us, ())
         return SlaveOutput(
             served.frames_out + status.frames_out, status.next_due_us, served.events + status.events
         )
 
+
+class Cia402Device(DriveNode):
+    """One drive with its motor; a change of its status sends TPDO 2."""
+
+    def __init__(self, node_id: int, motor: Motor, modes: Sequence[OperationMode] = EVERY_MODE) -> None:
+        """Make the drive. modes: the supported ones, of those that the EDS lists in 6502h."""
+        slave = Slave(load_eds(CIA402_EDS, node_id))
+        self._axis = DriveAxis(slave, motor, modes, status_tpdos=(STATUS_TPDO,))
+        super().__init__(slave, [self._axis])
+
     @property
-    def _mode(self) -> int:
-        """The mode of 6060h, 0 when the drive does not support it."""
-        mode = self._number(MODE)
-        return mode if mode > 0 and self._modes & 1 << (mode - 1) else 0
+    def state(self) -> DriveState:
+        return self._axis.state
 
-    def _joint_command(self, step_s: float) -> JointCommand:
-        if self.state is not DriveState.OPERATION_ENABLED:
-            self._motion.reset()
-            is_braked = self.state is DriveState.QUICK_STOP_ACTIVE
-            return JointCommand(DriveGoal.QUICK_STOP if is_braked else DriveGoal.OFF)
-        command, is_home = self._motion.order(self._mode, self._targets(), self._joint, step_s)
-        if is_home and self._number(HOMING_METHOD) > 0:
-            here_rad = self._joint.position_rad + self._zero_rad
-            self._zero_rad = here_rad - self._number(HOME_OFFSET) / self.increments_per_rad
-        if command.goal is DriveGoal.POSITION:
-            return replace(command, position_rad=command.position_rad + self._zero_rad)
-        return command
+    @property
+    def torque_per_mille(self) -> int:
+        """The motor's torque in a torque mode: the target, limited by 6072h and 6073h; 0 in other modes."""
+        return self._axis.torque_per_mille
 
-    def _targets(self) -> Targets:
-        per_rad, limit = self.increments_per_rad, min(self._number(MAX_TORQUE), self._number(MAX_CURRENT))
-        return Targets(
-            controlword=self._number(CONTROLWORD),
-            torque_Nm=self._number(TARGET_TORQUE) * self.per_mille_Nm,
-            torque_limit_Nm=limit * self.per_mille_Nm,
-            velocity_rad_s=self._number(TARGET_VELOCITY) / per_rad,
-            position_rad=self._number(TARGET_POSITION) / per_rad,
-            profile_speed_rad_s=self._number(PROFILE_VELOCITY) / per_rad,
-            profile_rate_rad_s2=self._number(PROFILE_ACCELERATION) / per_rad,
-            homing_method=self._number(HOMING_METHOD),
-            search_rad_s=self._number(HOMING_SPEEDS, 1) / per_rad,
-            zero_rad_s=self._number(HOMING_SPEEDS, 2) / per_rad,
+    @property
+    def per_mille_Nm(self) -> float:
+        return self._axis.per_mille_Nm
+
+    @property
+    def increments_per_rad(self) -> float:
+        return self._axis.increments_per_rad
+
+
+class Cia402AxesDevice(DriveNode):
+    """Up to eight drives in one node on a CAN FD bus. Its EMCY has the axis in the first manufacturer byte.
+
+    An axis without a motor supports no mode (6502h is 0).
+    """
+
+    def __init__(
+        self, node_id: int, motors: Mapping[int, Motor], modes: Sequence[OperationMode] = EVERY_MODE
+    ) -> None:
+        """Make the node. motors: by axis, from 0 on. Raises ConfigError for an axis that CiA 402 lacks."""
+        beyond = [axis for axis in motors if axis not in range(MAX_AXES)]
+        if beyond:
+            raise ConfigError(
+                f"node 0x{node_id:02X} has no axis {beyond[0]}: give its joints axes from 0 to {MAX_AXES - 1}"
+            )
+        slave = Slave(axes_dictionary(node_id))
+        super().__init__(
+            slave,
+            [
+                DriveAxis(slave, motor, modes, axis=axis, error_info=bytes([axis]))
+                for axis, motor in sorted(motors.items())
+            ],
         )
-
-    def _measure(self, joint: MotorState) -> None:
-        """Update the objects of TPDO 1; an error of the motor is a fault.
-
-        The drive's angle is the motor's less the zero that homing has found.
-        """
-        joint = self._joint = replace(joint, position_rad=joint.position_rad - self._zero_rad)
-        self.slave.write(POSITION, 0, round(joint.position_rad * self.increments_per_rad))
-        self.slave.write(VELOCITY, 0, round(joint.velocity_rad_s * self.increments_per_rad))
-        if joint.error_code and self.state is not DriveState.FAULT:
-            self._fail(joint.error_code, _register_of(joint.error_code))
-        if joint.lasting_error and joint.lasting_error not in self._reported_errors:
-            self._fail(joint.lasting_error, _register_of(joint.lasting_error))
-
-    def _handle(self, event: Event) -> None:
-        match event:
-            case RpdoReceived(values=values):
-                if (CONTROLWORD, 0) in values:
-                    self._command(values[CONTROLWORD, 0])
-            case ObjectWritten(index=0x6040, value=int(value)):
-                self._command(value)
-            case RpdoTimedOut():
-                self._lose_command(EmcyCode.RPDO_TIMEOUT)
-            case NmtStateChanged(command=NmtCommand.RESET_NODE):
-                self._machine = DriveStateMachine()
-                self._reported_errors.clear()
-                self.slave.write(ERROR_CODE, 0, 0)
-            case NmtStateChanged(command=NmtCommand.RESET_COMMUNICATION):
-                self._lose_command(COMMUNICATION_LOST)
-                self._report_again()
-            case NmtStateChanged(state=NmtState.OPERATIONAL):
-                self.slave.trigger((STATUS_TPDO,))
-            case NmtStateChanged():
-                self._lose_command(COMMUNICATION_LOST)
-
-    def _command(self, controlword: int) -> None:
-        was = self.state
-        self._machine.command(controlword, may_reset=not self._joint.lasting_error)
-        if was is DriveState.FAULT and self.state is not DriveState.FAULT:
-            self._motor.reset_fault()
-            for error_code in self._reported_errors:
-                self.slave.emcy.clear(error_code)
-            self._reported_errors.clear()
-            self.slave.write(ERROR_CODE, 0, 0)
-
-    def _lose_command(self, error_code: int) -> None:
-        """Enter Fault in a state with torque, since the host no longer commands; do nothing in others."""
-        if self.state in _POWERED:
-            self._fail(error_code, ErrorRegister.COMMUNICATION)
-
-    def _report_again(self) -> None:
-        """Report a lasting error again after a reset, so that the master learns why no fault reset helps."""
-        error_code = self._joint.lasting_error
-        if self.state is DriveState.FAULT and error_code:
-            self.slave.emcy.report(error_code, _register_of(error_code))
-
-    def _fail(self, error_code: int, register: ErrorRegister) -> None:
-        self._machine.fail()
-        self._reported_errors.append(error_code)
-        self.slave.write(ERROR_CODE, 0, error_code)
-        self.slave.emcy.report(error_code, register)
-
-    def _report(self) -> None:
-        """Update the objects of TPDO 2; a change of statusword or mode sends it."""
-        torque_per_mille = self.torque_per_mille
-        statusword = STATE_BITS[self.state] | VOLTAGE_ENABLED | REMOTE | self._motion.status_bits
-        if self._command_now.goal is DriveGoal.TORQUE and self._mode == OperationMode.CYCLIC_TORQUE:
-            if torque_per_mille != self._number(TARGET_TORQUE):
-                statusword |= INTERNAL_LIMIT
-        elif self._command_now.goal in (DriveGoal.VELOCITY, DriveGoal.POSITION):
-            torque_per_mille = round(self._joint.torque_Nm / self.per_mille_Nm)
-        mode = self._mode
-        if (statusword, mode) != (self._number(STATUSWORD), self._number(MODE_DISPLAY)):
-            self.slave.write(STATUSWORD, 0, statusword)
-            self.slave.trigger((STATUS_TPDO,))
-        self.slave.write(MODE_DISPLAY, 0, mode)
-        self.slave.write(ACTUAL_TORQUE, 0, torque_per_mille)
-
-    def _number(self, index: int, subindex: int = 0) -> int:
-        return int(self.slave.read(index, subindex))
-
-
-def _register_of(error_code: int) -> ErrorRegister:
-    return ErrorRegister.TEMPERATURE if is_temperature(error_code) else ErrorRegister.GENERIC
+        for axis in range(MAX_AXES):
+            if axis not in motors:
+                slave.write(axis_index(SUPPORTED_MODES, axis), 0, 0)

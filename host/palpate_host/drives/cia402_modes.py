@@ -54,7 +54,7 @@ COMMAND_MAPPING = {
 }
 """Mapping words of RPDO 1."""
 
-_BEST_FIRST = {
+MODES_BEST_FIRST = {
     Follows.TORQUE: (OperationMode.CYCLIC_TORQUE, OperationMode.PROFILE_TORQUE),
     Follows.VELOCITY: (OperationMode.CYCLIC_VELOCITY, OperationMode.PROFILE_VELOCITY),
     Follows.POSITION: (OperationMode.CYCLIC_POSITION, OperationMode.PROFILE_POSITION),
@@ -66,12 +66,12 @@ def choose_mode(supported: int, follows: Follows) -> OperationMode:
 
     Raises BusError, without the drive's name, when the drive has none.
     """
-    for mode in _BEST_FIRST[follows]:
+    for mode in MODES_BEST_FIRST[follows]:
         if supported & mode.supported_bit:
             return mode
-    cyclic, profile = _BEST_FIRST[follows]
+    cyclic, profile = MODES_BEST_FIRST[follows]
     others = [
-        other.value for other in Follows if any(supported & m.supported_bit for m in _BEST_FIRST[other])
+        other.value for other in Follows if any(supported & m.supported_bit for m in MODES_BEST_FIRST[other])
     ]
     remedy = f"set control.drives_follow to {' or '.join(others)}" if others else "use a drive that has one"
     raise BusError(

@@ -27,13 +27,22 @@ class DriveNeeds:
     """Part of hand.toml from which one drive is made.
 
     joint: the joint's entry. control: `control.drives_follow` and the limits of velocity and position drives.
-    homing: None when drives keep their zero.
+    homing: None when drives keep their zero. axes: of a node with several axes, those that the hand uses, in
+    the order of their numbers; empty for a node of its own. is_last_of_node: no joint behind this one in the
+    order of q has the same node.
     """
 
     node_id: int
     joint: JointConfig
     control: ControlConfig
     homing: HomingConfig | None
+    axes: tuple[int, ...] = ()
+    is_last_of_node: bool = True
+
+    @property
+    def axis(self) -> int:
+        """The axis of the node, 0 for a node of its own."""
+        return self.joint.axis or 0
 
     @property
     def name(self) -> str:
@@ -47,7 +56,18 @@ class DriveNeeds:
 
 def needs_of(config: HandConfig) -> list[DriveNeeds]:
     """Return the needs of every joint, in the order of q."""
-    return [DriveNeeds(joint.drive_node, joint, config.control, config.homing) for joint in config.joints]
+    axes, last = config.node_axes, {joint.drive_node: joint.name for joint in config.joints}
+    return [
+        DriveNeeds(
+            joint.drive_node,
+            joint,
+            config.control,
+            config.homing,
+            axes.get(joint.drive_node, ()),
+            last[joint.drive_node] == joint.name,
+        )
+        for joint in config.joints
+    ]
 
 
 class Drive(Protocol):

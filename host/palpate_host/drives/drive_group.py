@@ -14,7 +14,7 @@ from palpate_host.config.hand_config import HandConfig
 from palpate_host.drives.drive import needs_of
 from palpate_host.drives.homing import HomingRun
 from palpate_host.drives.joint_orders import JointOrders
-from palpate_host.drives.registry import make_drive
+from palpate_host.drives.registry import make_drives
 
 
 class DriveGroup:
@@ -23,22 +23,26 @@ class DriveGroup:
     def __init__(self, config: HandConfig) -> None:
         """Make each joint's drive by its key in hand.toml; ConfigError when a key is unknown."""
         self._names = [joint.name for joint in config.joints]
-        self.drives = tuple(make_drive(needs) for needs in needs_of(config))
+        self.drives = make_drives(needs_of(config))
+        self._node_ids = tuple(dict.fromkeys(drive.node_id for drive in self.drives))
         self.homing = HomingRun(config.homing, self.drives)
         self._orders = JointOrders(config.joints, config.control)
-        self._index_by_id = {can_id: i for i, drive in enumerate(self.drives) for can_id in drive.receive_ids}
+        self._indices_by_id: dict[int, list[int]] = {}
+        for index, drive in enumerate(self.drives):
+            for can_id in drive.receive_ids:
+                self._indices_by_id.setdefault(can_id, []).append(index)
         # Part of each joint state's age in which the host sent no SYNC.
         self._excused_us = [0] * len(self.drives)
-        self.receive_ids = frozenset(self._index_by_id)
+        self.receive_ids = frozenset(self._indices_by_id)
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
-        """Take a drive's frame. Raises BusError when the drive rejects it."""
-        index = self._index_by_id[frame.can_id]
-        drive = self.drives[index]
-        joint = drive.joint
-        drive.receive(stamp_us, frame)
-        if drive.joint is not joint:
-            self._excused_us[index] = 0
+        """Take the frame of a drive, or of the axes of a node. Raises BusError when a drive rejects it."""
+        for index in self._indices_by_id[frame.can_id]:
+            drive = self.drives[index]
+            joint = drive.joint
+            drive.receive(stamp_us, frame)
+            if drive.joint is not joint:
+                self._excused_us[index] = 0
 
     def has(self, node_id: int) -> bool:
         """Return whether the node is a drive."""
@@ -57,13 +61,24 @@ class DriveGroup:
             drive.forget()
 
     def requests(self, now_us: int, is_up: Sequence[bool]) -> list[CanFrame]:
-        """Return the start-up requests to the drives that are up and not identified."""
-        due = (drive.request(now_us) for drive, up in zip(self.drives, is_up, strict=True) if up)
-        return [frame for frame in due if frame is not None]
+        """Return the start-up requests to the drives that are up and not identified.
+
+        Axes of one node are identified one after another, since a node has one SDO server.
+        """
+        frames, waiting = [], set()
+        for drive, up in zip(self.drives, is_up, strict=True):
+            if up and drive.node_id not in waiting:
+                frame = drive.request(now_us)
+                if frame is not None:
+                    frames.append(frame)
+            if not drive.is_identified:
+                waiting.add(drive.node_id)
+        return frames
 
     def identified(self) -> list[int]:
-        """Return the node ids of the drives that may be started."""
-        return [drive.node_id for drive in self.drives if drive.is_identified]
+        """Return the ids of the nodes that may be started: all of their drives are identified."""
+        waiting = {drive.node_id for drive in self.drives if not drive.is_identified}
+        return [node_id for node_id in self._node_ids if node_id not in waiting]
 
     def angles(self) -> tuple[Array, Array] | None:
         """Return (q, qdot), each (nq,), in rad and rad/s; None until every joint has reported."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections import deque
 
+from palpate_bus.eds.cia402_axes import axis_key
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
@@ -38,14 +39,16 @@ class DriveIdentification:
         self.reply_id = SDO_REPLY_ID + needs.node_id
         self.mode = OperationMode.CYCLIC_TORQUE
         self._node_id = needs.node_id
-        self._name = f"{needs.name} (node 0x{needs.node_id:02X})"
+        where = f", axis {needs.axis}" if needs.axes else ""
+        self._name = f"{needs.name} (node 0x{needs.node_id:02X}{where})"
+        self._eds = "cia402_axes.eds" if needs.axes else "cia402.eds"
         self._needs = needs
         self.restart()
 
     def restart(self) -> None:
         """Begin again: the drive has booted."""
         self.scale: DriveScale | None = None
-        self._uploads = deque(UPLOADS)
+        self._uploads = deque(self._of_axis(key) for key in UPLOADS)
         self._writes: deque[Write] = deque()
         self._values: dict[tuple[int, int], int] = {}
         self._requested_us: int | None = None
@@ -78,12 +81,12 @@ class DriveIdentification:
         if command == ABORT:
             raise BusError(
                 f"{self._name} aborts the upload of {index:04X}h:{subindex:02X}"
-                f" (abort {value:08X}h): use a CiA 402 drive with the objects of cia402.eds"
+                f" (abort {value:08X}h): use a CiA 402 drive with the objects of {self._eds}"
             )
         if command != EXPEDITED_4_BYTES:
             raise BusError(
                 f"{self._name} responds to {index:04X}h:{subindex:02X} with SDO command"
-                f" {command:02X}h, not with 4 bytes: give both sides the same cia402.eds"
+                f" {command:02X}h, not with 4 bytes: give both sides the same {self._eds}"
             )
         self._values[self._uploads.popleft()] = value
         self._requested_us = None
@@ -111,7 +114,7 @@ class DriveIdentification:
             self.scale = self._checked_scale()
 
     def _needed_writes(self) -> deque[Write]:
-        modes = self._values[SUPPORTED_MODES]
+        modes = self._values[self._of_axis(SUPPORTED_MODES)]
         try:
             self.mode = choose_mode(modes, self._needs.follows)
         except BusError as exc:
@@ -123,8 +126,11 @@ class DriveIdentification:
             )
         return deque(settings(self._needs, self._checked_scale(), self.mode))
 
+    def _of_axis(self, key: tuple[int, int]) -> tuple[int, int]:
+        return axis_key(key, self._needs.axis)
+
     def _checked_scale(self) -> DriveScale:
-        rated, feed = self._values[RATED_TORQUE], self._values[FEED]
+        rated, feed = self._values[self._of_axis(RATED_TORQUE)], self._values[self._of_axis(FEED)]
         if rated == 0 or feed == 0:
             raise BusError(
                 f"{self._name} has 6076h = {rated}, 6092h:01 = {feed}; neither can be 0: configure the drive"

@@ -11,14 +11,14 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_edge.common.local_clock import monotonic_us
 from palpate_edge.node.events import AcceptIdsChanged, Event, NodeIdConflict
-from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_device import DriveNode
 
 LONGEST_WAIT_US = 50_000
 
 
 def serve_devices(
     bus: Bus,
-    devices: Sequence[Cia402Device],
+    devices: Sequence[DriveNode],
     stop: threading.Event,
     each_cycle: Callable[[], None] = lambda: None,
 ) -> None:
@@ -40,7 +40,7 @@ class _Node:
     """One device: processed when a frame is for it, when it is due, at least every LONGEST_WAIT_US, and in
     every cycle while its motor follows a velocity or a position."""
 
-    def __init__(self, device: Cia402Device) -> None:
+    def __init__(self, device: DriveNode) -> None:
         self._device = device
         self._accept_ids = frozenset(device.slave.accept_ids())
         self.due_us = 0
@@ -60,7 +60,7 @@ class _Node:
         return output.frames_out
 
 
-def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
+def refuse_conflict(device: DriveNode, events: Iterable[Event]) -> None:
     """Raise BusError when another node has the device's id."""
     for event in events:
         if isinstance(event, NodeIdConflict):
@@ -70,8 +70,8 @@ def refuse_conflict(device: Cia402Device, events: Iterable[Event]) -> None:
             )
 
 
-def states_line(devices: Iterable[Cia402Device]) -> str:
+def states_line(devices: Iterable[DriveNode]) -> str:
     """Return one line with the number of drives in each state."""
-    states = [device.state for device in devices]
+    states = [axis.state for device in devices for axis in device.axes]
     counts = [f"{states.count(state)} {state.value}" for state in DriveState if state in states]
     return ", ".join(counts)

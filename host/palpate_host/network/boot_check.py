@@ -4,7 +4,7 @@ In the manner of CiA 302-2, where the NMT master compares identity and configura
 starts it. One request at a time, due with the host's ticks; every difference is a problem of one line with
 object, value found, value wanted and remedy. A node with a problem is read again once a second, so that a
 node that was mended on the bus is accepted without a command. A node with the signature of its configuration
-(configuration_signature.py) is not read further; one that agrees without it is signed.
+(configuration_signature.py) is not read further; one that agrees without it is signed, if it can save.
 """
 
 from __future__ import annotations
@@ -16,7 +16,13 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.sdo_abort import AbortCode
 from palpate_host.drives.drive_settings import Write
 from palpate_host.drives.identify import SDO_REPLY_ID, SDO_REQUEST_ID
-from palpate_host.network.configuration_signature import is_written, signature_of, signing
+from palpate_host.network.configuration_signature import (
+    SAVE_COMMUNICATION,
+    SAVES_ON_COMMAND,
+    is_written,
+    signature_of,
+    signing,
+)
 from palpate_host.network.node_contract import Wanted
 from palpate_host.network.sdo_upload import SdoUpload
 
@@ -36,14 +42,17 @@ class BootCheck:
     def __init__(self, node_id: int, name: str, wanted: Iterable[Wanted], *, signs: bool = False) -> None:
         """wanted: the objects in the order of reading; with none, the node is taken as it is.
 
-        signs: read 1020h first, and write it after the others agree.
+        signs: read 1020h first; if it differs, read whether the node saves, and write it after the others
+        agree.
         """
         self.node_id = node_id
         self.reply_id = SDO_REPLY_ID + node_id
         self.name = name
         contract = tuple(wanted)
         self._signature = signature_of(contract) if signs and contract else ()
-        self._wanted = (*self._signature, *contract)
+        saves = (Wanted(SAVE_COMMUNICATION, SAVES_ON_COMMAND, "", SAVES_ON_COMMAND),)
+        self._before = (*self._signature, *saves) if self._signature else ()
+        self._wanted = (*self._before, *contract)
         self.restart()
 
     def restart(self) -> None:
@@ -104,7 +113,7 @@ class BootCheck:
 
     def _compare(self, wanted: Wanted) -> None:
         upload = self._upload
-        if self._place < len(self._signature):
+        if self._place < len(self._before):
             self._compare_signature(wanted)
             return
         if upload.abort is not None and upload.abort not in _MISSING:
@@ -125,11 +134,14 @@ class BootCheck:
         self._read(place)
 
     def _compare_signature(self, wanted: Wanted) -> None:
-        data = self._upload.data
-        if data is None or wanted.problem(data):
-            self._can_sign = data is not None
-            self._read(len(self._signature))
-        elif self._place + 1 < len(self._signature):
+        data, storage = self._upload.data, len(self._signature)
+        agrees = data is not None and not wanted.problem(data)
+        if self._place == storage:
+            self._can_sign = agrees
+            self._read(len(self._before))
+        elif not agrees:
+            self._read(len(self._before) if data is None else storage)
+        elif self._place + 1 < storage:
             self._read(self._place + 1)
         else:
             self._finish()

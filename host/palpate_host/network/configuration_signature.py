@@ -1,8 +1,8 @@
 """The configuration signature in 1020h (CiA 301): a node that has it is not read again object by object.
 
 The signature is a digest of everything that the host compares, written as the date and time that CiA 301
-prescribes. The node saves it and sets it to 0 when one of its parameters changes; a node with another
-calibration, software, serial number or node id has another one, or none.
+prescribes. A node that can save (1010h) keeps it and sets it to 0 when one of its parameters changes; a node
+with another calibration, software, serial number or node id has another one, or none.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from palpate_host.network.node_contract import Wanted
 
 LAST_DAY = 0xFFFF  # of TIME_OF_DAY, days since 1984-01-01
 DAY_MS = 86_400_000
-SAVE_COMMUNICATION = 2  # sub-index of 1010h; 1020h is a communication object
+SAVE_COMMUNICATION = (STORE, 2)  # 1020h is a communication object
+SAVES_ON_COMMAND = 1  # bit of 1010h (CiA 301, 7.5.2.13)
 _WRITTEN, _ABORT = 0x60, 0x80
 
 
@@ -39,7 +40,7 @@ def signing(signature: Iterable[Wanted]) -> Iterator[Write]:
     for wanted in signature:
         assert isinstance(wanted.value, int)
         yield Write(*wanted.key, 4, wanted.value, "signature of the configuration")
-    yield Write(STORE, SAVE_COMMUNICATION, 4, SIGNATURES[STORE], "signature of the configuration")
+    yield Write(*SAVE_COMMUNICATION, 4, SIGNATURES[STORE], "signature of the configuration")
 
 
 def is_written(write: Write, response: bytes) -> bool | None:

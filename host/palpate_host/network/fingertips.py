@@ -4,7 +4,8 @@ TPDO 1 carries position and normal force, TPDO 2 shear, torsion, flags and quali
 sequence and latency. A node sends the set of a frame back to back, TPDO 3 last; only a whole, coherent set
 counts. TPDO 5 to 9 carry further quantities and the sequence. Each belongs to the set of a node that sends
 it; the contacts of a node that does not send it are complete without it. Parts that were lost, duplicated or
-delayed are counted by name and never mixed into another frame's contact.
+delayed are counted by name and never mixed into another frame's contact. On a CAN FD bus TPDO 10 alone is the
+set.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from palpate_edge.common.contact_quantities import (
     BASE_TPDOS,
     CONTACT_TPDOS,
     EXTRA_TPDOS,
+    FD_TPDO,
     POSE_TPDOS,
     fields_of,
 )
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fd_bus import on_fd_bus
 from palpate_edge.node.fingertip_objects import (
     EXPOSURE_TIME,
     FLAGS,
@@ -35,9 +38,10 @@ from palpate_edge.node.fingertip_objects import (
 )
 from palpate_edge.node.object_dictionary import ObjectKey
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
-from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
+from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.common.tip_contact import TipContact
 
+FIRST_TPDOS, LAST_TPDOS = (BASE_TPDOS[0], FD_TPDO), (BASE_TPDOS[-1], FD_TPDO)
 # The parts leave the node together; on a 1 Mbit/s bus they arrive within a few of its frame times.
 SET_WINDOW_US = 10_000
 BUS_CLOCK_WRAP_US = 1 << 32
@@ -74,16 +78,23 @@ class ContactCounters:
 class Fingertip:
     """Assembles one node's sets of TPDOs."""
 
-    def __init__(self, node_id: int, name: str, *, poses: bool = True) -> None:
-        """poses: False when another node of the hand has the identifiers of the poses' TPDOs."""
+    def __init__(self, node_id: int, name: str, *, poses: bool = True, fd: bool = False) -> None:
+        """poses: False when another node of the hand has the identifiers of the poses' classic TPDOs.
+
+        fd: on a CAN FD bus.
+        """
         od = load_eds(FINGERTIP_EDS, node_id)
         numbers = [number for number in CONTACT_TPDOS if poses or number not in POSE_TPDOS]
+        numbers = [FD_TPDO] if fd else numbers
         self.name = name
         self._node_id = node_id
         self.counters = ContactCounters()
         self._codecs = {number: pdo_codec(od, PdoDirection.TRANSMIT, number) for number in numbers}
+        self._fd_with_poses: PdoCodec | None = None
+        if fd:
+            self._fd_with_poses = pdo_codec(on_fd_bus(od, poses=True), PdoDirection.TRANSMIT, FD_TPDO)
         self._numbers = {codec.cob_id: number for number, codec in self._codecs.items()}
-        self._started_us = 0  # TPDO 1 of the set that is being assembled
+        self._started_us = 0  # first TPDO of the set that is being assembled
         self._parts: dict[int, bytes] = {}  # of that set, by TPDO number
         self._last_part: tuple[int, int, bytes] | None = None
         self._last_sequence: int | None = None
@@ -113,31 +124,35 @@ class Fingertip:
         numbers are those of two devices.
         """
         number = self._numbers[frame.can_id]
-        codec = self._codecs[number]
+        codec = self._codec(number, frame.data)
         if len(frame.data) != codec.length_bytes:
             codec.decode(frame.data)
         if self._is_duplicate(number, stamp_us, frame.data):
             self.counters.duplicates += 1
             return None
         self._last_part = (number, stamp_us, frame.data)
-        if number == BASE_TPDOS[0]:
+        if number in FIRST_TPDOS:
             self.counters.incomplete += bool(self._parts)
-            self._started_us, self._parts = stamp_us, {number: frame.data}
-            self._begun_since_last += 1
-            return None
-        if not self._is_expected(number):
+            self._started_us, self._parts = stamp_us, {}
+            self._begun_since_last = 1 if number == FD_TPDO else self._begun_since_last + 1
+        elif not self._is_expected(number):
             self.counters.out_of_order += 1
             self._parts.clear()
             return None
-        if stamp_us - self._started_us > SET_WINDOW_US:
+        elif stamp_us - self._started_us > SET_WINDOW_US:
             self.counters.late += 1
             self._parts.clear()
             return None
         self._parts[number] = frame.data
-        if number != BASE_TPDOS[-1]:
+        if number not in LAST_TPDOS:
             return None
         parts, self._parts = self._parts, {}
         return self._complete(stamp_us, parts)
+
+    def _codec(self, number: int, data: bytes) -> PdoCodec:
+        """Return the codec of a TPDO. TPDO 10 of a sensor that gives poses is longer than that of others."""
+        poses = self._fd_with_poses
+        return poses if poses is not None and len(data) == poses.length_bytes else self._codecs[number]
 
     def _is_duplicate(self, number: int, stamp_us: int, data: bytes) -> bool:
         if self._last_part is None:
@@ -159,7 +174,7 @@ class Fingertip:
         A part belongs to another frame when it arrived before the frame of TPDO 3 was published, when an
         extra TPDO has another sequence, or when the sequence does not follow the last one.
         """
-        values = {number: self._codecs[number].decode(data) for number, data in parts.items()}
+        values = {number: self._codec(number, data).decode(data) for number, data in parts.items()}
         extra = [number for number in values if number in EXTRA_TPDOS]
         contact = decode_contact(
             {key: raw for part in values.values() for key, raw in part.items()}, stamp_us
@@ -208,8 +223,8 @@ class Fingertip:
     def _is_next(self, sequence: int) -> bool:
         """Return whether the sequence number fits the frames begun since the last contact.
 
-        Each TPDO 1 begins a frame. A TPDO 3 that was delayed into the next frame's set therefore carries a
-        number that is too small, as does every part older than the last contact.
+        Each TPDO 1 or 10 begins a frame. A TPDO 3 that was delayed into the next frame's set therefore
+        carries a number that is too small, as does every part older than the last contact.
         """
         if self._last_sequence is not None:
             step = (sequence - self._last_sequence) % SEQUENCE_WRAP
@@ -242,6 +257,7 @@ def decode_contact(values: Mapping[ObjectKey, int], stamp_us: int) -> TipContact
         valid=valid,
         in_contact=valid and bool(flags & ContactFlag.CONTACT),
         slip=bool(flags & ContactFlag.SLIP),
+        slip_begins=bool(flags & ContactFlag.SLIP_BEGINS),
         quality=values[QUALITY, 0],
     )
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from palpate_edge.node.cob_ids import NOT_VALID
 from palpate_edge.node.object_dictionary import ObjectDictionary, ObjectKey
 from palpate_edge.node.object_store import CONFIGURATION_SIGNATURE
-from palpate_edge.node.pdo_codec import PdoDirection
+from palpate_edge.node.pdo_codec import PdoDirection, is_fd_pdo
 from palpate_edge.node.pdo_parameters import (
     COB_ID_NO_RTR,
     COB_ID_SUB,
@@ -46,7 +46,7 @@ class Need(enum.Enum):
 class Wanted:
     """One object with its value. mask: the bits of a number that count. remedy: what to do if it differs.
 
-    pdo: the PDO that the object describes, empty for none.
+    pdo: the PDO that the object describes, empty for none. also: another number that is as good.
     """
 
     key: ObjectKey
@@ -55,6 +55,7 @@ class Wanted:
     mask: int = ALL_BITS
     need: Need = Need.VALUE
     pdo: str = ""
+    also: int | None = None
 
     def problem(self, data: bytes | None) -> str:
         """Return how the object's bytes differ, empty if they do not. data: None for a missing object."""
@@ -83,7 +84,7 @@ class Wanted:
         assert isinstance(self.value, int)
         if self.need is not Need.VALUE and number & NOT_VALID:
             return self.need is Need.REQUIRED_ID
-        return bool((number ^ self.value) & self.mask)
+        return number != self.also and bool((number ^ self.value) & self.mask)
 
 
 def identity_of(od: ObjectDictionary, remedy: str) -> Iterator[Wanted]:
@@ -107,6 +108,8 @@ def pdos_of(
     required: those that must be enabled. types: compare transmission types.
     """
     for number in pdo_numbers(od, direction):
+        if is_fd_pdo(od, direction, number) and not od.has_fd:
+            continue  # such a node refuses to enable it
         pdo = f"{direction.label} {number}"
         communication = direction.communication_index + number - 1
         mapping = direction.mapping_index + number - 1

@@ -76,14 +76,17 @@ class Nodes:
                 poses=finger.fingertip_node + POSE_NODE_OFFSET not in config.node_names,
                 serial=finger.serial,
                 calibration=finger.calibration,
+                data_bitrate=config.bus.data_bitrate,
                 verifies=verifies,
             )
             for finger in config.fingers
         ]
         self._finger_of_node = {finger.node_id: finger for finger in self.fingers}
+        follows, axes = config.control.drives_follow, config.node_axes
+        own = {joint.drive_node for joint in config.joints if joint.drive == CIA402 and verifies}
         drive_checks = [
-            BootCheck(node, self.network.name(node), drive_contract(node, config.control.drives_follow))
-            for node in (joint.drive_node for joint in config.joints if joint.drive == CIA402 and verifies)
+            BootCheck(node, self.network.name(node), drive_contract(node, follows, axes.get(node, ())))
+            for node in sorted(own)
         ]
         self._boot = VerifiedBoot([finger.boot for finger in self.fingers] + drive_checks)
         self._finger_by_id = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,6 +55,18 @@ class OperatorClient:
             status = self._checked(self._next())
             if status is not None:
                 yield status
+
+    def poll(self, timeout_s: float) -> HostStatus | None:
+        """Return the next status after a request `Stream`; None when none comes in `timeout_s`.
+
+        Raises NoHostError when the connection ends.
+        """
+        if not self._waiting:
+            poller = select.poll()
+            poller.register(self._connection, select.POLLIN)
+            if not poller.poll(1000 * timeout_s):
+                return None
+        return self._checked(self._next())
 
     def close(self) -> None:
         self._connection.close()

@@ -79,7 +79,6 @@ def layout(config: HandConfig) -> str:
     fingers = [finger.name for finger in config.fingers]
     joints = [joint.name for joint in config.joints]
     visible: dict[str, Any] = {f"/tactile/{name}/force": {"visible": True} for name in fingers}
-    visible |= {f"/tactile/{name}/contact": {"visible": True} for name in fingers}
     panels: dict[str, Any] = {
         "3D!hand": {
             "followTf": HAND_FRAME,

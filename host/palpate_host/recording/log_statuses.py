@@ -20,8 +20,8 @@ from palpate_host.common.tick_inputs import BusLost, BusRestored, HostEvent
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.virtual_frame import FrameError, virtual_frame
-from palpate_host.drives.cia402 import Cia402Drive, command_codec
-from palpate_host.drives.cia402_modes import TARGET_TORQUE
+from palpate_host.drives.axis_master import AxisMaster
+from palpate_host.drives.command_frames import torque_commands
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.network.nodes import Nodes
 from palpate_host.service.host_records import TickRecord
@@ -83,21 +83,19 @@ class _Commands:
         self.syncs = [record for record in records if record.frame == SYNC]
         self._joints = config.joints
         has_torque = config.control.drives_follow is Follows.TORQUE
-        codecs = (
-            [command_codec(joint.drive_node, Follows.TORQUE) for joint in config.joints] if has_torque else []
-        )
-        joint_of = {codec.cob_id: index for index, codec in enumerate(codecs)}
+        commands = torque_commands(config) if has_torque else {}
         self._per_mille: dict[int, list[int | None]] = {}
         current: list[int | None] = [None] * len(config.joints)
         for record in records:
             if record.frame == SYNC:
                 current = self._per_mille[id(record)] = [None] * len(config.joints)
-            elif record.frame.can_id in joint_of:
-                index = joint_of[record.frame.can_id]
+            elif record.frame.can_id in commands:
                 try:
-                    current[index] = codecs[index].decode(record.frame.data)[TARGET_TORQUE]
+                    targets = commands[record.frame.can_id].per_mille(record.frame.data)
                 except BusError:  # of a length that is not the EDS's
                     continue
+                for joint, target in targets.items():
+                    current[joint] = target
 
     def after(self, sync: LogRecord) -> list[int | None]:
         """Return the target torque of each joint in 1/1000 of the rated torque; None without an RPDO 1."""
@@ -141,7 +139,7 @@ class _NodeStates:
         R_vir: Array | None = None
         if angles is not None:
             try:
-                R_vir = virtual_frame(self._hand.pose(angles[0]).tip_centre_m)
+                R_vir = virtual_frame(self._hand.tip_centres_m(angles[0]))
             except FrameError:
                 R_vir = None
         return replace(
@@ -168,7 +166,7 @@ class _NodeStates:
         for index, (joint, drive) in enumerate(zip(self._config.joints, drives.drives, strict=True)):
             command_Nm = None if recorded_Nm is None else recorded_Nm[index]
             number = per_mille[index]
-            if recorded_Nm is None and number is not None and isinstance(drive, Cia402Drive) and drive.scale:
+            if recorded_Nm is None and number is not None and isinstance(drive, AxisMaster) and drive.scale:
                 command_Nm = joint.direction * drive.scale.to_Nm(number)
             state = drive.joint
             found.append(

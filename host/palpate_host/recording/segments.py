@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -19,19 +18,12 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.recording.bounds import Bounds
 from palpate_host.recording.mcap import McapRecording
 from palpate_host.service.contract import recording_header
 from palpate_host.service.host_records import HostRecorder
 
 FLUSH_EVERY_US = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """Largest sizes. piece_bytes: of one piece, log and MCAP together; folder_bytes: of all pieces."""
-
-    piece_bytes: int
-    folder_bytes: int
 
 
 class SegmentedRecording:

@@ -7,29 +7,32 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 
-from palpate_host.common.command import CommandError
 from palpate_host.common.status import HostStatus
-from palpate_host.operator.client import OperatorClient
+from palpate_host.recording.tick_stream import RETRY_S, TickStream
 
-RETRY_S = 0.2
 MAX_WAITING = 10_000
 """Ticks that wait for `take`; beyond this the oldest are dropped."""
 
 
 class StatusFollower:
-    """Subscribes at once; a context manager. failure: why no host is connected, or empty."""
+    """Subscribes at once; a context manager."""
 
     def __init__(self, path: Path) -> None:
         """Start the thread. path: of the control socket."""
-        self.failure = ""
-        self._path = path
+        self._stream = TickStream(path)
         self._waiting: deque[HostStatus] = deque(maxlen=MAX_WAITING)
         self._ended, self._has_news = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
         self._thread.start()
+
+    @property
+    def failure(self) -> str:
+        """Why no host is connected, or empty."""
+        return self._stream.failure
 
     def take(self, timeout_s: float = 0.0) -> list[HostStatus]:
         """Return the ticks since the last call; when there is none, wait `timeout_s` for one.
@@ -42,8 +45,9 @@ class StatusFollower:
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def close(self) -> None:
-        """End the subscription. The daemon thread may still wait for a host that does not respond."""
+        """End the subscription."""
         self._ended.set()
+        self._thread.join()
 
     def __enter__(self) -> StatusFollower:
         return self
@@ -54,16 +58,10 @@ class StatusFollower:
         self.close()
 
     def _run(self) -> None:
-        while not self._ended.is_set():
-            try:
-                with OperatorClient(self._path) as client:
-                    self.failure = ""
-                    for status in client.stream():
-                        self._waiting.append(status)
-                        self._has_news.set()
-                        if self._ended.is_set():
-                            return
-            except CommandError as exc:
-                self.failure = str(exc)
-                self._has_news.set()
-            self._ended.wait(RETRY_S)
+        with closing(self._stream):
+            while not self._ended.is_set():
+                status = self._stream.next(RETRY_S)
+                if status is not None:
+                    self._waiting.append(status)
+                if status is not None or self.failure:
+                    self._has_news.set()

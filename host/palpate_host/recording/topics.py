@@ -6,7 +6,7 @@
 | /joint_commands | JointStates: commanded torque as effort |
 | /tf | FrameTransforms: `hand` to each dome's frame F, named as the finger |
 | /tactile/FINGER/contact | Point3InFrame, m, in F; while a valid contact is there |
-| /tactile/FINGER/force | SceneUpdate: an arrow of 10 mm a newton at the contact |
+| /tactile/FINGER/force | SceneUpdate: a sphere at the contact, an arrow of 10 mm a newton |
 | /tactile/FINGER/quantities | JSON: every quantity of the contact; null where it is not known |
 | /object | PoseInFrame: orientation of the contact frame, Eq. (16), at the centroid of the tips |
 | /diagnostics | Log: every change of mode, with its reason, and of warning |
@@ -34,6 +34,7 @@ from palpate_host.recording.mcap_reader import STATUS_TOPIC
 HAND_FRAME = "hand"
 ARROW_M_PER_N = 0.010
 ARROW_DIAMETER_M = 0.002
+CONTACT_DIAMETER_M = 0.003
 ARROW_COLOUR = fg.Color(r=0.9, g=0.3, b=0.1, a=1.0)
 QUANTITIES_SCHEMA = {
     "title": "palpate.Quantities",
@@ -171,8 +172,21 @@ class HandTopics:
             head_diameter=2 * ARROW_DIAMETER_M,
             color=ARROW_COLOUR,
         )
+        size = fg.Vector3(x=CONTACT_DIAMETER_M, y=CONTACT_DIAMETER_M, z=CONTACT_DIAMETER_M)
+        sphere = fg.SpherePrimitive(
+            pose=fg.Pose(
+                position=fg.Vector3(x=x, y=y, z=z), orientation=fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+            ),
+            size=size,
+            color=ARROW_COLOUR,
+        )
         entity = fg.SceneEntity(
-            timestamp=stamp, frame_id=finger.name, id="normal force", frame_locked=True, arrows=[arrow]
+            timestamp=stamp,
+            frame_id=finger.name,
+            id="normal force",
+            frame_locked=True,
+            arrows=[arrow],
+            spheres=[sphere],
         )
         force.log(fg.SceneUpdate(entities=[entity]), log_time=time_ns)
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -30,6 +29,23 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common.mode import STARTING, STOPPED, Mode
 from palpate_host.common.status import FingerStatus, HostStatus, JointStatus
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.ros.message_contents import (
+    ERROR,
+    NO_VECTOR,
+    OK,
+    STALE,
+    WARN,
+    DiagnosisContent,
+    JointContent,
+    MessageContent,
+    NumberContent,
+    PartDiagnosis,
+    PointContent,
+    PoseContent,
+    TextContent,
+    Vector,
+    WrenchContent,
+)
 
 HAND_FRAME = "hand"
 """Frame of the palm, root of the URDF."""
@@ -40,113 +56,6 @@ NO_HOST = "no host"
 DIAGNOSIS_US = 1_000_000
 EQUATOR_MM = 1.0
 """Below this height of a contact in F the z part of its shear is taken as 0: the bus does not carry it."""
-
-OK, WARN, ERROR, STALE = 0, 1, 2, 3
-"""Levels of diagnostic_msgs/DiagnosticStatus."""
-
-Vector = tuple[float, float, float]
-NO_VECTOR: Vector = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class JointContent:
-    """For sensor_msgs/JointState: rad, rad/s and measured torque in N m; NaN where a value is unknown."""
-
-    topic: str
-    time_us: int
-    names: tuple[str, ...]
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    effort: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class WrenchContent:
-    """For geometry_msgs/WrenchStamped: what the object does to the dome, about the origin of `frame`."""
-
-    topic: str
-    time_us: int
-    frame: str
-    force_N: Vector
-    torque_Nm: Vector
-
-
-@dataclass(frozen=True, slots=True)
-class PointContent:
-    """For geometry_msgs/PointStamped, in m."""
-
-    topic: str
-    time_us: int
-    frame: str
-    point_m: Vector
-
-
-@dataclass(frozen=True, slots=True)
-class PoseContent:
-    """For geometry_msgs/PoseStamped; the quaternion is x, y, z, w."""
-
-    topic: str
-    time_us: int
-    frame: str
-    position_m: Vector
-    quaternion: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class PictureContent:
-    """For sensor_msgs/CompressedImage: a JPEG."""
-
-    topic: str
-    time_us: int
-    frame: str
-    jpeg: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class NumberContent:
-    """For std_msgs/Float64."""
-
-    topic: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class TextContent:
-    """For std_msgs/String."""
-
-    topic: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class PartDiagnosis:
-    """For one diagnostic_msgs/DiagnosticStatus; level: OK, WARN, ERROR or STALE."""
-
-    name: str
-    level: int
-    message: str
-    values: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosisContent:
-    """For diagnostic_msgs/DiagnosticArray."""
-
-    topic: str
-    time_us: int
-    parts: tuple[PartDiagnosis, ...]
-
-
-MessageContent = (
-    JointContent
-    | WrenchContent
-    | PointContent
-    | PoseContent
-    | PictureContent
-    | NumberContent
-    | TextContent
-    | DiagnosisContent
-)
 
 
 def topic_name(name: str) -> str:
@@ -202,7 +111,7 @@ class HandContents:
         q_rad = [joint.position_rad for joint in status.joints if joint.position_rad is not None]
         if status.R_c is None or len(q_rad) != len(status.joints):
             return
-        x, y, z = self._hand.pose(np.array(q_rad)).tip_centre_m.mean(axis=0).tolist()
+        x, y, z = self._hand.tip_centres_m(np.array(q_rad)).mean(axis=0).tolist()
         frame = self._prefix + HAND_FRAME
         yield PoseContent("object", status.time_us, frame, (x, y, z), quaternion(np.array(status.R_c)))
 

@@ -1,4 +1,4 @@
-"""The contents of contents.py as messages of rclpy."""
+"""The contents of message_contents.py as messages of rclpy."""
 
 from __future__ import annotations
 
@@ -7,11 +7,19 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion, Vector3, WrenchStamped
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseStamped,
+    Quaternion,
+    TransformStamped,
+    Vector3,
+    WrenchStamped,
+)
 from sensor_msgs.msg import CompressedImage, JointState
 from std_msgs.msg import Float64, Header, String
 
-from palpate_host.ros.contents import (
+from palpate_host.ros.message_contents import (
     DiagnosisContent,
     JointContent,
     NumberContent,
@@ -19,6 +27,8 @@ from palpate_host.ros.contents import (
     PointContent,
     PoseContent,
     TextContent,
+    Transform,
+    TransformsContent,
     Vector,
     WrenchContent,
 )
@@ -59,9 +69,28 @@ def _point(content: PointContent) -> Any:
 def _pose(content: PoseContent) -> Any:
     message = PoseStamped(header=_header(content.time_us, content.frame))
     message.pose.position = _filled(Point, content.position_m)
-    x, y, z, w = content.quaternion
-    message.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    message.pose.orientation = _quaternion(content.quaternion)
     return message
+
+
+@message_of.register
+def _transforms(content: TransformsContent) -> Any:
+    from tf2_msgs.msg import TFMessage  # noqa: PLC0415 (the wheels lack it)
+
+    return TFMessage(transforms=list(map(_transform, content.transforms)))
+
+
+def _transform(transform: Transform) -> Any:
+    message = TransformStamped(header=_header(transform.time_us, transform.parent))
+    message.child_frame_id = transform.child
+    message.transform.translation = _filled(Vector3, transform.position_m)
+    message.transform.rotation = _quaternion(transform.quaternion)
+    return message
+
+
+def _quaternion(quaternion: tuple[float, float, float, float]) -> Any:
+    x, y, z, w = quaternion
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 @message_of.register

@@ -11,7 +11,8 @@ from palpate_edge.capture.frame_ring import RingReader
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.local_clock import unix_ahead_us
 from palpate_host.common.camera_source import CameraSource
-from palpate_host.ros.contents import PictureContent, topic_name
+from palpate_host.ros.contents import topic_name
+from palpate_host.ros.message_contents import PictureContent
 
 JPEG_QUALITY = 80
 POLL_S = 0.005

@@ -6,7 +6,6 @@ name of its site (hand.toml, ``model.tip_sites``). Geoms of primitive shape are 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.common.rotation import exp
+from palpate_host.common.rotation import exp, to_rpy
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 from palpate_host.ros.contents import HAND_FRAME
@@ -31,8 +30,6 @@ SPHERE, CAPSULE, CYLINDER, BOX = (
         mujoco.mjtGeom.mjGEOM_BOX,
     )
 )
-LOCK = 1e-9
-"""Cosine of the pitch below which roll and yaw turn about one axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +64,7 @@ class LinkPose:
 
     def element(self) -> Element:
         """Return the element ``origin``."""
-        return Element("origin", xyz=_numbers(*self.position_m), rpy=_numbers(*_rpy(self.rotation)))
+        return Element("origin", xyz=_numbers(*self.position_m), rpy=_numbers(*to_rpy(self.rotation)))
 
 
 def urdf_of(config: HandConfig) -> str:
@@ -190,12 +187,3 @@ def _tip(model: mujoco.MjModel, site: str) -> Iterator[Element]:
 
 def _numbers(*values: float) -> str:
     return " ".join(f"{value:.12g}" for value in values)
-
-
-def _rpy(R: Array) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw in rad, Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where it equals a roll."""
-    cosine = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], cosine)
-    if cosine < LOCK:
-        return math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0
-    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from palpate_bus.load.budget import BudgetCase, budget
 from palpate_edge.common.errors import ConfigError
@@ -19,28 +20,31 @@ def check_bus_load(config: HandConfig) -> None:
     budget`). A full bus delays SYNC and torques until the grasp oscillates.
     """
     tick_Hz = config.control.tick_Hz
-    worst = _worst_percent(config, tick_Hz)
+    case = _case(config)
+    worst = budget(case).worst_percent
     if worst <= 100.0:
         return
-    idle = _worst_percent(config, 0.0)
+    idle = budget(replace(case, tick_Hz=0.0)).worst_percent
     largest_Hz = math.floor((100.0 - idle) / (worst - idle) * tick_Hz)
     way_out = f"set control.tick_Hz to {largest_Hz} at most" if largest_Hz >= FEWEST_TICKS_HZ else ""
     raise ConfigError(
         f"{tick_Hz} ticks a second load the bus of {config.bus.bitrate / 1000:g} kbit/s to {worst:.0f} % with"
-        f" {len(config.fingers)} fingertips and {_drives(config)} drives:"
+        f" {len(config.fingers)} fingertips and {case.drives} drives:"
         f" {way_out or 'use a faster bus or fewer nodes'} (palpate-host bus budget shows the frames)"
     )
 
 
 def _drives(config: HandConfig) -> int:
-    return sum(joint.drive == CAN_DRIVE for joint in config.joints)
+    return sum(joint.drive == CAN_DRIVE and joint.axis is None for joint in config.joints)
 
 
-def _worst_percent(config: HandConfig, tick_Hz: float) -> float:
-    case = BudgetCase(
+def _case(config: HandConfig) -> BudgetCase:
+    return BudgetCase(
         fingertips=len(config.fingers),
         joints=_drives(config),
-        tick_Hz=tick_Hz,
+        tick_Hz=config.control.tick_Hz,
         bitrate=config.bus.bitrate,
+        data_bitrate=config.bus.data_bitrate,
+        classic_drives=True,
+        axis_nodes=tuple(len(axes) for axes in config.node_axes.values()),
     )
-    return budget(case).worst_percent

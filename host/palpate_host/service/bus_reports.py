@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from palpate_edge.can_bus.reconnecting_bus import BusState, BusStateChange
 from palpate_edge.common.local_sockets.sd_notify import Notifier
+from palpate_edge.common.logs import LineLimit, LogLine
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.service.host_core import HostCore
@@ -25,21 +26,25 @@ class BusReports:
         self._core, self._notifier = core, notifier
         self._usual = self._line = usual
         self._bus_problem = ""
+        self._bus_lines = LineLimit("changes of the bus")
         self._mode = Mode.INIT
 
     def bus_changed(self, now_us: int, changes: Sequence[BusStateChange]) -> None:
         """Pass the changes of `HostBus.changes` on to the core, and report them."""
+        lines: list[LogLine] = []
         for change in changes:
             if change.state is BusState.UP:
                 self._core.bus_restored(now_us)
                 line = "the bus is up again: palpate-host command recover"
-                _bus_log.info(line)
+                lines.append(LogLine(logging.INFO, line))
             else:
                 self._core.bus_lost(now_us, change.reason)
                 line = f"the bus is {change.state.value}. {change.reason}"
-                _bus_log.error(line)
+                lines.append(LogLine(logging.ERROR, line))
                 self._bus_problem = change.reason
             self._set_status_line(line)
+        for due in self._bus_lines.update(now_us, lines):
+            _bus_log.log(due.level, due.text)
 
     def ticked(self, status: HostStatus) -> None:
         """Log FAULT and HOLD and their end; restore the usual status line outside FAULT and STOP."""

@@ -3,13 +3,14 @@
 | key | value |
 |---|---|
 | eds.fingertip.meaning, eds.cia402.meaning | digest of the parsed EDS; comments and layout of the file do not
-count |
+count; eds.cia402-axes.meaning of a hand with drive nodes of several axes |
 | hand.digest, hand.KEY | digest of hand.toml's effective values, defaults included, and the values as JSON |
 | model.digest | digest of the compiled model: bodies, joints, tips, masses |
 | node.0xNN | the device at each node id |
+| bus.data_bitrate | on a CAN FD bus: contacts are TPDO 10; missing on a classic bus |
 | host.build | version and digest of palpate's sources; not compared |
 
-[bus], [run] and [twin] of hand.toml do not count: where the bus is, who starts the hand, and the simulation.
+Else [bus], [run] and [twin] of hand.toml do not count: where the bus is, who starts the hand, the simulation.
 `fingers[].calibration` is one of the values, so a log is bound to the calibrations that hand.toml names.
 """
 
@@ -26,19 +27,27 @@ import msgspec
 import numpy as np
 
 import palpate_host
+from palpate_bus.decode.device import AXES_KIND, axes_text
 from palpate_bus.eds.cia402 import CIA402_EDS
+from palpate_bus.eds.cia402_axes import CIA402_AXES_EDS
 from palpate_bus.logs.candump import LogHeader
 from palpate_edge import __version__
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.node.eds import load_eds
+from palpate_edge.node.eds_history import EARLIER
+from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS, checksum_of
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 
 EDS_FILES = {"eds.fingertip": FINGERTIP_EDS, "eds.cia402": CIA402_EDS}
 """Keys of the hashes of bytes in logs of format 1; with MEANING, of the digests of meaning."""
+AXES_EDS_FILES = {"eds.cia402-axes": CIA402_AXES_EDS}
+"""Further keys of a hand with drive nodes of several axes."""
 MEANING = ".meaning"
+EARLIER_MEANINGS = frozenset(eds.meaning for eds in EARLIER)
 HAND, DIGEST, MODEL, BUILD = "hand.", "hand.digest", "model.digest", "host.build"
+DATA_BITRATE = "bus.data_bitrate"
 LEFT_OUT = ("bus", "run", "twin")
 DIGITS = 16
 LONGEST_VALUE = 300
@@ -60,7 +69,11 @@ def contract_header(config: HandConfig) -> LogHeader:
 
 def frames_header(config: HandConfig) -> LogHeader:
     """Return the header that gives the frames of this hand their meaning: the EDS files and the nodes."""
-    return LogHeader({key + MEANING: eds_digest(path) for key, path in EDS_FILES.items()} | _nodes(config))
+    files = EDS_FILES | (AXES_EDS_FILES if config.node_axes else {})
+    meanings = {key + MEANING: eds_digest(path) for key, path in files.items()}
+    rate = config.bus.data_bitrate
+    fd = {} if rate is None else {DATA_BITRATE: str(rate)}
+    return LogHeader(meanings | fd | _nodes(config))
 
 
 def recording_header(config: HandConfig) -> LogHeader:
@@ -70,22 +83,33 @@ def recording_header(config: HandConfig) -> LogHeader:
 
 def _nodes(config: HandConfig) -> dict[str, str]:
     nodes = {joint.drive_node: f"drive:{joint.name}" for joint in config.joints}
+    nodes |= {node: f"{AXES_KIND}:{axes_text(names)}" for node, names in config.axis_names.items()}
     nodes |= {finger.fingertip_node: f"fingertip:{finger.name}" for finger in config.fingers}
     return {f"node.0x{node:02X}": who for node, who in sorted(nodes.items())}
 
 
 def eds_digest(path: Path) -> str:
     """Return the digest of an EDS's objects: types, access, limits, defaults, names. Raises ConfigError."""
-    od = load_eds(path, 1)
+    return meaning_of(load_eds(path, 1))
+
+
+def meaning_of(od: ObjectDictionary) -> str:
+    """Return the digest of the objects of node 1."""
     objects = [msgspec.to_builtins(entry) for _, entry in sorted(od.entries.items())]
     return _digest({"objects": objects, "bit rates": sorted(od.bit_rates_kbit_s)})
 
 
 def effective_values(config: HandConfig) -> Values:
-    """Return hand.toml's values with all defaults, without LEFT_OUT and without the path of model.mjcf."""
+    """Return hand.toml's values with all defaults, without LEFT_OUT and without the path of model.mjcf.
+
+    A joint that is no axis of a node with several has no `axis`, as in logs from before that key.
+    """
     values: Values = json.loads(msgspec.json.encode(config))
     for key in LEFT_OUT:
         values.pop(key, None)
+    for joint in (joint for finger in values["fingers"] for joint in finger["joints"]):
+        if joint["axis"] is None:
+            del joint["axis"]
     values["model"] = {"tip_sites": values["model"]["tip_sites"]}
     return values
 
@@ -154,6 +178,9 @@ def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> tup
             " record it with the --header options that `palpate-host contract` prints"
         )
     _refuse(log_path, _differing_nodes(entries, here), "give the hand.toml that it was recorded with")
+    rate, rate_here = (one.get(DATA_BITRATE, "none") for one in (entries, here))
+    if rate != rate_here:
+        _refuse(log_path, [f"{DATA_BITRATE} {rate}, here {rate_here}"], "set it in hand.toml as in the log")
     is_bound = DIGEST in entries
     if not is_bound:
         return tuple(_lacks_of_format_1(entries))
@@ -161,8 +188,8 @@ def check_contract(log_path: Path, header: LogHeader, config: HandConfig) -> tup
         log_path,
         [
             f"{key} {entries[key]}, here {here[key]}"
-            for key in (k + MEANING for k in EDS_FILES)
-            if _differs(key, entries, here)
+            for key in (k + MEANING for k in (*EDS_FILES, *AXES_EDS_FILES))
+            if key in here and _differs(key, entries, here) and entries[key] not in EARLIER_MEANINGS
         ],
         "replay it with the palpate version that made it, or record it again",
     )

@@ -13,17 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_bus.decode.device import Device, Key
+from palpate_bus.decode.device import CAN_ID, Device, Key
+from palpate_bus.eds.cia402_axes import FIRST_INDEX, axis_key
 from palpate_bus.master.node_check import differences
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
-from palpate_edge.node.fingertip_objects import METHOD, NEVER_GIVEN, ContactFlag, MethodCode
+from palpate_edge.node.fingertip_objects import DATA_BITRATE, METHOD, NEVER_GIVEN, ContactFlag, MethodCode
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.hand_config import ControlMode, FingerConfig, ForceLaw, HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.registry import CIA402
+from palpate_host.network.drive_contract import drive_contract
 from palpate_host.network.fingertip_contract import fingertip_contract
+from palpate_host.network.node_contract import Need
 from palpate_host.safety.supervisor import NO_FORCE, NO_PLACE
 from palpate_host.service.hand_devices import devices_of_hand
 
@@ -82,6 +85,7 @@ def _fingertip(config: HandConfig, finger: FingerConfig, device: Device, read: R
     problems = list(_identity(device, FINGERTIP_PROFILE, read))
     if not problems:
         problems += _not_as_named(finger, device, read)
+        problems += _on_another_bus(config, device, read)
         problems += differences(device, lambda key: read(device.node_id, device, key))
         if not read(device.node_id, device, CALIBRATION):
             problems.append("has no calibration, so none of its contacts is valid: palpate-edge calibrate")
@@ -101,11 +105,21 @@ def _not_as_named(finger: FingerConfig, device: Device, read: Read) -> Iterator[
                 yield problem
 
 
+def _on_another_bus(config: HandConfig, device: Device, read: Read) -> Iterator[str]:
+    """Yield that one side sends contacts as CAN FD frames and the other expects classic ones."""
+    rate, here = read(device.node_id, device, (DATA_BITRATE, 0)) or 0, config.bus.data_bitrate or 0
+    if rate != here:
+        kinds = [f"CAN FD, {one} bit/s" if one else "classic CAN" for one in (rate, here)]
+        remedy = "set the same bus.data_bitrate in finger.toml and hand.toml, or none"
+        yield f"sends its contacts by {kinds[0]}, hand.toml has {kinds[1]}: {remedy}"
+
+
 def _lacks(config: HandConfig, device: Device, read: Read) -> Iterator[str]:
     """Yield what the fingertip never gives and the control of this hand needs."""
     never = read(device.node_id, device, (NEVER_GIVEN, 0)) or 0
-    above = device.node_id + POSE_NODE_OFFSET
-    if read(device.node_id, device, (METHOD, 0)) == MethodCode.POSE and above in config.node_names:
+    above, method = device.node_id + POSE_NODE_OFFSET, read(device.node_id, device, (METHOD, 0))
+    has_classic_poses = config.bus.data_bitrate is None and method == MethodCode.POSE
+    if has_classic_poses and above in config.node_names:
         yield f"sends poses with identifiers of node 0x{above:02X}, which is in the hand: give one another id"
     if config.control.mode is ControlMode.BLIND:
         return
@@ -120,7 +134,8 @@ def _lacks(config: HandConfig, device: Device, read: Read) -> Iterator[str]:
 
 def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -> NodeReport:
     def number(key: Key) -> int | None:
-        return read(device.node_id, device, key)
+        own = axis_key(key, joint.axis or 0) if key[0] >= FIRST_INDEX else key
+        return read(device.node_id, device, own)
 
     who = f"drive of {joint.name}"
     problems = list(_identity(device, DRIVE_PROFILE, read))
@@ -147,7 +162,10 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
         )
     if not number(WATCHDOG):
         problems.append("has no deadline for RPDO 1 (1400h:05 is 0): its torque would stay on without a host")
-    problems += differences(device, number)
+    if joint.axis is None:
+        problems += differences(device, number)
+    elif joint.axis == config.node_axes[device.node_id][0]:
+        problems += _pdo_ids(config, device, number)
     drive_angle = drive_angle_rad(number)
     angle = None
     if drive_angle is not None:
@@ -160,6 +178,17 @@ def _drive(config: HandConfig, device: Device, joint: JointConfig, read: Read) -
     names = " ".join(name for bit, name in MODE_NAMES.items() if modes >> bit - 1 & 1)
     found = f"{_who(device, read)}, {names or 'no mode'}, {cap_Nm:.3g} N m"
     return NodeReport(device.node_id, who, found, tuple(problems), angle)
+
+
+def _pdo_ids(config: HandConfig, device: Device, number: Callable[[Key], int | None]) -> Iterator[str]:
+    """Yield the PDOs of a node with several axes that have another identifier; the host maps them itself."""
+    axes = config.node_axes[device.node_id]
+    for wanted in drive_contract(device.node_id, config.control.drives_follow, axes):
+        if wanted.need is not Need.VALUE and isinstance(wanted.value, int):
+            found = number(wanted.key)
+            if found is None or (found ^ wanted.value) & CAN_ID:
+                text = "missing" if found is None else f"0x{found:X}"
+                yield f"{device.name_of(wanted.key)}: {text}, expected 0x{wanted.value:X}: {wanted.remedy}"
 
 
 def torque_cap_Nm(number: Callable[[Key], int | None]) -> float:
@@ -190,12 +219,18 @@ def _who(device: Device, read: Read) -> str:
 
 def joint_angles(config: HandConfig, reports: list[NodeReport]) -> tuple[Array, bool]:
     """Return the joint angles (nq,), the middle of the range where unknown, and whether all are known."""
-    known = {report.node_id: report.angle_rad for report in reports}
-    angles = [known.get(joint.drive_node) for joint in config.joints]
+    known = {report.who: report.angle_rad for report in reports}
+    angles = [known.get(f"drive of {joint.name}") for joint in config.joints]
     middle = [(joint.min_rad + joint.max_rad) / 2 for joint in config.joints]
     pairs = zip(angles, middle, strict=True)
     q_rad = np.array([a if a is not None else m for a, m in pairs])
     return q_rad, all(angle is not None for angle in angles)
+
+
+def problem_count(reports: list[NodeReport]) -> str:
+    """Return the number of nodes with problems, such as ``1 of 12 nodes have problems``."""
+    wrong = {report.node_id for report in reports if report.problems}
+    return f"{len(wrong)} of {len({report.node_id for report in reports})} nodes have problems"
 
 
 def table(reports: list[NodeReport]) -> str:

@@ -10,5 +10,6 @@ def devices_of_hand(config: HandConfig) -> dict[int, Device]:
     """Return the devices of a hand by node id."""
     return devices_by_kind(
         {finger.fingertip_node: finger.name for finger in config.fingers},
-        {joint.drive_node: joint.name for joint in config.joints},
+        {joint.drive_node: joint.name for joint in config.joints if joint.axis is None},
+        config.axis_names,
     )

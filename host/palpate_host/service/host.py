@@ -53,6 +53,12 @@ def hand_of(config: HandConfig) -> HandKinematics:
     return HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 
 
+def core_of(config: HandConfig, hand: HandKinematics) -> HostCore:
+    """Return the core of a hand that may start; raises as `check_bus_load` and `HostCore`."""
+    check_bus_load(config)
+    return HostCore(config, hand)
+
+
 def now_us() -> int:
     """Return the epoch time in us."""
     return time.time_ns() // 1000
@@ -86,8 +92,7 @@ def run(config_path: Path, options: Options) -> None:
     if options.start is not None:
         config = config.starting(options.start)
     now_us = bus_time(config.bus)
-    check_bus_load(config)
-    core = HostCore(config, hand)
+    core = core_of(config, hand)
     gain = turning_gain(config, hand)
     if gain is not None and not gain.is_stable:
         _log.warning(gain.warning)

@@ -63,7 +63,7 @@ class HostCore:
         verifies: read every node's parameters before its contacts are used; False only replays older logs.
         """
         middle = np.array([(joint.min_rad + joint.max_rad) / 2 for joint in config.joints])
-        check_numbering(hand.pose(middle).tip_centre_m)
+        check_numbering(hand.tip_centres_m(middle))
         self._config = config
         self._hand = hand
         self._tick_us = 1_000_000 // config.control.tick_Hz

@@ -14,10 +14,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from struct import Struct
 
 from palpate_bus.logs.candump import LogHeader, LogRecord, write_log
 from palpate_bus.logs.log_files import read_any_log
+from palpate_edge.common.contact_quantities import BASE_TPDOS, FD_TPDO
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.fingertip_objects import EXPOSURE_TIME, LATENCY
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
+from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection, pdo_codec
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig, StartMode
@@ -33,8 +37,8 @@ from palpate_host.service.host_records import TickRecord, missing_events, missin
 FOREIGN_FORMATS = (".asc", ".blf")
 NO_HOST = "the host's records: commands, modes and orientation errors"
 """The missing part of a log into which no host or recorder of palpate wrote notes."""
-TPDO_3_ID = 0x380
-EXPOSURE = Struct("<IHH")  # TPDO 3: exposure time, sequence, latency
+EXPOSURE_TPDOS = (BASE_TPDOS[-1], FD_TPDO)
+"""The TPDOs that carry the exposure time of a contact, on a classic and on a CAN FD bus."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,18 +120,31 @@ def read_bound_log(log_path: Path, config: HandConfig) -> tuple[LogRecord, ...]:
     return read_hand_log(log_path, config).records
 
 
+def exposure_codecs(fingertips: Sequence[int]) -> dict[int, PdoCodec]:
+    """Return the codecs of the TPDOs with exposure time and latency of these nodes, by identifier."""
+    ods = [load_eds(FINGERTIP_EDS, node) for node in fingertips]
+    codecs = [pdo_codec(od, PdoDirection.TRANSMIT, number) for od in ods for number in EXPOSURE_TPDOS]
+    return {codec.cob_id: codec for codec in codecs}
+
+
+def exposure_of(codec: PdoCodec, record: LogRecord) -> tuple[int, int]:
+    """Return exposure time on the bus clock and latency, both in us, of a frame of `exposure_codecs`."""
+    values = codec.layout.unpack(record.frame.data)
+    return unwrap_us(values[EXPOSURE_TIME, 0], record.stamp_us), values[LATENCY, 0]
+
+
 def on_bus_clock(records: Sequence[LogRecord], fingertips: Sequence[int]) -> tuple[LogRecord, ...]:
-    """Shift the stamps so that TPDO 3 arrives at its exposure time plus its latency.
+    """Shift the stamps so that TPDO 3 or 10 arrives at its exposure time plus its latency.
 
     The zero of a recorder's time may differ from that of the bus clock, which is known modulo 2^32 us only.
-    Without TPDO 3 the records are returned unchanged.
+    Without either the records are returned unchanged.
     """
-    ids = {TPDO_3_ID + node for node in fingertips}
-    shifts = []
+    codecs, shifts = exposure_codecs(fingertips), []
     for record in records:
-        if record.frame.can_id in ids and len(record.frame.data) == EXPOSURE.size:
-            exposed_us, _, latency_us = EXPOSURE.unpack(record.frame.data)
-            shifts.append(unwrap_us(exposed_us, record.stamp_us) + latency_us - record.stamp_us)
+        codec = codecs.get(record.frame.can_id)
+        if codec is not None and len(record.frame.data) >= codec.length_bytes:
+            exposed_us, latency_us = exposure_of(codec, record)
+            shifts.append(exposed_us + latency_us - record.stamp_us)
     if not shifts:
         return tuple(records)
     shift_us = round(median(shifts))

@@ -7,7 +7,7 @@ None of them moves a joint: drives are only read.
 # (the canopen package is typed in part)
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from canopen.sdo.client import SdoClient
@@ -16,7 +16,7 @@ from palpate_bus.decode.device import Key, devices_by_kind
 from palpate_bus.eds.cia402 import STATUSWORD, DriveState, state_of
 from palpate_bus.master.session import sdo_errors
 from palpate_edge.common.errors import BusError
-from palpate_edge.node.fingertip_objects import LED_SET_POINT
+from palpate_edge.node.fingertip_objects import DATA_BITRATE, LED_SET_POINT
 from palpate_host.service.hand_check import Read, drive_angle_rad, torque_cap_Nm
 from palpate_host.setup.found_nodes import HandNodes
 
@@ -30,6 +30,7 @@ class NodeRequests:
 
     def __init__(self, clients: Mapping[int, SdoClient], nodes: HandNodes, read: Read) -> None:
         self._clients = clients
+        self._read = read
         devices = devices_by_kind({}, {node.node_id: "drive" for node in nodes.drives})
         self._drives: dict[int, Callable[[Key], int | None]] = {
             node_id: partial(read, node_id, device) for node_id, device in devices.items()
@@ -51,6 +52,15 @@ class NodeRequests:
     def torque_caps_Nm(self) -> dict[int, float]:
         """Return each drive's own torque limit, by node id; 0 without one."""
         return {node_id: torque_cap_Nm(number) for node_id, number in self._drives.items()}
+
+    def data_bitrate(self, fingertips: Sequence[int]) -> int | None:
+        """Return the data bit rate that these fingertips send with (2005h), the highest if they differ.
+
+        None on a classic bus.
+        """
+        devices = devices_by_kind(dict.fromkeys(fingertips, "fingertip"), {})
+        rates = (self._read(node_id, device, (DATA_BITRATE, 0)) or 0 for node_id, device in devices.items())
+        return max(rates, default=0) or None
 
     def flash(self, node_id: int, wait: Callable[[float], object]) -> None:
         """Flash a fingertip's light, then restore the level of 2030h.

@@ -12,6 +12,7 @@
 | age_ms/FINGER | age of the last frame since its exposure |
 | log | changes of mode and warnings |
 | camera/NAME | pictures of a fingertip's camera |
+| camera/NAME/beads, .../motion | the beads that are found; arrows from where they are untouched |
 
 Lengths are in m, the timeline ``time`` is Unix time. Plots have every tick, the 3-D scene at most `scene_Hz`.
 """
@@ -31,6 +32,7 @@ from palpate_host.common.status import FingerStatus, HostStatus
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 from palpate_host.control.kinematics import HandKinematics, HandPose
+from palpate_host.view.cameras import Picture
 from palpate_host.view.geometry import body_name, shapes, transform
 
 TIMELINE = "time"
@@ -84,10 +86,11 @@ class HandView:
             self._last_scene_us = status.time_us
             self._draw(status)
 
-    def add_picture(self, name: str, exposed_us: int, picture: rr.EncodedImage | rr.Image) -> None:
+    def add_picture(self, name: str, exposed_us: int, picture: Picture) -> None:
         """Write a frame of the camera `name` at its exposure time (epoch us)."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(exposed_us, "us"))
-        self._stream.log(f"camera/{name}", picture)
+        for part, shown in picture.items():
+            self._stream.log(f"camera/{name}/{part}", shown)
 
     def _draw_model(self, config: HandConfig) -> None:
         log = self._stream.log

@@ -7,6 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate_edge.common.arrays import Array
+from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.jig.jig_plan import Hole
 from palpate_twin.camera.deformation import DeformableDome, ProbePress
 from palpate_twin.dome.probe import Probe
 
@@ -17,6 +20,9 @@ CYCLE_S = 2.4  # period of a moving contact: no contact, press, hold and roll, r
 REST, DOWN, HOLD = 0.2, 0.5, 0.8  # ends of the first three phases, as fractions of the period
 TILT_SIGMA_DEG, MOST_TILT_DEG = 4.0, 10.0  # of a sensor that a hand presses against a scale
 LEAST_SLIDE = 0.1  # largest slide of such a press, as a fraction of the depth
+HOLE_SIGMA_MM, HOLE_SIGMA_DEG = 0.1, 0.5  # of each printed hole, and degrees of the jig about the dome's axis
+UPRIGHT_SIGMA_DEG = 3.0  # of a rod that a hand holds upright by eye
+MOST_CARRIED = 0.03  # of a rod's weight, by friction in a hole that was reamed
 ROLL_DEG = 10.0  # largest movement of the contact in the hold phase
 
 
@@ -52,6 +58,33 @@ def weighed_press(dome: DeformableDome, rng: np.random.Generator) -> ProbePress:
     slide_mm = float(rng.uniform(0, LEAST_SLIDE)) * depth_mm
     shear_mm = (slide_mm * float(np.cos(direction)), slide_mm * float(np.sin(direction)))
     return ProbePress(theta, azimuth, depth_mm, shear_mm, Probe.PLATE)
+
+
+def printed_axes(holes: Sequence[Hole], outer_radius_mm: float, rng: np.random.Generator) -> Array:
+    """Return the axes (n, 3) that the holes of a printed jig have, as unit vectors from the dome's centre.
+
+    Each is off by HOLE_SIGMA_MM and HOLE_SIGMA_DEG, and the jig is turned on the housing by HOLE_SIGMA_DEG.
+    """
+    angle_rad = np.radians(HOLE_SIGMA_DEG)
+    sigma = float(np.hypot(angle_rad, HOLE_SIGMA_MM / outer_radius_mm))
+    axes = np.array([hole.outward for hole in holes]) + sigma * rng.standard_normal((len(holes), 3))
+    axes @= rotation_about_z(float(angle_rad * rng.standard_normal())).T
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+
+def rod_press(dome: DeformableDome, axis: Array, rng: np.random.Generator) -> tuple[ProbePress, float]:
+    """Return a press of a rod along an axis (3,), and the share of the rod's weight that reaches the dome.
+
+    The rod stands upright within UPRIGHT_SIGMA_DEG; friction in the hole carries up to MOST_CARRIED of the
+    weight and lets the tip slide by up to LEAST_SLIDE of the depth.
+    """
+    theta, azimuth = float(np.arccos(axis[2])), float(np.arctan2(axis[1], axis[0]))
+    depth_mm = float(rng.uniform(*DEPTH_SHARES)) * dome.largest_depth_mm(theta, Probe.SPHERE5)
+    slide_mm, direction = float(rng.uniform(0, LEAST_SLIDE)) * depth_mm, float(rng.uniform(0, 2 * np.pi))
+    shear_mm = (slide_mm * float(np.cos(direction)), slide_mm * float(np.sin(direction)))
+    upright = float(np.cos(np.radians(UPRIGHT_SIGMA_DEG) * rng.standard_normal()))
+    share = upright * (1 - float(rng.uniform(0, MOST_CARRIED)))
+    return ProbePress(theta, azimuth, depth_mm, shear_mm, Probe.SPHERE5), share
 
 
 def moving_press(

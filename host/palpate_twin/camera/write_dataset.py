@@ -16,9 +16,16 @@ from palpate_edge.common.errors import DatasetError, reason_of
 from palpate_edge.datasets.press_dataset import COLUMNS, TORSION
 from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM, WEIGHTS, WeightRow, weights_text
 from palpate_edge.geometry.sensor import Sensor
+from palpate_edge.jig.jig_plan import Hole, JigSize, plan_holes
 from palpate_twin.camera.deformation import ProbePress
 from palpate_twin.camera.look import TWIN_FILE, save_twin
-from palpate_twin.camera.random_presses import moving_press, random_press, weighed_press
+from palpate_twin.camera.random_presses import (
+    moving_press,
+    printed_axes,
+    random_press,
+    rod_press,
+    weighed_press,
+)
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.dome.probe import Probe
 
@@ -30,7 +37,8 @@ UNTOUCHED = 0.1  # frames without contact, as a fraction of the presses
 class Shot:
     """A frame to render: split, time, press (None without contact) and indices of hidden beads.
 
-    is_weighed: a row of weights.csv, not of truth.csv.
+    is_weighed: a row of weights.csv, not of truth.csv. hole: of a jig, through which a rod pressed.
+    weighed_share: the share of the mass that reaches the dome.
     """
 
     split: str
@@ -38,6 +46,8 @@ class Shot:
     press: ProbePress | None
     hidden: tuple[int, ...] = ()
     is_weighed: bool = False
+    hole: Hole | None = None
+    weighed_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +57,7 @@ class Plan:
     train, test: numbers of presses; a tenth as many frames without contact are added. hide: largest number of
     beads hidden in a frame. references: number of reference frames. twist: the probe twists about the contact
     normal as well, and truth.csv has the torsion. weights: number of presses at the apex on a kitchen scale,
-    for training.
+    for training. rods: number of presses through the holes of the sensor's jig, for training.
     """
 
     train: int
@@ -57,6 +67,7 @@ class Plan:
     references: int = 8
     twist: bool = False
     weights: int = 0
+    rods: int = 0
 
 
 def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
@@ -76,7 +87,19 @@ def single_presses(view: CameraView, plan: Plan, seed: int) -> list[Shot]:
     for _ in range(plan.weights):
         hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
         shots.append(Shot("train", 0.0, weighed_press(view.dome, rng), hidden, is_weighed=True))
-    return shots
+    return [*shots, *_through_the_jig(view, plan, np.random.default_rng([seed, 9]))]
+
+
+def _through_the_jig(view: CameraView, plan: Plan, rng: np.random.Generator) -> Iterator[Shot]:
+    if not plan.rods:
+        return
+    radius_mm = view.twin.sensor.dome.outer_radius_mm
+    holes = plan_holes(radius_mm, JigSize(2 * radius_mm))
+    axes = printed_axes(holes, radius_mm, rng)
+    for number in range(plan.rods):
+        press, share = rod_press(view.dome, axes[number % len(holes)], rng)
+        hidden = _hidden(len(view.twin.bead_mm), plan.hide, rng)
+        yield Shot("train", 0.0, press, hidden, True, holes[number % len(holes)], share)
 
 
 def one_sequence(view: CameraView, plan: Plan, duration_s: float, seed: int) -> list[Shot]:
@@ -190,13 +213,14 @@ def _rows(
 
 
 def _weigh(folder: Path, view: CameraView, number: int, shot: Shot, rng: np.random.Generator) -> WeightRow:
-    """Write the frame of a press on a scale; return its row, with the mass as the scale displays it."""
+    """Write the frame of a press on a scale or by a weight; return its row, in steps of the scale."""
     assert shot.press is not None
     image, force_N = view.frame(shot.press, rng, hidden=shot.hidden)
     name = f"weight_{number:05d}.jpg"
     _save(folder / name, image, view.twin.look.jpeg_quality)
-    mass_g = max(0.0, float(-force_N @ shot.press.outward)) / NEWTONS_PER_GRAM
-    return WeightRow(name, round(mass_g / SCALE_STEP_G) * SCALE_STEP_G, shot.split)
+    mass_g = max(0.0, float(-force_N @ shot.press.outward)) / NEWTONS_PER_GRAM / shot.weighed_share
+    place = () if shot.hole is None else (shot.hole.theta_deg, shot.hole.phi_deg)
+    return WeightRow(name, round(mass_g / SCALE_STEP_G) * SCALE_STEP_G, shot.split, *place)
 
 
 def _hidden(beads: int, most: int, rng: np.random.Generator) -> tuple[int, ...]:

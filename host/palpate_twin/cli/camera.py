@@ -72,6 +72,12 @@ press_seed_option = click.option(
     help="Number of presses at the apex on a kitchen scale of 1 g, in weights.csv.",
 )
 @click.option(
+    "--rods",
+    type=click.IntRange(0),
+    default=0,
+    help="Number of presses through the holes of a printed jig, in weights.csv.",
+)
+@click.option(
     "--seconds",
     type=click.FloatRange(0, min_open=True),
     help="Write a moving contact of this duration instead of single presses.",
@@ -105,6 +111,7 @@ def dataset(
     presses: int,
     test_presses: int,
     weights: int,
+    rods: int,
     seconds: float | None,
     probe_names: tuple[str, ...],
     hide: int,
@@ -124,6 +131,7 @@ def dataset(
       palpate-host simulate dataset -o moving-7 --sensor dome-7 --seconds 8 --press-seed 1
       palpate-host simulate dataset -o mine --sensor sensor.toml --presses 500 --probe plate --probe sphere5
       palpate-host simulate dataset -o kitchen-7 --random-seed 7 --presses 0 --weights 12
+      palpate-host simulate dataset -o jig-7 --random-seed 7 --presses 0 --rods 34
       palpate-host simulate dataset -o uneven-7 --random-seed 7 --wall-unevenness 0.1
       palpate-host simulate dataset -o hard-7 --random-seed 7 --look veil --look bead_bgr=red --hide 12
     """
@@ -147,7 +155,7 @@ def dataset(
     twin = msgspec.structs.replace(twin, look=with_properties(twin.look, look_properties))
     view = CameraView(twin, load_library())
     plan = Plan(presses, test_presses, tuple(SHIPPED_PROBES[name] for name in probe_names), hide)
-    plan = replace(plan, twist=twist, weights=weights)
+    plan = replace(plan, twist=twist, weights=weights, rods=rods)
     if seconds is None:
         shots = single_presses(view, plan, press_seed)
     else:

@@ -103,7 +103,9 @@ def live(config_path: Path, sensors: Path, rings: tuple[Path, ...], truth: Path,
     engine = make_engine(config, "mujoco", has_B=False)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
-        motion = stack.enter_context(MotionFile(truth / "motion.csv", [j.name for j in config.joints]))
+        motion = stack.enter_context(
+            MotionFile(truth / "motion.csv", [j.name for j in config.joints], len(config.fingers))
+        )
         cameras = stack.enter_context(closing(LiveCameras(files, seed)))
         keeper = None
         if config.bus.clock:

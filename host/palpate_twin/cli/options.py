@@ -12,7 +12,7 @@ from palpate_host.config.packaged import MODELS
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
-PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide")}
+PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide", "table4-four")}
 
 
 def config_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -30,8 +30,9 @@ hand_option = click.option(
     "hand_name",
     default="table4-wide",
     show_default=True,
-    metavar="table3|table4|table4-wide|FILE",
-    help="Hand of the paper's Table 3 or 4 (-wide: with a wider object), or a hand.toml with [twin].",
+    metavar="table3|table4|table4-wide|table4-four|FILE",
+    help="Hand of the paper's Table 3 or 4 (-wide: with a wider object, -four: of four fingers),"
+    " or a hand.toml with [twin].",
 )
 
 friction_option = click.option(

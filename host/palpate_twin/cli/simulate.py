@@ -13,6 +13,7 @@ COMMANDS = {  # name: module and attribute, line in --help
     "paper": ("palpate_twin.cli.hand:paper", "Reproduce the paper's Figs. 17 and 20."),
     "loop": ("palpate_twin.cli.hand:loop", "Run hand, fingertips, bus, drives and host in lock step."),
     "shake": ("palpate_twin.cli.shake:shake", "Push a held object; print how it keeps its pose."),
+    "gait": ("palpate_twin.cli.gait:gait", "Turn a held object far by finger gaiting."),
     "hand": ("palpate_twin.cli.hand:hand", "Check a hand.toml; print and draw its hand."),
     "fingertips": ("palpate_twin.cli.live:fingertips", "Create calibrated sensors for a hand."),
     "live": ("palpate_twin.cli.live:live", "Simulate hand, drives and cameras in real time."),

@@ -85,7 +85,11 @@ class LiveHand:
         self.is_waiting = False
         self._hand, self._engine, self._cameras, self._motion = hand, engine, cameras, motion
         self._driven = DrivenHand(config, engine)
-        self._device_ids = [set(device.slave.accept_ids()) for device in self._driven.devices]
+        # A node with several axes has its PDOs enabled by the host, later than now.
+        self._device_ids = [
+            {RPDO_1 + device.slave.node_id, TPDO_1 + device.slave.node_id, *device.slave.accept_ids()}
+            for device in self._driven.devices
+        ]
         self._device_due_us = [0] * len(self._driven.devices)
         self._step_us = round(engine.step_s * 1e6)
         self._start_us, self._unix_us = now_us, unix_us - now_us
@@ -93,7 +97,8 @@ class LiveHand:
         self._period_us = [1e6 / fps for fps in cameras.fps]
         self._sequence = [0] * len(cameras.fps)
         self._exposure_us = [number / len(cameras.fps) * us for number, us in enumerate(self._period_us)]
-        self._tips = [Fingertip(finger.fingertip_node, finger.name) for finger in config.fingers]
+        fd = config.bus.data_bitrate is not None
+        self._tips = [Fingertip(finger.fingertip_node, finger.name, fd=fd) for finger in config.fingers]
         self._pending_us: list[int | None] = [None for _ in self._tips]
         self._contact_us = [now_us - PEER_TIMEOUT_US] * len(self._tips)
         self._finger_of = {can_id: i for i, tip in enumerate(self._tips) for can_id in tip.receive_ids}

@@ -16,7 +16,6 @@ import numpy as np
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact
-from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
@@ -24,7 +23,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
-from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_device import DriveNode
 from palpate_host.network.nmt_master import SYNC
 from palpate_host.service.bus_load_check import check_bus_load
 from palpate_host.service.host_core import HostCore
@@ -96,17 +95,24 @@ class LockstepLoop:
         self.status: HostStatus | None = None
         self._driven = DrivenHand(config, engine)
         self._tips = [
-            FingertipNode(f.fingertip_node, MethodCode.CORRECTED, f.calibration or "0" * 16)
+            FingertipNode(
+                f.fingertip_node,
+                MethodCode.CORRECTED,
+                f.calibration or "0" * 16,
+                stores=False,
+                data_bitrate=config.bus.data_bitrate,
+            )
             for f in config.fingers
         ]
-        self._nodes: list[Cia402Device | FingertipNode] = [*self._driven.devices, *self._tips]
+        self._nodes: list[DriveNode | FingertipNode] = [*self._driven.devices, *self._tips]
         self._due_us = [START_US] * len(self._nodes)
         self._now_us = START_US
         self.is_over = False
         self._wire: deque[tuple[int, CanFrame, bool]] = deque()
         self._wire_free_us = START_US
-        self._exposure = [START_US + finger * FRAME_PERIOD_US // 3 for finger in range(3)]
-        self._sequence = [0, 0, 0]
+        fingers = len(config.fingers)
+        self._exposure = [START_US + finger * FRAME_PERIOD_US // fingers for finger in range(fingers)]
+        self._sequence = [0] * fingers
         self._pending: deque[tuple[int, int, Contact]] = deque()
 
     def run(self, duration_s: float) -> LoopRecord:
@@ -131,11 +137,6 @@ class LockstepLoop:
                 sent = node.process(now_us, to_nodes)
                 self._due_us[index] = sent.next_due_us
                 self._send(now_us, sent.frames_out, from_host=False)
-                if isinstance(node, FingertipNode) and any(
-                    isinstance(e, StoreRequested) for e in sent.events
-                ):
-                    node.slave.store_finished(stored=False)
-                    self._due_us[index] = now_us  # to answer that it has no disk
         output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
         self.status = output.status
@@ -177,7 +178,7 @@ class LockstepLoop:
 
     def _expose(self, now_us: int) -> None:
         """Expose each camera that is due; its contact reaches the node DELAY_US later."""
-        due = [finger for finger in range(3) if now_us >= self._exposure[finger]]
+        due = [finger for finger, exposure_us in enumerate(self._exposure) if now_us >= exposure_us]
         if not due:
             return
         truths = dome_contacts(self.engine, self._hand)

@@ -16,19 +16,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate_bus.eds.cia402 import CIA402_EDS, Controlword
+from palpate_bus.eds.cia402 import Controlword
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
-from palpate_edge.node.eds import load_eds
-from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus, Matrix
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
-from palpate_host.drives.cia402 import Cia402Drive
-from palpate_host.drives.cia402_modes import CONTROLWORD, TARGET_TORQUE
-from palpate_host.drives.drive import needs_of
+from palpate_host.drives.axis_master import AxisMaster
+from palpate_host.drives.command_frames import torque_commands
+from palpate_host.drives.drive import Drive, needs_of
+from palpate_host.drives.registry import make_drives
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.host_records import TickRecord
 from palpate_host.service.replay import first_beat_us, has_reads, steps
@@ -97,24 +96,24 @@ def joint_torques(records: Sequence[LogRecord], config: HandConfig) -> list[Join
     Raises BusError for a frame that does not match the EDS, ConfigError if the log lacks the rated torque of
     a drive.
     """
-    drives = [Cia402Drive(needs) for needs in needs_of(config)]
-    drive_of = {can_id: drive for drive in drives for can_id in drive.receive_ids}
-    codecs = [
-        pdo_codec(load_eds(CIA402_EDS, joint.drive_node), PdoDirection.RECEIVE, 1) for joint in config.joints
-    ]
-    joint_of = {codec.cob_id: index for index, codec in enumerate(codecs)}
-    commands: list[list[tuple[int, int]]] = [[] for _ in codecs]
+    drives = make_drives(needs_of(config))
+    drives_by_id: dict[int, list[Drive]] = {}
+    for drive in drives:
+        for can_id in drive.receive_ids:
+            drives_by_id.setdefault(can_id, []).append(drive)
+    rpdos = torque_commands(config)
+    commands: list[list[tuple[int, int]]] = [[] for _ in drives]
     for record in records:
         can_id = record.frame.can_id
-        if can_id in drive_of:
-            drive_of[can_id].receive(record.stamp_us, record.frame)
-        elif can_id in joint_of:
-            index = joint_of[can_id]
-            per_mille = codecs[index].decode(record.frame.data)[TARGET_TORQUE]
-            commands[index].append((record.stamp_us, per_mille))
+        if can_id in drives_by_id:
+            for drive in drives_by_id[can_id]:
+                drive.receive(record.stamp_us, record.frame)
+        elif can_id in rpdos:
+            for index, per_mille in rpdos[can_id].per_mille(record.frame.data).items():
+                commands[index].append((record.stamp_us, per_mille))
     result = []
     for joint, drive, stamped in zip(config.joints, drives, commands, strict=True):
-        if drive.scale is None:
+        if not isinstance(drive, AxisMaster) or drive.scale is None:
             raise ConfigError(f"the log has no rated torque of the {drive.name}: record a run from its start")
         torque = [joint.direction * drive.scale.to_Nm(per_mille) for _, per_mille in stamped]
         stamps = np.array([stamp_us for stamp_us, _ in stamped], dtype=np.float64)
@@ -164,10 +163,10 @@ def _operator_stop_us(records: Sequence[LogRecord], config: HandConfig) -> float
     The operator's stop command is not on the bus, so it is inferred from the quick stop. If a fault caused
     the stop, the replay detects the fault by itself.
     """
-    codec = pdo_codec(load_eds(CIA402_EDS, config.joints[0].drive_node), PdoDirection.RECEIVE, 1)
+    cob_id, command = next(iter(torque_commands(config).items()))
     for record in records:
-        if record.frame.can_id == codec.cob_id:
-            word = codec.decode(record.frame.data)[CONTROLWORD]
+        if record.frame.can_id == cob_id:
+            word = command.controlword(record.frame.data, 0)
             if word == Controlword.QUICK_STOP:
                 return record.stamp_us
     return math.inf

@@ -66,7 +66,9 @@ def run(
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_event())
         log = stack.enter_context(LogWriter(folder.log, LogHeader(log_header(config, ORIGIN))))
-        motion = stack.enter_context(MotionFile(folder.motion, [joint.name for joint in config.joints]))
+        motion = stack.enter_context(
+            MotionFile(folder.motion, [joint.name for joint in config.joints], len(config.fingers))
+        )
         truths = [stack.enter_context(FrameTruthFile(folder.truth / f"{name}.csv")) for name in names]
         pictures = [PictureKeeper(folder.pictures(name)) for name in names]
 

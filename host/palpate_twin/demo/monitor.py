@@ -62,7 +62,8 @@ class Monitor:
         self._on_status = on_status
         self._now_us = now_us
         self._hub = Path(hand.bus.channel)
-        self._fingertips = [Fingertip(finger.fingertip_node, finger.name) for finger in hand.fingers]
+        fd = hand.bus.data_bitrate is not None
+        self._fingertips = [Fingertip(finger.fingertip_node, finger.name, fd=fd) for finger in hand.fingers]
         self._finger_of = {
             can_id: index for index, tip in enumerate(self._fingertips) for can_id in tip.receive_ids
         }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.logs.candump import LogRecord
-from palpate_edge.common.contact_quantities import EXTRA_TPDOS
+from palpate_edge.common.contact_quantities import EXTRA_TPDOS, FD_TPDO
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.pdo_codec import PdoDirection, pdo_codec
@@ -113,4 +113,7 @@ def id_name(can_id: int, hand: HandConfig) -> str:
 def _extra_tpdos(node: int) -> dict[int, str]:
     """Return the TPDOs that a fingertip sends beyond the predefined connection set, by identifier."""
     od = load_eds(FINGERTIP_EDS, node)
-    return {pdo_codec(od, PdoDirection.TRANSMIT, number).cob_id: f"TPDO {number}" for number in EXTRA_TPDOS}
+    return {
+        pdo_codec(od, PdoDirection.TRANSMIT, number).cob_id: f"TPDO {number}"
+        for number in (*EXTRA_TPDOS, FD_TPDO)
+    }

@@ -7,19 +7,21 @@ from collections.abc import Sequence
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import HandConfig
 from palpate_twin.drives.drive_plant import JointParameters
-from palpate_twin.drives.simulated_drives import SimulatedDrive
+from palpate_twin.drives.simulated_drives import SimulatedAxes, SimulatedDrive
 
 SIMULATED = "cia402"
 """Value of `drive` in hand.toml for drives that can be simulated."""
 
 
-def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive]:
-    """Return one drive per joint of a hand, at rest in the grasp pose, which is the same for every finger.
+def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[SimulatedDrive | SimulatedAxes]:
+    """Return the drive nodes of a hand, at rest in the grasp pose, which is the same for every finger.
 
+    One per joint, and one for all joints that are axes of the same node.
     Raises ConfigError if the pose does not have one angle per joint of a finger, or for a drive of another
     type.
     """
-    drives = []
+    nodes: dict[int, SimulatedDrive | SimulatedAxes] = {}
+    axes: dict[int, dict[int, JointParameters]] = {}
     for finger in config.fingers:
         if len(finger.joints) != len(grasp_pose_rad):
             raise ConfigError(
@@ -39,5 +41,9 @@ def drives_of(config: HandConfig, grasp_pose_rad: Sequence[float]) -> list[Simul
                 min_rad=min(ends_rad),
                 max_rad=max(ends_rad),
             )
-            drives.append(SimulatedDrive(joint.drive_node, parameters))
-    return drives
+            if joint.axis is None:
+                nodes[joint.drive_node] = SimulatedDrive(joint.drive_node, parameters)
+            else:
+                axes.setdefault(joint.drive_node, {})[joint.axis] = parameters
+    nodes |= {node_id: SimulatedAxes(node_id, of_node) for node_id, of_node in axes.items()}
+    return [nodes[node_id] for node_id in dict.fromkeys(joint.drive_node for joint in config.joints)]

@@ -1,9 +1,11 @@
-"""Simulated CiA 402 joint drive: the software of a real device with a simulated motor and joint."""
+"""Simulated CiA 402 joint drives: the software of a real device with a simulated motor and joint."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from palpate_host.common.joint_command import DriveGoal, JointCommand
-from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_device import Cia402AxesDevice, Cia402Device
 from palpate_host.drives.cia402_motion import MotorState
 from palpate_twin.drives.drive_plant import LONGEST_ADVANCE_US, LONGEST_STEP_US, JointParameters, JointPlant
 from palpate_twin.drives.joint_servo import JointServo
@@ -53,4 +55,15 @@ class SimulatedDrive(Cia402Device):
         """Create the drive. joint: None for Table 4's motor with a load about 0 rad."""
         self.plant = JointPlant(joint or JointParameters())
         self.motor = PlantMotor(self.plant)
+        self.motors = (self.motor,)
         super().__init__(node_id, self.motor)
+
+
+class SimulatedAxes(Cia402AxesDevice):
+    """A simulated node with several axes and their joints. motors: in the order of the axes' numbers."""
+
+    def __init__(self, node_id: int, joints: Mapping[int, JointParameters]) -> None:
+        """Create the node. joints: by axis."""
+        motors = {axis: PlantMotor(JointPlant(joint)) for axis, joint in sorted(joints.items())}
+        self.motors = tuple(motors.values())
+        super().__init__(node_id, motors)

@@ -6,12 +6,15 @@ weight. This is modelled as a brake that is released while the drive is enabled.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.config.hand_config import HandConfig, JointConfig
-from palpate_host.drives.cia402_device import Cia402Device
+from palpate_host.drives.cia402_device import Cia402AxesDevice, Cia402Device, DriveNode
 from palpate_host.drives.cia402_motion import MotorState
+from palpate_host.drives.drive_axis import Motor
 from palpate_twin.drives.drive_plant import JointParameters
 from palpate_twin.drives.joint_servo import JointServo
 from palpate_twin.hand.engine import Engine
@@ -64,16 +67,26 @@ class HandMotor:
         """Do nothing: the simulated motor has no faults."""
 
 
+def devices_of(joints: Sequence[JointConfig], motors: Sequence[Motor]) -> list[DriveNode]:
+    """Return the drive nodes of these joints, each with the motors of its joints."""
+    nodes: dict[int, DriveNode] = {}
+    axes: dict[int, dict[int, Motor]] = {}
+    for joint, motor in zip(joints, motors, strict=True):
+        if joint.axis is None:
+            nodes[joint.drive_node] = Cia402Device(joint.drive_node, motor)
+        else:
+            axes.setdefault(joint.drive_node, {})[joint.axis] = motor
+    nodes |= {node_id: Cia402AxesDevice(node_id, of_node) for node_id, of_node in axes.items()}
+    return [nodes[node_id] for node_id in dict.fromkeys(joint.drive_node for joint in joints)]
+
+
 class DrivenHand:
     """The engine with its drives; `step` advances both by the engine's step."""
 
     def __init__(self, config: HandConfig, engine: Engine) -> None:
         self.engine = engine
         self._motors = [HandMotor(joint) for joint in config.joints]
-        self.devices = [
-            Cia402Device(joint.drive_node, motor)
-            for joint, motor in zip(config.joints, self._motors, strict=True)
-        ]
+        self.devices = devices_of(config.joints, self._motors)
         self._powered = [False] * len(self._motors)
         self.read_joints()
         engine.brake(np.ones(len(self._motors), dtype=bool))

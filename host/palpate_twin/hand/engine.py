@@ -42,7 +42,7 @@ class Engine(Protocol):
     data: mujoco.MjData
     step_s: float
     slip_m: Array
-    """(3,) sliding distance of each tip on the object since the start."""
+    """(n,) sliding distance of each tip on the object since the start."""
 
     @property
     def time_s(self) -> float:
@@ -92,7 +92,7 @@ class EngineState:
     def __init__(self, twin: TwinModel, step_s: float) -> None:
         self.twin, self.step_s = twin, step_s
         self.data = twin.start()
-        self.slip_m = np.zeros(3)
+        self.slip_m = np.zeros(len(twin.tip_geoms))
         self._braked = twin.v_address[:0]
         self._schedule = Schedule(twin.twin.disturbances, step_s)
         self._load: Load | None = None

@@ -46,7 +46,7 @@ class FrictionHand(EngineState):
         model.jnt_solref[:, 0] = HARDEST_STEPS * step_s
         super().__init__(twin, step_s)
         self._tip_of_geom = np.full(model.ngeom, -1)
-        self._tip_of_geom[list(twin.tip_geoms)] = np.arange(3)
+        self._tip_of_geom[list(twin.tip_geoms)] = np.arange(len(twin.tip_geoms))
         self._tip_bodies = model.geom_bodyid[list(twin.tip_geoms)]
         # A contact of effective inverse mass A has the stiffness K if |solref| = K (1 - d) A.
         inverse_mass = model.body_invweight0[self._tip_bodies, 0] + model.body_invweight0[twin.object_body, 0]
@@ -81,7 +81,7 @@ class FrictionHand(EngineState):
         """Return the contacts of the last step."""
         contact, force = self.data.contact, self._force
         points_m = contact.pos.copy()
-        found: list[EngineContact | None] = [None, None, None]
+        found: list[EngineContact | None] = [None] * len(self._tip_bodies)
         for row, tip in enumerate(self._tip_of_geom[contact.geom1].tolist()):
             mujoco.mj_contactForce(self.twin.model, self.data, row, force)
             on_object_N = force[1:3] @ contact.frame[row, 3:].reshape(2, 3)

@@ -17,7 +17,6 @@ from palpate_twin.hand.engine import Engine
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 TIP_COLUMNS = ("slip_{}_mm", "force_{}_N", "friction_{}_N")
-TIPS = 3
 PERIOD_US = 20_000
 """Simulated time between two rows."""
 MOVED_RAD = 1e-3
@@ -30,8 +29,8 @@ class TrueMotion:
 
     stamps_us (n,): Unix time on the bus clock; held_us (n,): lag of the bus clock behind the machine's; q_rad
     (n, nq): joint angles; pose (n, 7): the object's position in m and its quaternion (w first) in the hand
-    frame; slip_mm, force_N, friction_N (n, 3): sliding distance so far, normal and tangential force of each
-    tip.
+    frame; slip_mm, force_N, friction_N (n, tips): sliding distance so far, normal and tangential force of
+    each tip.
     """
 
     stamps_us: Array
@@ -60,16 +59,16 @@ class TrueMotion:
 class MotionFile:
     """CSV writer of the motion; each line is flushed."""
 
-    def __init__(self, path: Path, joint_names: Sequence[str]) -> None:
+    def __init__(self, path: Path, joint_names: Sequence[str], tips: int) -> None:
         """Open the file and write the header. Raises ConfigError if `path` cannot be written."""
         try:
             self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
         except OSError as error:
             raise ConfigError(f"{path} cannot be written: {error.strerror}: give another --truth") from None
         self._write_row: Callable[[list[str]], object] = csv.writer(self._file, lineterminator="\n").writerow
-        tips = [name.format(tip) for name in TIP_COLUMNS for tip in range(1, TIPS + 1)]
+        columns = [name.format(tip) for name in TIP_COLUMNS for tip in range(1, tips + 1)]
         self._write_row(
-            ["time_us", "held_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *tips]
+            ["time_us", "held_us", *(f"q_{name}_rad" for name in joint_names), *POSE_COLUMNS, *columns]
         )
 
     def __enter__(self) -> MotionFile:
@@ -83,7 +82,7 @@ class MotionFile:
     def write(self, stamp_us: int, engine: Engine, held_us: int = 0) -> None:
         """Write the engine's current state as one row."""
         start = engine.twin.object_q
-        normal_N, tangential_N = np.zeros(TIPS), np.zeros(TIPS)
+        normal_N, tangential_N = np.zeros((2, len(engine.slip_m)))
         for tip, contact in enumerate(engine.tip_contacts()):
             if contact is not None:
                 normal_N[tip] = contact.normal_force_N
@@ -102,16 +101,17 @@ def read_motion(path: Path) -> TrueMotion:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise DatasetError(f"{path} cannot be read: {error.strerror}: run the demo again") from None
-    columns = len(lines[0].split(",")) if lines else 0
+    header = lines[0].split(",") if lines else []
+    columns, tips = len(header), sum(name.startswith("slip_") for name in header)
     rows = [line.split(",") for line in lines[1:]]
-    joints = columns - 2 - len(POSE_COLUMNS) - TIPS * len(TIP_COLUMNS)
+    joints = columns - 2 - len(POSE_COLUMNS) - tips * len(TIP_COLUMNS)
     try:
         table = np.array([row for row in rows if len(row) == columns], dtype=np.float64)
     except ValueError:
         raise DatasetError(f"{path} is damaged: run the demo again") from None
     if joints < 1 or len(table) < 2:
         raise DatasetError(f"{path} contains no motion: run the demo again")
-    ends = np.cumsum([1, 1, joints, len(POSE_COLUMNS), TIPS, TIPS])
+    ends = np.cumsum([1, 1, joints, len(POSE_COLUMNS), tips, tips])
     stamps, held, q, pose, slip, force, friction = np.split(table, ends, axis=1)
     return TrueMotion(stamps[:, 0], held[:, 0], q, pose, slip, force, friction)
 

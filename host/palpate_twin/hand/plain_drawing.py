@@ -36,7 +36,8 @@ def draw_plainly(
         rgb = 255 * twin.model.geom_rgba[geom, :3]
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
             R = data.xmat[twin.object_body].reshape(3, 3)
-            _prism(image, view, twin.prism.vertices_m @ R.T + data.xpos[twin.object_body], rgb)
+            faces = [corners @ R.T + data.xpos[twin.object_body] for corners in twin.prism.all_faces_m()]
+            _solid(image, view, faces, rgb)
         elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
             centre, radius = view.pixel(place), round(view.pixels(size[0], place))
             cv2.circle(image, centre, radius, tuple(rgb.tolist()), cv2.FILLED, cv2.LINE_AA)
@@ -80,13 +81,9 @@ class _View:
         return round(float(u)), round(float(v))
 
 
-def _prism(image: Image, view: _View, vertices: Array, rgb: Array) -> None:
-    """Draw the visible faces. vertices (2 n, 3): lower, then upper end, counter-clockwise."""
-    n = len(vertices) // 2
-    faces = [[*range(n)][::-1], [*range(n, 2 * n)]]
-    faces += [[i, (i + 1) % n, (i + 1) % n + n, i + n] for i in range(n)]
-    for face in faces:
-        corners = vertices[face]
+def _solid(image: Image, view: _View, faces: list[Array], rgb: Array) -> None:
+    """Draw the visible faces, corners (k, 3) counter-clockwise from outside."""
+    for corners in faces:
         normal = cross(corners[1] - corners[0], corners[2] - corners[1])
         normal /= np.linalg.norm(normal)
         if normal @ (view.place - corners[0]) <= 0.0:

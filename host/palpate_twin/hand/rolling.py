@@ -53,8 +53,9 @@ class RollingHand(EngineState):
                 " friction out"
             )
         super().__init__(twin, step_s)
-        self.normal_force_N = np.zeros(3)
-        self.friction_force_N = np.zeros((3, 2))
+        self._tips = tips = len(twin.tip_geoms)
+        self.normal_force_N = np.zeros(tips)
+        self.friction_force_N = np.zeros((tips, 2))
         self.account = Account()
         self.time_s = 0.0
         nv = twin.model.nv
@@ -73,7 +74,7 @@ class RollingHand(EngineState):
         self._damping[twin.v_address] = twin.damping_Nms_rad
         self._M = np.zeros((nv, nv))
         self._bias = np.zeros(nv)
-        self._jac_p, self._jac_r = np.zeros((3, 3, nv)), np.zeros((3, 3, nv))
+        self._jac_p, self._jac_r = np.zeros((tips, 3, nv)), np.zeros((tips, 3, nv))
         self._weight_N = twin.prism.mass_kg * twin.model.opt.gravity  # carried by the support
 
     @property
@@ -101,11 +102,11 @@ class RollingHand(EngineState):
             EngineContact(contact[i], float(self.normal_force_N[i]), -self.friction_force_N[i] @ C[i, ::2])
             if indentation[i] > 0.0
             else None
-            for i in range(3)
+            for i in range(self._tips)
         )
 
     def tip_distances_m(self) -> Array:
-        """Return the distance (3,) from each tip's centre to its face: r minus the indentation."""
+        """Return the distance (n,) from each tip's centre to its face: r minus the indentation."""
         return self.twin.tip_radius_m - self._indentation()[2]
 
     def step(self, torque_Nm: Array) -> None:
@@ -132,14 +133,14 @@ class RollingHand(EngineState):
                 break
             touching[np.flatnonzero(touching)[f < 0.0]] = False  # contacts do not pull
             ends = ends[stopping >= 0.0]  # neither do joint limits
-        self.normal_force_N = np.zeros(3)
+        self.normal_force_N = np.zeros(self._tips)
         self.normal_force_N[touching] = f
-        self.friction_force_N = np.zeros((3, 2))
+        self.friction_force_N = np.zeros((self._tips, 2))
         self.friction_force_N[touching] = rolling.reshape(-1, 2) / h
         middle = 0.5 * (v + new_v)
         self.account.work_J += h * float(torque_Nm @ middle[twin.v_address] + wrench @ middle)
         self.account.dissipated_J += h * float(new_v @ D @ middle) + float(stopping @ ends @ middle)
-        sliding = (Jt @ v).reshape(3, 2)
+        sliding = (Jt @ v).reshape(-1, 2)
         self.slip_m += h * np.hypot(sliding[:, 0], sliding[:, 1]) * touching
         data.qvel[:] = new_v
         mujoco.mj_integratePos(model, data.qpos, new_v, h)
@@ -164,7 +165,7 @@ class RollingHand(EngineState):
         return np.asarray(self.data.site_xpos[list(self.twin.tip_sites)])
 
     def _indentation(self) -> tuple[Array, Array, Array]:
-        """Return C (3, 3, 3) in the hand frame, the contact points x_i (3, 3) and Delta r_i (3,)."""
+        """Return C (n, 3, 3) in the hand frame, the contact points x_i (n, 3) and Delta r_i (n,)."""
         R, x = self.object_rotation, self.object_position_m
         C = self._C @ R.T
         centre = self._centres()
@@ -172,7 +173,7 @@ class RollingHand(EngineState):
         return C, centre + gap[:, None] * C[:, 1], self.twin.tip_radius_m - gap
 
     def _contacts(self) -> tuple[Array, Array, Array, Array]:
-        """Return Jn (3, nv), Jt (6, nv), Jw (3, nv) of the twist about C_Y, and Delta r (3,)."""
+        """Return Jn (n, nv), Jt (2 n, nv), Jw (n, nv) of the twist about C_Y, and Delta r (n,)."""
         model, data = self.twin.model, self.data
         C, contact, indentation = self._indentation()
         R, Jp, Jr = self.object_rotation, self._jac_p, self._jac_r
@@ -180,12 +181,12 @@ class RollingHand(EngineState):
             mujoco.mj_jac(model, data, Jp[i], Jr[i], contact[i], body)
         Jc, normal = C @ Jp, C[:, 1]
         # The object's surface moves with v + w x arm, so the relative velocity has -v and arm x w.
-        arm_cross = ((contact - self.object_position_m) @ _CROSS).reshape(3, 3, 3)
+        arm_cross = ((contact - self.object_position_m) @ _CROSS).reshape(-1, 3, 3)
         Jc[:, :, self._lin] = -C
         Jc[:, :, self._rot] = C @ arm_cross @ R
         Jw = np.matmul(normal[:, None], Jr)[:, 0]
         Jw[:, self._rot] = -normal @ R
-        return Jc[:, 1], Jc[:, ::2].reshape(6, -1), Jw, indentation
+        return Jc[:, 1], Jc[:, ::2].reshape(2 * self._tips, -1), Jw, indentation
 
     def _ends(self) -> Array:
         """Return (n, nv), one row per joint at its limit: the row times v is the outward velocity."""

@@ -19,7 +19,6 @@ from palpate_host.control.hand_model import compiled, source_of, spec_of
 from palpate_twin.hand.prism import Prism, prism_of
 
 OBJECT = "twin_object"
-FINGERS = 3  # both engines
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +61,7 @@ def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -
     with_contacts: MuJoCo computes the contacts. has_B: the joints have the damping B of Eq. (10), which then
     must not be commanded as a torque. The object's weight is compensated, as in Eq. (5).
 
-    Raises ConfigError if hand.toml has no [twin], if its start pose does not match the fingers, or if they
-    are not three.
+    Raises ConfigError if hand.toml has no [twin] or if its start pose does not match the fingers.
     """
     twin = config.twin
     if twin is None:
@@ -74,11 +72,6 @@ def twin_model(config: HandConfig, *, with_contacts: bool, has_B: bool = True) -
                 f"twin.start_pose_rad has {len(twin.start_pose_rad)} angles, but {finger.name} has"
                 f" {len(finger.joints)} joints: give one angle per joint of a finger"
             )
-    if len(config.fingers) != FINGERS:
-        raise ConfigError(
-            f"the hand has {len(config.fingers)} fingers and the twin simulates {FINGERS}:"
-            " leave out fingers in hand.toml, or run the real hand"
-        )
     prism = prism_of(twin.object)
     spec = spec_of(config)
     for geom in spec.geoms:

@@ -8,7 +8,6 @@ Table 3's light links.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,17 +17,17 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
-from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlMode, HandConfig
-from palpate_host.control.kinematics import HandKinematics, HandPose
+from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand
-from palpate_twin.closed_loop.tactile_rendering import ContactSource, TrueContactSource, dome_contacts
+from palpate_twin.closed_loop.tactile_rendering import ContactSource, TrueContactSource
 from palpate_twin.hand.engine import Engine, LostGraspError
 from palpate_twin.hand.friction import FrictionHand
 from palpate_twin.hand.rolling import RollingHand
 from palpate_twin.hand.twin_model import TwinModel, twin_model
+from palpate_twin.paper.delayed_contacts import DelayedContacts
 from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
 
 TICK_S = 1e-3
@@ -43,7 +42,7 @@ class Outcome:
 
     time_s: (n,), 0 at the start of the turn; rpy_deg: (n, 3) rotation of the object since then; poses: (n)
     its rotation and position in the hand frame. error_deg: final angle between true and desired orientation.
-    slip_mm: (3,) sliding distance of each tip since the start of the turn. friction_ratio: largest ratio of
+    slip_mm: (n,) sliding distance of each tip since the start of the turn. friction_ratio: largest ratio of
     tangential to normal force. energy_error: spurious energy divided by the dissipated energy (engine eqs
     only). lost_s: time at which the object was lost, which ends the run; None if it was held to the end.
     slid_s: first time at which a tip had slid by SLID_M, None without. normal_N: largest normal force of a
@@ -114,9 +113,7 @@ class TrialRun:
         self._hand, self._engine, self._trial = hand, engine, trial
         self._control = Manipulation(config)
         self._settle_s, self._ramp_s = config.control.settle_ms * 1e-3, config.target.ramp_s
-        self._contacts = contacts
-        self._frames = 0
-        self._delayed: deque[tuple[float, int, TipContact, HandPose]] = deque()
+        self._contacts = DelayedContacts(engine, hand, trial, contacts, self._settle_s)
 
     def run(self) -> Outcome:
         """Run to the end of the trial, or until the object is lost."""
@@ -124,7 +121,7 @@ class TrialRun:
         ticks = round((self._settle_s + trial.duration_s) / TICK_S)
         settle_ticks, record_ticks = round(self._settle_s / TICK_S), round(RECORD_S / TICK_S)
         start = energy = None
-        slip_m, ratio = np.zeros(3), 0.0
+        slip_m, ratio = np.zeros(len(engine.slip_m)), 0.0
         poses: list[tuple[Array, Array]] = []
         lost_s = slid_s = None
         normal_N = 0.0
@@ -172,50 +169,14 @@ class TrialRun:
 
     def _torque_Nm(self, now_s: float, turning: bool) -> Array:
         pose = self._hand.pose(self._engine.q_rad)
-        self._expose(now_s, pose)
-        self._deliver(now_s)
+        self._contacts.expose(now_s, pose)
+        self._contacts.deliver(now_s, self._control)
         mode = Mode.HOLD
         if turning:
             mode = Mode.BLIND if self._trial.mode is ControlMode.BLIND else Mode.MANIPULATE
         # B qdot acts in the simulated joints.
         no_velocity = np.zeros(self._hand.joint_count)
         return self._control.torque_Nm(mode, pose, no_velocity, virtual_frame(pose.tip_centre_m), TICK_S)
-
-    def _expose(self, now_s: float, pose: HandPose) -> None:
-        """Expose a frame of every fingertip if it is due."""
-        if now_s < self._frames / self._trial.frame_rate_Hz - 1e-9:
-            return
-        exposed_us = round(now_s * 1e6)
-        for finger, truth in enumerate(dome_contacts(self._engine, self._hand)):
-            if truth is None:
-                raise LostGraspError(
-                    f"tip {finger + 1} lost contact with the object at {self._engine.time_s:.2f} s:"
-                    " increase the grasping force or turn more slowly"
-                )
-            found = self._contacts.contact(finger, truth, exposed_us, self._frames)
-            contact = TipContact(
-                received_at_us=exposed_us + round(self._trial.delay_s * 1e6),
-                exposed_at_us=exposed_us,
-                sequence=self._frames,
-                latency_us=0,
-                position_mm=found.position_mm,
-                normal_force_N=found.normal_force_N,
-                shear_N=None if found.shear_N is None else found.shear_N[:2],
-                torsion_Nmm=found.torsion_Nmm,
-                valid=True,
-                in_contact=True,
-                slip=found.slip,
-                quality=255,
-            )
-            gaps = [gap for gap in self._trial.gaps if gap.finger == finger]
-            if not any(gap.contains(now_s - self._settle_s) for gap in gaps):
-                self._delayed.append((now_s + self._trial.delay_s, finger, contact, pose))
-        self._frames += 1
-
-    def _deliver(self, now_s: float) -> None:
-        while self._delayed and self._delayed[0][0] <= now_s + 1e-9:
-            _, finger, contact, pose = self._delayed.popleft()
-            self._control.add_contact(finger, contact, pose)
 
     def _friction_ratio(self) -> float:
         loaded = [one for one in self._engine.tip_contacts() if one is not None and one.normal_force_N > 0.0]

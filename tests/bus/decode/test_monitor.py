@@ -281,6 +281,18 @@ def test_a_log_filtered_and_as_json(tmp_path):
     assert heartbeats[-1].endswith("curl_3          operational")
 
 
+@pytest.mark.parametrize(
+    ("entries", "name"),
+    [({}, "drive 1"), ({"node.0x02": "drive:flexion"}, "node 0x01")],
+    ids=["no hand", "hand"],
+)
+def test_a_foreign_master_beside_named_drives_is_no_drive(tmp_path, entries, name):
+    """CANopenNode's canopend as a master is node 1."""
+    write_log(tmp_path / "x.log", LogHeader(entries), [LogRecord(0, CanFrame(0x701, b"\x05"))])
+    (line,) = run("--log", tmp_path / "x.log", "--json").output.splitlines()
+    assert json.loads(line)["device"] == name
+
+
 def test_an_eds_of_a_foreign_node(tmp_path):
     eds = tmp_path / "foreign.eds"
     eds.write_text(CIA402_EDS.read_text().replace("ProductName=palpate joint drive", "ProductName=other"))

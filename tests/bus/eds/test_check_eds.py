@@ -129,6 +129,9 @@ def test_a_pdo_of_more_than_64_bits():
     text = text[:start] + text[start:].replace("DefaultValue=0x00000000", "DefaultValue=0x60770010", 1)
     (found,) = errors(text)
     assert (found.line, found.problem) == (line, "maps 80 bits, a frame has 64")
+    enabled = "DefaultValue=$NODEID+0x40000180"
+    assert text.count(enabled) == 1
+    assert not errors(text.replace(enabled, "DefaultValue=$NODEID+0xC0000180"))  # a CAN FD PDO that is off
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 
 from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.python_can_link import PythonCanLink
 from palpate_edge.common.errors import BusError
 
 
@@ -85,7 +86,7 @@ class Grudging(can.BusABC):
 @pytest.mark.parametrize("refusals", [0, 1, 8])
 def test_enobufs_is_retried(refusals):
     driver = Grudging(refusals)
-    with Bus(driver, BusConfig(), "finger-1") as bus:
+    with Bus(PythonCanLink(driver), BusConfig(), "finger-1") as bus:
         bus.send([CanFrame(1), CanFrame(2)])
         assert driver.sent == [1, 2]
         assert bus.counters.send_retries == refusals
@@ -93,7 +94,7 @@ def test_enobufs_is_retried(refusals):
 
 def test_enobufs_is_not_retried_for_ever():
     with (
-        Bus(Grudging(9), BusConfig(), "finger-1") as bus,
+        Bus(PythonCanLink(Grudging(9)), BusConfig(), "finger-1") as bus,
         pytest.raises(BusError, match="transmit queue full, frame 190 refused 9 times"),
     ):
         bus.send([CanFrame(0x190)])
@@ -101,7 +102,7 @@ def test_enobufs_is_not_retried_for_ever():
 
 def test_what_a_full_queue_does_not_take_is_told_at_once():
     driver = Grudging(1, first=2)
-    with Bus(driver, BusConfig(), "finger-1") as bus:
+    with Bus(PythonCanLink(driver), BusConfig(), "finger-1") as bus:
         assert bus.try_send([CanFrame(1), CanFrame(2), CanFrame(3)]) == 2
         assert bus.try_send([CanFrame(3)]) == 1
         assert driver.sent == [1, 2, 3]
@@ -110,7 +111,7 @@ def test_what_a_full_queue_does_not_take_is_told_at_once():
 
 def test_a_bus_that_goes_amid_some_frames_is_told_with_the_next():
     driver = Grudging(2, errno.ENETDOWN, first=1)
-    with Bus(driver, BusConfig(), "finger-1") as bus:
+    with Bus(PythonCanLink(driver), BusConfig(), "finger-1") as bus:
         assert bus.try_send([CanFrame(1), CanFrame(2)]) == 1
         with pytest.raises(BusError, match="cannot send"):
             bus.try_send([CanFrame(2)])
@@ -120,7 +121,7 @@ def test_a_bus_that_goes_amid_some_frames_is_told_with_the_next():
 def test_any_other_error_is_not_retried():
     driver = Grudging(1, errno.ENETDOWN)
     with (
-        Bus(driver, BusConfig(), "finger-1") as bus,
+        Bus(PythonCanLink(driver), BusConfig(), "finger-1") as bus,
         pytest.raises(BusError, match=r"socketcan bus .* of finger-1"),
     ):
         bus.send([CanFrame(1)])

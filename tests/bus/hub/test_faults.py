@@ -41,7 +41,7 @@ class Bench:
         assert self.ask(Inject(msgspec.convert(fields, FaultRule)), now_us) == Done()
 
     def send(self, can_id: int, now_us: int, flags: int = 0) -> None:
-        data = protocol.message(Kind.SEND, protocol.pack_frame(CanFrame(can_id), flags))
+        data = protocol.send_messages([CanFrame(can_id)], flags)
         self.core.receive(self.a, data, now_us)
 
     def carried(self, now_us: int) -> list[tuple[int, int]]:

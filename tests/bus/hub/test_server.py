@@ -160,9 +160,10 @@ def test_a_burst_arrives_in_order(hub, open_edge, odd):
 
 
 def test_a_burst_fills_the_queue_and_no_more(start_hub, open_port):
-    start_hub("--txqueuelen", "4", "--bitrate", "10000")  # a frame takes 5 ms and more
-    sender, receiver = open_port("a"), open_port("b")
-    assert sender.send_burst(BURST) == 4
+    hub = start_hub("--txqueuelen", "4", "--bitrate", "10000")  # a frame takes 5 ms and more
+    receiver = open_port("b")
+    with open_bus(BusConfig(interface="palpate", channel=str(hub.path), bitrate=10_000), "a") as sender:
+        assert sender.try_send(BURST) == 4
     assert [receiver.recv(PATIENCE_S).arbitration_id for _ in range(4)] == [0x100, 0x101, 0x102, 0x103]
     assert receiver.recv(0.1) is None
 
@@ -310,7 +311,7 @@ def test_the_last_words_of_a_client_go_out(start_hub, open_port):
 
 
 def test_a_client_that_only_sends_keeps_a_bounded_number_of_frames(start_hub, open_port, monkeypatch):
-    monkeypatch.setattr("palpate_bus.hub.plugin.MAX_PENDING", 10)
+    monkeypatch.setattr("palpate_bus.hub.port.MAX_PENDING", 10)
     start_hub("--bitrate", "0")
     deaf, other = open_port("deaf"), open_port("other")
     for number in range(30):

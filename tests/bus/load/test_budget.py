@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import itertools
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +17,7 @@ from palpate_bus.cli.main import bus
 from palpate_bus.hub import protocol
 from palpate_bus.hub.hub_client import Client
 from palpate_bus.hub.hub_core import HubCore
-from palpate_bus.hub.protocol import Hello, Kind
+from palpate_bus.hub.protocol import Hello
 from palpate_bus.load.bit_count import frame_bits
 from palpate_bus.load.budget import BudgetCase, budget, largest_frame_rate, worst_bits
 from palpate_bus.logs.candump import read_log
@@ -73,7 +75,7 @@ def hub_measures(records, bitrate):
     hub.receive(sender, protocol.hello_message(Hello("log", 0, False, False)), records[0].stamp_us)
     for record in records:
         hub.advance(record.stamp_us)
-        frame = protocol.message(Kind.SEND, protocol.pack_frame(record.frame))
+        frame = protocol.send_messages([record.frame])
         hub.receive(sender, frame, record.stamp_us)
     end_us = records[-1].stamp_us
     hub.advance(end_us + 1_000_000)
@@ -115,6 +117,94 @@ def test_a_running_hand_is_within_5_percent_of_its_budget(real_time_demo):
     assert records[-1].stamp_us - records[0].stamp_us > 3_000_000
     ratio = compare(records)
     assert 0.95 < ratio < 1.05, ratio
+
+
+def test_on_can_fd_a_contact_is_one_frame_of_the_length_in_the_eds():
+    """Without stuff bits it has 29 nominal and 38 + 8 n data bits (CRC-21), a drive's 29 and 33 + 8 n
+    (CRC-17); TPDO 4, the time stamp, SYNC, heartbeats and SDO stay classic."""
+    classic = BudgetCase(10, 15, 120, tick_Hz=250)
+    fd = replace(classic, data_bitrate=5_000_000)
+    by_name = {s.name: s for s in budget(fd).streams}
+    contact, command = by_name.pop("fingertip TPDO 10"), by_name["drive RPDO 1"]
+    assert (contact.length, contact.per_s) == (32, 10 * 120)
+    assert contact.least == pytest.approx(29 + (38 + 8 * 32) / 5)
+    assert command.least == pytest.approx(29 + (33 + 8 * 5) / 5)
+    assert all(s.least <= s.mean <= s.worst for s in (contact, *by_name.values()))
+    before = {s.name: s for s in budget(classic).streams}
+    assert set(before) - set(by_name) == {f"fingertip TPDO {number}" for number in (1, 2, 3, 5)}
+    drives = {name for name in by_name if name.startswith("drive")}
+    assert {name: by_name[name] for name in by_name if name not in drives} == {
+        name: before[name] for name in by_name if name not in drives
+    }
+    mixed = {s.name: s for s in budget(replace(fd, classic_drives=True)).streams}
+    assert mixed == by_name | {name: before[name] for name in drives} | {"fingertip TPDO 10": contact}
+    assert (budget(classic).verdict, budget(fd).verdict) == ("does not fit", "fits")
+
+
+def test_on_can_fd_poses_make_the_frame_longer():
+    by_name = {s.name: s for s in budget(BudgetCase(pose_fingertips=2, data_bitrate=5_000_000)).streams}
+    plain, posed = by_name["fingertip TPDO 10"], by_name["fingertip TPDO 10, poses"]
+    assert (plain.length, plain.per_s, posed.length, posed.per_s) == (32, 30, 64, 60)
+    assert by_name["fingertip TPDO 4"].per_s == 3
+
+
+def test_the_command_computes_a_can_fd_bus():
+    hand = ["budget", "--fingertips", "10", "--drives", "15", "--fps", "120", "--tick", "250"]
+    assert CliRunner().invoke(bus, hand).exit_code == 1
+    shown = CliRunner().invoke(bus, [*hand, "--fd"])
+    assert shown.exit_code == 0
+    assert "fingertip TPDO 10" in shown.output and "FD at 5000 kbit/s" in shown.output
+    assert CliRunner().invoke(bus, [*hand, "--fd", "--classic-drives"]).exit_code == 1
+
+
+def test_five_axes_in_a_node_are_one_frame_each_way():
+    """12 bytes an axis for the state, 4 for the command. Without stuff bits a frame of 64 bytes has 29
+    nominal and 38 + 8 * 64 data bits, one of 20 bytes 29 and 38 + 8 * 20 (CRC-21)."""
+    alone = BudgetCase(10, 15, 120, tick_Hz=250, data_bitrate=5_000_000)
+    shared = alone.sharing_nodes(5)
+    assert (shared.axis_nodes, shared.joints, shared.drives, shared.nodes) == ((5, 5, 5), 0, 15, 14)
+    by_name = {s.name: s for s in budget(shared).streams}
+    state, command = by_name["drive TPDO 1, 5 axes"], by_name["drive RPDO 1, 5 axes"]
+    assert (state.length, state.per_s, command.length, command.per_s) == (64, 3 * 250, 20, 3 * 250)
+    assert state.least == pytest.approx(29 + (38 + 8 * 64) / 5)
+    assert command.least == pytest.approx(29 + (38 + 8 * 20) / 5)
+    assert state.least <= state.mean <= state.worst and command.least <= command.mean <= command.worst
+    assert budget(shared).mean_percent < 40 < budget(alone).mean_percent
+
+
+def test_eight_axes_need_two_tpdos_and_the_rest_shares_a_node():
+    shared = BudgetCase(3, 11, data_bitrate=5_000_000).sharing_nodes(8)
+    assert shared.axis_nodes == (8, 3)
+    assert {s.name: s.length for s in budget(shared).streams if s.name.startswith("drive")} == {
+        "drive TPDO 1, 8 axes": 64,
+        "drive TPDO 2, 8 axes": 48,  # 36 bytes
+        "drive RPDO 1, 8 axes": 32,
+        "drive TPDO 1, 3 axes": 48,
+        "drive RPDO 1, 3 axes": 12,
+    }
+
+
+def test_axes_without_can_fd_are_refused():
+    for options in (["--axes", "5"], ["--axes", "5", "--fd", "--classic-drives"]):
+        refused = CliRunner().invoke(bus, ["budget", *options])
+        assert refused.exit_code == 2 and "--axes needs --fd without --classic-drives" in refused.output
+
+
+PAGE = Path(__file__).parents[3] / "docs/bus.md"
+ROWS = re.findall(
+    r"^\| `(--drives .*?)` \| ([0-9.]+) % \| ([0-9.]+) % \| (.*?) \|$", PAGE.read_text(), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize(("options", "mean", "worst", "verdict"), ROWS)
+def test_the_pages_figures(options, mean, worst, verdict):
+    hand = ["budget", "--fingertips", "10", "--fps", "120", *options.split()]
+    shown = CliRunner().invoke(bus, hand).output
+    assert f"{mean} % mean, {worst} % at worst, {verdict}" in shown
+
+
+def test_the_page_has_figures():
+    assert len(ROWS) == 8
 
 
 def test_verdicts_follow_the_load():

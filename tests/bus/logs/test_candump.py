@@ -21,7 +21,7 @@ from palpate_bus.logs.candump import (
     read_log,
     write_log,
 )
-from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.can_frame import FD_LENGTHS, CanFrame
 
 # The first two lines as the manual page of candump shows the format; stamps with awkward microseconds.
 LINES = [
@@ -35,6 +35,11 @@ LINES = [
         "(1700000000.999999) can0 7FF#R8",
         LogRecord(1_700_000_000_999_999, CanFrame(0x7FF, bytes(8), remote=True)),
     ),
+    (
+        "(1700000001.000000) can0 123##1000102030405060708090A0B",
+        LogRecord(1_700_000_001_000_000, CanFrame(0x123, bytes(range(12)), fd=True)),
+    ),
+    ("(1700000001.000001) can0 123##1", LogRecord(1_700_000_001_000_001, CanFrame(0x123, fd=True))),
 ]
 
 RECORDS = st.builds(
@@ -48,6 +53,12 @@ RECORDS = st.builds(
             data=st.integers(0, 8).map(bytes),
             remote=st.just(True),
         ),
+        st.builds(
+            CanFrame,
+            can_id=st.integers(0, 0x7FF),
+            data=st.sampled_from(FD_LENGTHS).flatmap(lambda n: st.binary(min_size=n, max_size=n)),
+            fd=st.just(True),
+        ),
     ),
     channel=st.sampled_from(["can0", "vcan1", "slcan0"]),
 )
@@ -57,6 +68,12 @@ RECORDS = st.builds(
 def test_known_lines(line, record):
     assert parse_record(line) == record
     assert format_record(record) == line
+
+
+@pytest.mark.parametrize("flags", "1357")
+def test_a_fast_data_phase_is_read_with_any_other_flag(flags):
+    """linux/can.h: BRS 1, ESI 2, FDF 4; candump of can-utils 2023 writes 5 for the first line."""
+    assert parse_record(f"(1.000000) can0 190##{flags}0102").frame == CanFrame(0x190, b"\x01\x02", fd=True)
 
 
 @given(RECORDS)
@@ -94,6 +111,7 @@ def test_python_can_reads_our_records(tmp_path):
     for message, (_, record) in zip(messages, LINES, strict=True):
         assert round(message.timestamp * 1e6) == record.stamp_us
         assert (message.arbitration_id, message.is_extended_id) == (record.frame.can_id, False)
+        assert (message.is_fd, message.bitrate_switch) == (record.frame.fd, record.frame.fd)
         assert (message.is_remote_frame, message.dlc) == (record.frame.remote, len(record.frame.data))
         assert message.channel == record.channel
         if not record.frame.remote:
@@ -109,9 +127,20 @@ def test_we_read_what_python_can_writes(tmp_path):
         writer.on_message_received(
             can.Message(timestamp=2.5, arbitration_id=0x701, is_remote_frame=True, is_extended_id=False)
         )
+        writer.on_message_received(
+            can.Message(
+                timestamp=3.5,
+                arbitration_id=0x190,
+                data=bytes(48),
+                is_fd=True,
+                bitrate_switch=True,
+                is_extended_id=False,
+            )
+        )
     assert [(record.stamp_us, record.frame) for record in read_log(path).records] == [
         (1_500_000, CanFrame(0x190, b"\x01")),
         (2_500_000, CanFrame(0x701, remote=True)),
+        (3_500_000, CanFrame(0x190, bytes(48), fd=True)),
     ]
 
 
@@ -174,6 +203,9 @@ def test_time_zone_has_no_say(tmp_path, monkeypatch):
         ("(1.000000) can0 12345678#00\n", "line 1"),
         ("(1.000000) can0 800#00\n", "line 1: identifier 0x800 has more than 11 bits"),
         ("(1.000000) can0 190##011\n", "line 1"),
+        ("(1.000000) can0 190##1000102030405060708\n", "line 1: 9 bytes are not a length of CAN FD"),
+        ("(1.000000) can0 190##1" + "00" * 65 + "\n", "line 1"),
+        ("(1.000000) can0 190##1R\n", "line 1"),
         ("(1.000000) can0 190#000102030405060708\n", "line 1"),
         ("(1.000000) can0 190#00\n# late: header\n", "line 2"),
         ("# key: 1\n# key: 2\n", "line 2"),

@@ -55,3 +55,13 @@ def test_tshark_sees_a_remote_frame(tmp_path, tshark):
     ((can_id, remote, length),) = fields(tshark, path, "can.id", "can.flags.rtr", "can.len")
     assert (can_id, length) == ("1793", "2")
     assert remote in ("1", "True")  # as tshark 4.0 and later versions write it
+
+
+def test_tshark_sees_a_can_fd_frame(tmp_path, tshark):
+    path = tmp_path / "bus.pcap"
+    write_pcap(path, [LogRecord(0, CanFrame(0x190, bytes(range(64)), fd=True))])
+    names = ("can.id", "can.len", "canfd.flags.brs", "canfd.flags.esi", "_ws.malformed", "frame.protocols")
+    ((can_id, length, switches, passive, malformed, protocols),) = fields(tshark, path, *names)
+    assert (can_id, length, malformed) == ("400", "64", "")
+    assert switches in ("1", "True") and passive in ("0", "False")
+    assert "canfd" in protocols or "can" in protocols

@@ -12,6 +12,7 @@ import time
 
 import can
 import durand
+import msgspec
 import pytest
 from click.testing import CliRunner
 from durand.network import CANBusNetwork
@@ -217,8 +218,20 @@ def test_a_tare_while_touched_is_refused_and_the_command_says_why(hub, fingertip
     assert run(hub, "sdo", "write", "0x10", "6125:1", "zero").exit_code == 0
 
 
+def test_a_running_node_refuses_changes_and_the_command_says_what_to_do(hub, fingertips):
+    run(hub, "nmt", "start", "0x10")
+    with pytest.raises(
+        BusError, match=r"08000022h.*the node is OPERATIONAL.*palpate-host bus nmt preop NODE"
+    ):
+        run(hub, "sdo", "write", "0x10", "1804:1", "0xC0000310")
+    with pytest.raises(BusError, match=r"LSS Error: 255 .*255: not in this NMT state.*nmt preop NODE"):
+        run(hub, "lss", "set", "0x21", "--address", "0:404:10000:0")
+    run(hub, "nmt", "preop", "0x10")
+    assert run(hub, "sdo", "write", "0x10", "1804:1", "0xC0000310").exit_code == 0
+
+
 def test_the_pdos_of_a_node_are_those_of_its_eds(hub, fingertips, tmp_path):
-    assert run(hub, "sdo", "check", "0x10").output == "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n"
+    assert run(hub, "sdo", "check", "0x10").output == "node 0x10: 11 PDOs, 0 differences from fingertip.eds\n"
     eds = tmp_path / "older.eds"
     eds.write_text(FINGERTIP_EDS.read_text().replace("0x20140010", "0x20110008"))
     said = run(hub, "sdo", "check", "0x10", "--eds", eds)
@@ -232,7 +245,7 @@ def test_a_stored_remap_is_restored_by_one_command(hub, fingertips):
     differing = run(hub, "sdo", "check", "0x10")
     assert differing.exit_code == 1 and "1A00h:01" in differing.output and "2 differences" in differing.output
     said = run(hub, "sdo", "restore", "0x10")
-    assert (said.exit_code, said.output) == (0, "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n")
+    assert (said.exit_code, said.output) == (0, "node 0x10: 11 PDOs, 0 differences from fingertip.eds\n")
     assert run(hub, "sdo", "read", "0x10", "Location").output.endswith("= 'left hand'\n")
     assert node.slave.read(0x1A00, 1) == 0x7130_0110
 
@@ -241,7 +254,7 @@ def test_a_node_that_stores_nothing_is_restored_by_its_reset(hub, fingertips):
     fingertips.stores = False
     assert run(hub, "sdo", "write", "0x10", "1804:1", "0xC0000310").exit_code == 0
     said = run(hub, "sdo", "restore", "0x10")
-    assert (said.exit_code, said.output) == (0, "node 0x10: 10 PDOs, 0 differences from fingertip.eds\n")
+    assert (said.exit_code, said.output) == (0, "node 0x10: 11 PDOs, 0 differences from fingertip.eds\n")
 
 
 def test_restoring_a_node_that_is_not_there_says_so(hub, fingertips):
@@ -312,7 +325,7 @@ class Chatty(FingertipNode):
         answered = any(frame.can_id == 0x7E4 for frame in output.frames_out)
         if not self.slave._lss.configuring or not asked or answered:
             return output
-        return dataclasses.replace(
+        return msgspec.structs.replace(
             output, frames_out=(*output.frames_out, CanFrame(0x7E4, b"\x4f" + bytes(7)))
         )
 
@@ -326,6 +339,56 @@ def test_a_device_that_answers_every_scan_is_found_once_and_no_phantom_with_it(h
     finally:
         nodes.stopped.set()
         nodes.join()
+
+
+class Busy(FingertipNode):
+    """Misses LSS requests as CANopenNode may: those within 10 ms of another, and the first of a kind."""
+
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        self.busy_until_us, self.missed = 0, set()
+
+    def process(self, now_us, frames_in, arrived_us=None):
+        heard = []
+        for frame in frames_in:
+            kind = frame.data[0] if frame.can_id == 0x7E5 else None
+            if kind in (0x04, 0x40) and now_us < self.busy_until_us:
+                continue
+            if kind in (0x04, 0x11, 0x17, 0x51):
+                self.busy_until_us = now_us + 10_000
+            if kind in (0x11, 0x17) and kind not in self.missed:
+                self.missed.add(kind)
+                continue
+            heard.append(frame)
+        return super().process(now_us, heard, arrived_us)
+
+
+def test_a_busy_device_is_listed_and_gets_its_id(hub, monkeypatch):
+    monkeypatch.setattr("palpate_bus.master.lss.COMMAND_TIMEOUT_S", 0.3)
+    nodes = Nodes(hub.path, ())
+    nodes.nodes = [Busy(255, MethodCode.PAPER, "", serial_number=7)]
+    nodes.start()
+    try:
+        assert run(hub, "lss", "list").stdout == "0:404:10000:7\n"
+        said = run(hub, "lss", "set", "0x12", "--address", "0:404:10000:7", "--store").output
+        assert said == "0:404:10000:7 has node id 0x12, stored\n"
+        assert nodes.nodes[0].missed == {0x11, 0x17}
+    finally:
+        nodes.stopped.set()
+        nodes.join()
+
+
+def test_a_scan_waits_for_a_slow_node_as_long_as_it_is_allowed(hub, foreign_node):
+    """A node whose responses take 0.35 s, longer than a scan waits by itself."""
+    node = foreign_node(0x21)
+    send = node.network.send
+
+    def send_later(cob_id, data):
+        threading.Timer(0.35, send, (cob_id, data)).start()
+
+    node.network.send = send_later
+    (found,) = map(json.loads, run(hub, "scan", "--json", "--no-lss", "--timeout", 1).output.splitlines())
+    assert (found["name"], found["serial"]) == ("a foreign device", 0x2A)
 
 
 def test_an_lss_device_that_refuses_or_is_not_there(hub, foreign_node):

@@ -1,12 +1,13 @@
 #!/bin/sh
-# Become the first process of a board: systemd on the files of $1, its changes in the folder $2. Run by `unshare`
-# in namespaces of its own; nothing that it mounts or makes is seen outside.
+# Become the first process of a board: systemd on the files of $1 (folders, the newest first, as overlayfs takes them),
+# its changes in the folder $2. Run by `unshare` in namespaces of its own; nothing that it mounts or makes is seen
+# outside.
 set -eu
-tree=$1
+layers=$1
 folder=$2
 root=$folder/root
 mount --make-rprivate /
-mount -t overlay -o "lowerdir=$tree,upperdir=$folder/written,workdir=$folder/work" board "$root"
+mount -t overlay -o "lowerdir=$layers,upperdir=$folder/written,workdir=$folder/work" board "$root"
 mount -t proc proc "$root/proc"
 mount --bind "$root/proc/sys" "$root/proc/sys"
 mount -o remount,ro,bind "$root/proc/sys" # the kernel's parameters are not this board's

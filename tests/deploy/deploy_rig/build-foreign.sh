@@ -1,11 +1,12 @@
 #!/bin/sh
-# Unpack Debian's Python for aarch64 into the folder $1. Nothing of it is run while it is made.
+# Unpack the Python of Debian's suite $2 for aarch64 into the folder $1. Nothing of it is run while it is made.
 set -eu
 out=$1
+suite=$2
 sources=""
-if grep -q '^VERSION_CODENAME=bookworm' /etc/os-release; then
+if grep -q "^VERSION_CODENAME=$suite" /etc/os-release; then
     for file in /etc/apt/sources.list /etc/apt/sources.list.d/debian.sources; do
-        if grep -qs bookworm "$file"; then sources="$sources $file"; fi
+        if grep -qs "$suite" "$file"; then sources="$sources $file"; fi
     done
 fi
 # shellcheck disable=SC2086
@@ -13,7 +14,10 @@ mmdebstrap --quiet --variant=extract --architectures=arm64 --format=directory --
     --include=python3,libpython3-stdlib,libstdc++6 \
     --aptopt='APT::Install-Recommends "false"' \
     --dpkgopt='path-exclude=/usr/share/doc/*' \
-    bookworm "$out/tree" $sources
+    "$suite" "$out/tree" $sources
+
+# The loader is at /lib/ld-linux-aarch64.so.1 in every program; since Debian 13 /lib is a link that no package brings.
+test -e "$out/tree/lib" || ln -s usr/lib "$out/tree/lib"
 
 # Where a library asks which processor this is, the emulator gives it this file, not that of the machine around.
 mkdir -p "$out/tree/proc"

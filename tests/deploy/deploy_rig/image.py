@@ -43,9 +43,9 @@ def board_image(suite: str = "bookworm") -> Path:
     return _built(f"board-{suite}", RIG / "build-board.sh", *own, words=(suite,))
 
 
-def foreign_python() -> Path:
+def foreign_python(suite: str = "bookworm") -> Path:
     """The folder that build-foreign.sh fills."""
-    return _built("aarch64", RIG / "build-foreign.sh")
+    return _built(f"aarch64-{suite}", RIG / "build-foreign.sh", words=(suite,))
 
 
 def _built(name: str, script: Path, *parts: Path, words: tuple[str, ...] = ()) -> Path:
@@ -90,6 +90,14 @@ def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
     assert old in text, f"{file} has no {old!r}"
     (folder / file).write_text(text.replace(old, new, 1))
     return folder
+
+
+def changed_wheelhouse(folder: Path, wheels: Path, key: Path, file: str, old: str, new: str) -> Path:
+    """A fingertip's wheelhouse of changed sources, with the packages and for the Python of `wheels`."""
+    (packages,) = wheels.glob("cp*/edge/x86_64")
+    (python,) = (python for python in SUITES.values() if f"/cp{python.replace('.', '')}/" in str(packages))
+    sources = changed_sources(folder / "sources", file, old, new)
+    return wheelhouse(folder / "wheelhouse", sources, packages=packages, python=python, key=key)
 
 
 if __name__ == "__main__":

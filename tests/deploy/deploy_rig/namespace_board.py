@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -22,10 +22,13 @@ NAMESPACES = ("--mount", "--pid", "--fork", "--kill-child", "--uts", "--ipc", "-
 
 class NamespaceBoard:
     """folder: where it keeps what it writes; written/ is all that differs from the bare card. Its folder
-    /run/outside is outside/ here: a Unix socket in there is a cable to the outside."""
+    /run/outside is outside/ here: a Unix socket in there is a cable to the outside.
 
-    def __init__(self, tree: Path, folder: Path) -> None:
-        self._tree, self.folder = tree, folder
+    layers: folders of files that its card had before, the newest first and bare Debian last.
+    """
+
+    def __init__(self, folder: Path, *layers: Path) -> None:
+        self._lower, self.folder = ":".join(map(str, layers)), folder
         self.written, self.outside = folder / "written", folder / "outside"
         for name in ("written", "work", "root", "outside"):
             (folder / name).mkdir()
@@ -38,7 +41,7 @@ class NamespaceBoard:
         self._cgroup.mkdir(exist_ok=True)
         with (self.folder / "console").open("ab") as console:
             self._first = subprocess.Popen(
-                [*INTO_CGROUP, self._cgroup, "unshare", *NAMESPACES, BOOT, self._tree, self.folder],
+                [*INTO_CGROUP, self._cgroup, "unshare", *NAMESPACES, BOOT, self._lower, self.folder],
                 stdin=subprocess.DEVNULL,
                 stdout=console,
                 stderr=console,
@@ -94,9 +97,14 @@ class NamespaceBoard:
         self._first, self._pid = None, 0
         self._remove_cgroup()
 
+    def keep_card(self, layer: Path) -> Path:
+        """Cut the power and keep what the board wrote as a layer for other boards."""
+        self.power_cut()
+        return self.written.rename(layer)
+
     def as_disk(self, disk: Path) -> None:
         """Write the card of this board, which is off, as an ext4 file system."""
-        layers = f"lowerdir={self._tree},upperdir={self.written},workdir={self.folder}/work"
+        layers = f"lowerdir={self._lower},upperdir={self.written},workdir={self.folder}/work"
         make = f"/sbin/mke2fs -q -t ext4 -d {self.folder}/root {disk} 4G"
         mount = f"mount -t overlay -o {layers} board {self.folder}/root"
         subprocess.run(["unshare", "--mount", "sh", "-ec", f"{mount}; {make}"], check=True)
@@ -127,11 +135,14 @@ class NamespaceBoard:
 
 
 @contextmanager
-def namespace_board(tree: Path, folder: Path) -> Iterator[NamespaceBoard]:
-    """A booted board; gone, with its files, at the end."""
+def namespace_board(
+    folder: Path, *layers: Path, prepare: Callable[[NamespaceBoard], None] = lambda _: None
+) -> Iterator[NamespaceBoard]:
+    """A board that boots after `prepare`; gone, with its files, at the end."""
     folder.mkdir()
-    board = NamespaceBoard(tree, folder)
+    board = NamespaceBoard(folder, *layers)
     try:
+        prepare(board)
         board.boot()
         yield board
     finally:

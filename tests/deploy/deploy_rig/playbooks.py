@@ -39,9 +39,14 @@ class Playbooks:
     def __init__(self, folder: Path, key: Path, groups: dict[str, dict[str, dict[str, Any]]]) -> None:
         self._folder, self._key, self._groups = folder, key, groups
 
-    def play(self, book: str, *words: str, kill_after: str = "", **variables: Any) -> Played:
-        """One playbook with these words; variables: of all boards; kill_after: ansible is killed after this
-        task."""
+    def play(
+        self, book: str, *words: str, kill_after: str | int = "", tasks: Path | None = None, **variables: Any
+    ) -> Played:
+        """One playbook with these words.
+
+        variables: of all boards. kill_after: ansible is killed after this task (its name or number).
+        tasks: a file that lists the tasks that ran (callbacks/kill_after.py).
+        """
         common = {
             "ansible_user": "root",
             "ansible_ssh_private_key_file": str(self._key),
@@ -65,10 +70,13 @@ class Playbooks:
             "ANSIBLE_NOCOLOR": "1",
             "PATH": f"{ansible('').absolute()}:{os.environ['PATH']}",
         }
-        if kill_after:
+        if kill_after or tasks:
             surroundings["ANSIBLE_CALLBACK_PLUGINS"] = str(Path(__file__).with_name("callbacks"))
             surroundings["ANSIBLE_CALLBACKS_ENABLED"] = "kill_after"
-            surroundings["PALPATE_KILL_AFTER"] = kill_after
+        if kill_after:
+            surroundings["PALPATE_KILL_AFTER"] = str(kill_after)
+        if tasks:
+            surroundings["PALPATE_TASKS"] = str(tasks)
         answer = subprocess.run(
             command, capture_output=True, text=True, env=surroundings, check=False, start_new_session=True
         )

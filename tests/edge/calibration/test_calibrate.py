@@ -101,7 +101,13 @@ def test_how_beads_look_is_found_out(another_dome, tmp_path, looks):
         assert calibration.appearance.bright == looks.bright
 
 
-@pytest.mark.parametrize("rings", [SIX_EVERYWHERE, TWELVE_EVERYWHERE], ids=["1+6x14", "1+7x12"])
+@pytest.mark.parametrize(
+    "rings",
+    [
+        pytest.param(SIX_EVERYWHERE, id="1+6x14"),
+        pytest.param(TWELVE_EVERYWHERE, id="1+7x12", marks=pytest.mark.slow),
+    ],
+)
 def test_other_layouts_of_85_beads(another_dome, tmp_path, rings):
     dome = another_dome(rings=rings, width=640, height=480, focal_px=380.0)
     folder = dome.write(tmp_path / "d", presses=12)
@@ -115,6 +121,7 @@ def test_other_layouts_of_85_beads(another_dome, tmp_path, rings):
         assert contact.in_contact == (press.position_mm is not None)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_rings_of_six_spare_beads_that_are_hidden_in_use(another_dome, tmp_path):
     dome = another_dome(rings=SIX_EVERYWHERE, width=640, height=480, focal_px=380.0)
@@ -200,7 +207,7 @@ def test_progress_ends_at_its_total(drawn_dome, tmp_path):
     assert set(totals) == {done[-1]}
 
 
-@pytest.mark.parametrize("force", ["", "0"])
+@pytest.mark.parametrize("force", [pytest.param("", marks=pytest.mark.slow), "0"])
 @pytest.mark.long
 def test_a_dataset_without_newtons_calibrates_position_and_leaves_force_unknown(drawn_dome, tmp_path, force):
     pytest.importorskip("onnxruntime")

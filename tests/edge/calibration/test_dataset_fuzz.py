@@ -81,6 +81,7 @@ def test_spoiled_columns(spoiled, changes):
     write(folder, header, [[changes.get(at, cell) for at, cell in enumerate(row)] for row in rows])
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.sets(st.integers(0, 15), max_size=6), st.sampled_from([None, "", "0"]))
 @pytest.mark.long
@@ -104,7 +105,8 @@ def test_a_spoiled_number_of_the_description(drawn, spoiled, at, number, learned
     run(spoiled[0])
 
 
-@FUZZ
+@pytest.mark.slow
+@settings(FUZZ, max_examples=4)
 @given(st.integers(0, 2**32), st.sampled_from([0.0, 1.5, 3.0, 8.0]), st.booleans())
 @pytest.mark.long
 def test_pictures_of_noise_are_no_sensor(drawn, spoiled, seed, sigma_px, learned):

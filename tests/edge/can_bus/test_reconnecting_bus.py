@@ -8,8 +8,10 @@ import errno
 import can
 import pytest
 
-from palpate_edge.can_bus.bus import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED, Bus, BusConfig
+from palpate_edge.can_bus.bus import Bus, BusConfig
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.can_bus.link import CAN_ERR_BUSOFF, CAN_ERR_CRTL, CAN_ERR_RESTARTED, Marks
+from palpate_edge.can_bus.python_can_link import PythonCanLink
 from palpate_edge.can_bus.reconnecting_bus import BusState, ReconnectingBus
 from palpate_edge.common.errors import BusError
 
@@ -53,7 +55,7 @@ def message(can_id, data=b"", **marks):
 class Rig:
     """A link and the drivers it has opened; None in `to_open` refuses to open."""
 
-    interface = "socketcan"
+    marks = Marks.MACHINE
 
     def __init__(self, *to_open):
         self.opened_at = []
@@ -68,7 +70,7 @@ class Rig:
         if driver is None:
             raise BusError("no such device")
         self.drivers.append(driver)
-        return Bus(driver, BusConfig(interface=self.interface), "finger-1")
+        return Bus(PythonCanLink(driver, self.marks), BusConfig(), "finger-1")
 
     def turn(self, at_us, *frames):
         self.now_us = at_us
@@ -97,7 +99,7 @@ def test_a_bus_that_goes_is_opened_again_with_growing_pauses():
     for at_us in range(3_000, 20_000_000, 1_000):
         rig.turn(at_us, TPDO, SDO)
     pauses = [round((b - a) / 1000) for a, b in zip(rig.opened_at[1:], rig.opened_at[2:], strict=False)]
-    assert pauses == [200, 400, 800, 1600, 2000, 2000, 2000]
+    assert pauses == [200, 400, 500, 500, 500, 500, 500]
     assert rig.opened_at[1] == 102_000  # the first attempt is a tenth of a second after it went
     assert rig.link.state is BusState.UP
     changes = rig.link.changes()
@@ -108,6 +110,21 @@ def test_a_bus_that_goes_is_opened_again_with_growing_pauses():
     assert "Network is down" in changes[0].reason
     assert rig.link.changes() == []
     assert rig.link.restarts == 1
+
+
+@pytest.mark.parametrize("back_us", range(60_000_000, 62_000_000, 400_000))
+def test_after_a_minute_without_a_link_the_bus_is_up_within_half_a_second(back_us):
+    """The contacts of 30 frames a second are then on the bus again within a second."""
+    rig = Rig(*[None] * 1000)
+    rig.drivers[0].arriving = [gone()]
+    for at_us in range(0, 64_000_000, 10_000):
+        if at_us >= back_us:
+            rig.to_open.clear()  # the link is there: an attempt succeeds
+        rig.turn(at_us)
+        if at_us > back_us and rig.link.state is BusState.UP:
+            break
+    assert rig.link.state is BusState.UP
+    assert at_us - back_us <= 510_000
 
 
 def test_a_link_that_opens_and_carries_nothing_is_not_back():
@@ -270,10 +287,10 @@ def test_a_bus_that_accepts_nothing_keeps_its_socket_and_is_told(rig):
 OWN, OTHER = CanFrame(0x190, b"\x01"), CanFrame(0x190, b"\x02")
 
 
-def reopened(interface="socketcan"):
+def reopened(marks=Marks.MACHINE):
     """A link that sent OWN twice, was lost and is open again at 200 ms; the driver behind it."""
     rig = Rig()
-    rig.interface = interface
+    rig.marks = marks
     rig.turn(0, OWN, OWN)
     rig.drivers[0].arriving = [gone()]
     rig.turn(1_000)
@@ -282,11 +299,11 @@ def reopened(interface="socketcan"):
     return rig, rig.drivers[-1]
 
 
-@pytest.mark.parametrize("interface", ["socketcan", "slcan"])
-def test_frames_of_the_former_socket_are_no_strangers_each_once(interface):
+@pytest.mark.parametrize("link_marks", [Marks.MACHINE, Marks.NONE])
+def test_frames_of_the_former_socket_are_no_strangers_each_once(link_marks):
     """SocketCAN marks what this machine sent; slcan marks nothing."""
-    rig, driver = reopened(interface)
-    marks = {"is_rx": False} if interface == "socketcan" else {}
+    rig, driver = reopened(link_marks)
+    marks = {"is_rx": False} if link_marks is Marks.MACHINE else {}
     driver.arriving = [message(0x190, b"\x01", **marks) for _ in range(3)] + [
         message(0x190, b"\x02", **marks)
     ]

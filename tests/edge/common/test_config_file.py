@@ -84,20 +84,24 @@ def is_ours(text: str, path: Path) -> None:
         ),
         ("[node]", "[[node]]", "node = [1 entries] is not a section [node]"),
         ("[bus]", "[pus]", "unknown section [pus]; did you mean [bus]?"),
-        ("[bus]", "[[bus.pus]]", "unknown section [[bus.pus]]; [bus] has interface, channel, bitrate, clock"),
+        (
+            "[bus]",
+            "[[bus.pus]]",
+            "unknown section [[bus.pus]]; [bus] has interface, channel, bitrate, data_bitrate, clock",
+        ),
         ("[node]\nid = 16\n", "", "section [node] is missing; docs/configuration.md lists"),
         (
             "id = 16",
             "",
-            "key node.id (a whole number from 1 to 127, or 255) is missing; docs/configuration.md lists",
+            "key node.id (a whole number) is missing; docs/configuration.md lists",
         ),
         (
             "id = 16",
             "id = 200",
             "node.id = 200 is out of range: it must be a whole number from 1 to 127, or 255",
         ),
-        ("id = 16", 'id = "16"', 'node.id = "16" is not a whole number from 1 to 127, or 255'),
-        ("id = 16", "id = 16.5", "node.id = 16.5 is not a whole number from 1 to 127, or 255"),
+        ("id = 16", 'id = "16"', 'node.id = "16" is not a whole number'),
+        ("id = 16", "id = 16.5", "node.id = 16.5 is not a whole number"),
         ("id = 16", "id 16", "line 9, column 4 is not valid TOML: expected '=' after a key"),
         ("id = 16", "id = 16\nid = 17", "line 10, column 8 is not valid TOML: cannot overwrite a value"),
         ("5000", "nan", "capture.camera.exposure_us = nan is not a number"),
@@ -122,6 +126,12 @@ def test_a_fault_names_key_value_and_what_is_allowed(
         read_config(path)
     is_ours(str(caught.value), path)
     assert message.replace("\\\\", "\\") in str(caught.value)
+
+
+def test_a_fingertip_may_wait_for_lss_to_assign_its_id(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    path.write_text(FINGER.replace("id = 16", "id = 255"))
+    assert read_config(path).node.id == 255
 
 
 @pytest.mark.parametrize(

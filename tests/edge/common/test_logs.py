@@ -9,7 +9,14 @@ import sys
 
 import pytest
 
-from palpate_edge.common.logs import is_journal, logging_to_stderr, priority
+from palpate_edge.common.logs import (
+    LineLimit,
+    LogLine,
+    RepeatedProblem,
+    is_journal,
+    logging_to_stderr,
+    priority,
+)
 
 SERVICE = """
 import logging
@@ -118,3 +125,60 @@ def test_the_handler_is_removed_at_the_end():
         assert len(logger.handlers) == len(before) + 1
         raise KeyError
     assert (logger.handlers, logger.level) == (before, level)
+
+
+S = 1_000_000
+
+
+def lines_of(events_us, end_us, lasts_us):
+    """Return (time in s, line) of a problem that begins with each event and lasts for `lasts_us` after it."""
+    repeated, lines = RepeatedProblem("foreign frames", "over"), []
+    for now_us in range(0, end_us, S // 10):
+        past = [at_us for at_us in events_us if at_us <= now_us]
+        problem = "used twice" if past and now_us < past[-1] + lasts_us else ""
+        line = repeated.update(now_us, problem, len(past))
+        if line is not None:
+            lines.append((now_us / S, line))
+    return lines
+
+
+def test_a_problem_that_begins_again_every_second_is_logged_once_and_counted_each_minute():
+    """As by an attack of 338 s that ends each conflict with another node id."""
+    lines = lines_of(range(5 * S, 343 * S, S), 600 * S, lasts_us=S // 2)
+    counted = [
+        (at_s, LogLine(logging.ERROR, f"{count} more foreign frames in the last minute"))
+        for at_s, count in ((65, 60), (125, 60), (185, 60), (245, 60), (305, 60), (365, 37))
+    ]
+    over = (425, LogLine(logging.INFO, "over: 338 foreign frames"))
+    assert lines == [(5, LogLine(logging.ERROR, "used twice")), *counted, over]
+
+
+def test_a_problem_that_comes_back_after_its_end_is_logged_again():
+    lines = lines_of([0, 100 * S], 200 * S, lasts_us=10 * S)
+    assert [(at_s, line.level) for at_s, line in lines] == [
+        (0, logging.ERROR),
+        (60, logging.INFO),
+        (100, logging.ERROR),
+        (160, logging.INFO),
+    ]
+
+
+def test_lines_at_any_rate_are_ten_a_minute_and_a_number():
+    """A bus that is lost and found again twice a second for two minutes."""
+    limit, lines = LineLimit("changes of the bus"), []
+    for now_us in range(0, 300 * S, S // 4):
+        state = ("down", "up")[now_us // (S // 4) % 2]
+        given = [LogLine(logging.INFO, state)] if now_us < 120 * S else []
+        lines += [(now_us / S, line.text) for line in limit.update(now_us, given)]
+    counted = "230 more changes of the bus in the last minute, the last: up"
+    assert [(at_s, text) for at_s, text in lines if "more" in text] == [(60, counted), (120, counted)]
+    assert [at_s for at_s, text in lines if "more" not in text] == [
+        first + step * 0.25 for first in (0, 60) for step in range(10)
+    ]
+
+
+def test_a_few_lines_are_logged_at_once_and_no_number_follows():
+    limit = LineLimit("changes of the bus")
+    given = [LogLine(logging.ERROR, str(number)) for number in range(10)]
+    assert limit.update(0, given) == given
+    assert [limit.update(at_s * S) for at_s in (59, 60, 61)] == [[], [], []]

@@ -5,34 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
 import pytest
 from tests.browser.headless_browser import PHONE
+from tests.browser.other_origin import assert_refused_from_another_origin
 
 pytestmark = pytest.mark.long
 
 LINK, ANSWER = "#link", "#answer"
-ATTACK = """<!doctype html><title>busy</title><script>
-const target = "TARGET", results = {};
-const tries = {
-  simple: () => fetch(target + "/command", {method: "POST", mode: "no-cors", body: '{"command": "record"}'})
-    .then(() => "sent, unread"),
-  command: () => fetch(target + "/command", {method: "POST", body: '{"command": "record"}',
-    headers: {"Content-Type": "application/json", "Authorization": "Bearer TOKEN"}}).then((r) => r.status),
-  page: () => fetch(target + "/").then((r) => r.text()),
-  events: () => new Promise((done) => {
-    const source = new EventSource(target + "/events");
-    source.onmessage = source.onopen = () => done("open");
-    source.onerror = () => done("error");
-  }),
-};
-Promise.all(Object.entries(tries).map(async ([name, attempt]) => {
-  results[name] = await attempt().catch((error) => "error");
-})).then(() => { document.title = JSON.stringify(results); });
-</script>"""
 
 
 @pytest.fixture
@@ -63,28 +44,7 @@ def test_the_page(rig, watch, browser):
 
 
 def check_a_page_of_another_origin(rig, watch, browser):
-    page = ATTACK.replace("TARGET", f"http://127.0.0.1:{watch.port}").replace("TOKEN", watch.token)
-
-    class Attacker(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(page.encode())
-
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Attacker)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        browser.open(f"http://localhost:{server.server_address[1]}/")
-        browser.until(lambda: browser.run("return document.title") != "busy", "no result")
-    finally:
-        server.shutdown()
-        server.server_close()
-    results = json.loads(browser.run("return document.title"))
-    assert results == dict.fromkeys(("simple", "command", "page", "events"), "error")
+    assert_refused_from_another_origin(browser, watch.port, watch.token, "record")
     report = json.loads((rig.folder / "finger.health").read_bytes())
     assert not report["recording"] and not (rig.folder / "recordings").exists()
 
@@ -111,6 +71,7 @@ def check_every_button(rig, watch, browser):
     rows = "return document.querySelectorAll('#health tr').length"
     browser.until(lambda: browser.run(rows) > 8, "no health")
     assert browser.run("return document.querySelectorAll('#side .skin, #top .skin').length") == 2
+    browser.picture_for_docs("console")
 
     browser.click("#record")
     answers(browser, "recording under")

@@ -6,6 +6,7 @@ import json
 import signal
 import struct
 import time
+from functools import partial
 
 import numpy as np
 
@@ -40,7 +41,8 @@ def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_ba
     rig.until(lambda: rig.feeds(thawed_s) >= 2)
 
 
-def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
+def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig, effort):
+    """The bus is away for a minute at full length."""
     bus = rig.listen()
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
     rig.until((rig.folder / "finger.health").exists)
@@ -51,10 +53,22 @@ def test_a_dead_bus_starves_the_watchdog_and_comes_back_while_frames_go_on(rig):
     health = json.loads((rig.folder / "finger.health").read_bytes())
     assert health["bus"]["state"] == "down"
     assert health["frames"] > before["frames"] + 30
+    time.sleep(effort(0, 60))
     rig.start_hub()
+    hub_s = time.monotonic()
     rig.heard(rig.listen(), TPDO_2, lambda data: flags(data) & 0x04)
     back_s = time.monotonic()
+    print(f"contacts {back_s - hub_s:.2f} s after the start of the hub")
+    assert rig.process.poll() is None
     rig.until(lambda: rig.feeds(back_s) >= 2)
+
+
+def counter_on_the_bus(rig, bus, sub):
+    """A counter of 2041h, by SDO."""
+    bus.send([CanFrame(0x610, bytes((0x40, 0x41, 0x20, sub, 0, 0, 0, 0)))])
+    answer = rig.heard(bus, 0x590, lambda data: data[3] == sub)
+    assert answer[0] == 0x43
+    return int.from_bytes(answer[4:], "little")
 
 
 def test_a_spoofed_frame_a_second_interrupts_the_contacts_and_ends_nothing(rig, effort):
@@ -66,17 +80,22 @@ def test_a_spoofed_frame_a_second_interrupts_the_contacts_and_ends_nothing(rig, 
     bus = rig.listen()
     rig.heard(bus, TPDO_2, valid)
     rig.until((rig.folder / "finger.health").exists)
-    for _ in range(effort(2, 60)):
+    spoofed = effort(2, 60)
+    for _ in range(spoofed):
         bus.send([CanFrame(0x190, bytes(8))])
         rig.heard(bus, TPDO_2, lambda data: flags(data) == 0)
         rig.heard(bus, TPDO_2, valid)
         time.sleep(0.3)
     emergencies = [struct.unpack_from("<H", data)[0] for data in rig._heard.get(EMCY, ())]
     assert emergencies == [0x8150]
-    rig.until(lambda: json.loads((rig.folder / "finger.health").read_bytes())["bus"]["id_conflicts"])
+    rig.until(
+        lambda: json.loads((rig.folder / "finger.health").read_bytes())["bus"]["id_conflicts"] == spoofed
+    )
+    assert counter_on_the_bus(rig, bus, Counter.ID_CONFLICTS) == spoofed
     done = rig.edge("check")
     assert done.returncode == 1
     assert "node id 0x10 is used twice: a frame 0x190 came from another node" in done.stdout
+    assert f", {spoofed} with this node id" in done.stdout
     assert (rig.folder / "stderr").read_text().count("node id 0x10 is used twice") == 1
     assert rig.process.poll() is None
 
@@ -120,13 +139,7 @@ def test_lost_beads_are_logged_when_they_begin_and_when_they_are_over(rig):
 def test_the_counters_of_the_health_report_are_on_the_bus(rig):
     """2041h by SDO, also while the camera is frozen."""
     bus = rig.listen()
-
-    def counter(sub):
-        bus.send([CanFrame(0x610, bytes((0x40, 0x41, 0x20, sub, 0, 0, 0, 0)))])
-        answer = rig.heard(bus, 0x590, lambda data: data[3] == sub)
-        assert answer[0] == 0x43
-        return int.from_bytes(answer[4:], "little")
-
+    counter = partial(counter_on_the_bus, rig, bus)
     rig.until((rig.folder / "finger.health").exists)
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)  # started: a withdrawal will be sent
     rig.camera.cover()

@@ -94,27 +94,37 @@ def test_a_disk_that_refuses_is_a_failure_with_the_reason(store, disk, tmp_path)
     assert "parameters cannot be stored" in result.failure
 
 
-FSYNC_S = 1.0
+FSYNC_S, GAP_MAX_S = 1.0, 0.15
+ATTEMPTS = 5  # a busy computer may delay a heartbeat by itself
+
+
+def beats_during_a_save(bus, period_ms):
+    """Change 1017h to `period_ms` and save; return the times in s of the heartbeats until the response."""
+    bus.receive(0)
+    bus.send([CanFrame(0x610, b"\x2b\x17\x10\x00" + period_ms.to_bytes(4, "little")), SAVE])
+    beats_s, end_s = [], time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
+        frames = bus.receive(0.1)
+        beats_s += [1e-6 * at_us for at_us, frame in frames if frame.can_id == 0x710]
+        if SAVED in [frame for _, frame in frames]:
+            return beats_s
+    raise AssertionError("no response to the save")
 
 
 def test_a_daemon_with_a_slow_card_keeps_its_heartbeat(slow_rig):
-    """Three flushes of a second each; a heartbeat every 100 ms. The stamps are the hub's."""
+    """Flushes of a second each; a heartbeat every 100 ms. The stamps are the hub's."""
     rig = slow_rig
     rig.until((rig.folder / "finger.health").exists)
     bus = rig.listen()
     rig.heard(bus, 0x710, lambda data: data == b"\x05")
-    bus.send(
-        [CanFrame(0x000, bytes([0x80, 0x10])), CanFrame(0x610, b"\x2b\x17\x10\x00\x63\x00\x00\x00"), SAVE]
-    )
-    beats_us, ended_s = [], time.monotonic() + PATIENCE_S
-    while time.monotonic() < ended_s:
-        frames = bus.receive(0.1)
-        beats_us += [at_us for at_us, frame in frames if frame.can_id == 0x710]
-        if SAVED in [frame for _, frame in frames]:
+    bus.send([CanFrame(0x000, bytes([0x80, 0x10]))])
+    for attempt in range(ATTEMPTS):
+        beats_s = beats_during_a_save(bus, period_ms=99 - attempt)
+        took_s = beats_s[-1] - beats_s[0]
+        gap_s = max(b - a for a, b in pairwise(beats_s))
+        print(f"heartbeat gap {1000 * gap_s:.0f} ms in a save of {took_s:.1f} s")
+        assert took_s > FSYNC_S
+        if gap_s <= GAP_MAX_S:
             break
-    gap_s = 1e-6 * max(b - a for a, b in pairwise(beats_us))
-    took_s = 1e-6 * (beats_us[-1] - beats_us[0])
-    print(f"heartbeat gap {1000 * gap_s:.0f} ms in a save of {took_s:.1f} s")
-    assert took_s > FSYNC_S
-    assert gap_s < FSYNC_S / 2
+    assert gap_s <= GAP_MAX_S
     assert b"1017:00" in (rig.folder / "finger.parameters").read_bytes()

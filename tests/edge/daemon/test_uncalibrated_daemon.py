@@ -94,3 +94,19 @@ def test_a_calibration_that_is_required_is_an_error_as_before(uncalibrated):
     uncalibrated.write_text(uncalibrated.read_text() + "\n")
     with pytest.raises(CalibrationError):
         configured_calibration(config)
+
+
+def test_without_a_parameter_file_1010h_is_0_and_a_save_names_the_key(bare_rig):
+    rig = bare_rig
+    rig.until((rig.folder / "finger.health").exists)
+    bus = rig.listen()
+
+    def answer(request):
+        bus.send([CanFrame(0x610, bytes.fromhex(request))])
+        return rig.heard(bus, 0x590, lambda data: data[1:4] == b"\x10\x10\x02" and data[0] in (0x43, 0x80))
+
+    assert answer("4010100200000000") == bytes.fromhex("4310100200000000")
+    bus.send([CanFrame(0x000, bytes([0x80, 0x10]))])
+    assert answer("2310100273617665") == bytes.fromhex("8010100200000606")
+    told = "a master wants to store parameters: set node.parameters"
+    rig.until(lambda: told in (rig.folder / "stderr").read_text())

@@ -176,7 +176,7 @@ def apart_mm(one, other):
     return np.array([math.dist(a, b) for a, b in zip(one, other, strict=True) if a is not None])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
     sample = read_dataset(shared_data("press-sample"))
     untrained = dataclasses.replace(sample, presses=sample.split("test"))
@@ -192,13 +192,11 @@ def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
     assert apart_mm(*by).mean() < 1.0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rings", "pitch_deg", "diameter_mm", "presses"),
-    [
-        pytest.param(6, 11.0, 2.4, 24, id="127", marks=pytest.mark.slow),
-        pytest.param(10, 7.2, 1.3, 8, id="331"),
-    ],
+    [(6, 11.0, 2.4, 24), (10, 7.2, 1.3, 8)],
+    ids=["127", "331"],
 )
 def test_a_dome_of_pins_is_calibrated_and_estimated(
     another_dome, tmp_path, rings, pitch_deg, diameter_mm, presses

@@ -20,7 +20,8 @@ from palpate_edge.datasets.weights_table import NEWTONS_PER_GRAM
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.guide.calibration_guide import FitCalibration
 from palpate_edge.guide.guide_files import GuideFiles
-from palpate_twin.camera.random_presses import weighed_press
+from palpate_edge.jig.jig_plan import Hole
+from palpate_twin.camera.random_presses import printed_axes, rod_press, weighed_press
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import sensor_toml
@@ -68,6 +69,14 @@ class Bench:
             press = weighed_press(self.view.dome, rng)
             image, force_N = self.view.frame(press, rng)
             self.presses.append((image.copy(), float(round(-force_N @ press.outward / NEWTONS_PER_GRAM))))
+
+    def through(self, hole: Hole) -> tuple[Image, float]:
+        """The picture of a rod with a weight in a hole of the jig, and the grams of both."""
+        radius_mm, rng = self.view.twin.sensor.dome.outer_radius_mm, np.random.default_rng([2, hole.number])
+        (axis,) = printed_axes([hole], radius_mm, rng)
+        press, share = rod_press(self.view.dome, axis, rng)
+        image, force_N = self.view.frame(press, rng)
+        return image.copy(), float(round(-force_N @ press.outward / NEWTONS_PER_GRAM / share))
 
     def files(self, folder: Path) -> GuideFiles:
         """A folder with the sensor's description alone."""

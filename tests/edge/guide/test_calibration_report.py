@@ -6,9 +6,10 @@ from xml.etree import ElementTree
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from palpate_edge.daemon.check_rows import Verdict
-from palpate_edge.estimation.calibration import RegionErrors
+from palpate_edge.estimation.calibration import JigErrors, RegionErrors
 from palpate_edge.guide.calibration_report import (
     region_figures,
     report_figures,
@@ -18,6 +19,8 @@ from palpate_edge.guide.calibration_report import (
 from palpate_edge.guide.report_picture import EMPTY, report_svg
 
 GOOD = tuple(RegionErrors(low, low + 15, 8, 0.2, 0.5, 8) for low in (15, 30, 45, 60, 75))
+
+JIG = JigErrors(17, 34, 1.1, 0.4, used=True)
 
 
 @pytest.fixture
@@ -49,6 +52,10 @@ def changed(number, **values):
         ({"stiffness_scale": None, "presses": 0}, Verdict.WARN, "positions, and no force"),
         ({"presses": 0, "weighed_spread_percent": 8.0}, Verdict.WARN, "the weights disagree by 8 %"),
         ({"presses": 0, "weighed_spread_percent": 1.0}, Verdict.OK, "positions to about a millimetre"),
+        ({"presses": 0, "jig": JIG}, Verdict.OK, "left out in turn are 0.40 mm off, 1.10 without the jig"),
+        ({"jig": replace(JIG, used=False)}, Verdict.OK, "confirms the dome model: 0.40 mm off at its holes"),
+        ({"jig": replace(JIG, left_out_mm=3.0)}, Verdict.WARN, "look for a hole taken for another"),
+        ({"regions": GOOD, "jig": JIG}, Verdict.OK, "0.20 mm off, 100 % within their 95 % radius; more"),
         ({"regions": GOOD}, Verdict.OK, "0.20 mm off, 100 % within their 95 % radius; more"),
         ({"regions": changed(3, mean_mm=4.0)}, Verdict.WARN, "most 60 to 75 deg above the base (4.00 mm)"),
         ({"regions": changed(1, presses=0)}, Verdict.WARN, "most 30 to 45 deg above the base (no press)"),

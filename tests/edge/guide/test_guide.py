@@ -32,7 +32,7 @@ class Person:
     def next(self):
         self.runner.answer("next")
 
-    def to_presses(self):
+    def to_presses(self, title="Presses on the scale"):
         """Walk to the presses as a person without trouble does."""
         for _ in range(3):
             self.rest(1.2)
@@ -43,10 +43,12 @@ class Person:
         assert self.title == "Warm-up"
         self.rest(31, period_s=1.0)
         self.next()
-        assert self.title == "Presses on the scale"
+        assert self.title == title
 
     def press(self, number):
-        image, mass_g = self.bench.presses[number]
+        self.take(*self.bench.presses[number])
+
+    def take(self, image, mass_g):
         self.rest(0.1)
         self.show(image)
         self.runner.answer("take")

@@ -54,7 +54,7 @@ def run(bench, runner, typist, lines=None):
     )  # fmt: skip
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_person_types_their_way_to_the_file(bench, tmp_path):
     runner = GuideRunner(bench.files(tmp_path / "presses"))
     typist = Typist(bench, runner, presses=4)

@@ -4,9 +4,9 @@ shall reset the object verify configuration to 0" (CiA 301, 7.5.2.16)."""
 from __future__ import annotations
 
 import struct
-from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -166,6 +166,6 @@ def test_another_device_with_the_same_parameters_has_none(board: Board, constant
 def test_a_file_that_names_no_device_is_read_without_signature(board: Board) -> None:
     """As versions before the signature wrote it: `eds` ends with the checksum."""
     kept = board.file.load()
-    board.file.save(replace(kept, device=""))
+    board.file.save(msgspec.structs.replace(kept, device=""))
     board.switch_on()
     assert (board.node.slave.read(0x1017), *board.signature) == (250, 0, 0)

@@ -13,6 +13,9 @@ from palpate_bus.eds.text import Findings, parse_sections
 from palpate_edge.common import contact_quantities as table
 from palpate_edge.common.contact import Contact, LabelEstimate, Vector3
 from palpate_edge.common.contact_quantities import (
+    CONTACT_TPDOS,
+    FD_TPDO,
+    FD_TPDO_POSES,
     POSE_LABELS,
     QUANTITIES,
     OptionalQuantities,
@@ -76,10 +79,27 @@ def test_the_mappings_of_the_eds_are_the_tables() -> None:
     mapped = {
         (number, place): entry.subindex
         for number in pdo_numbers(OD, PdoDirection.TRANSMIT)
+        if number != FD_TPDO
         for place, entry in enumerate(pdo_codec(OD, PdoDirection.TRANSMIT, number).layout.entries, start=1)
         if entry.index == table.AI_INPUT
     }
     assert mapped == {quantity.tpdo: quantity.channel for quantity in QUANTITIES}
+
+
+def test_the_fd_tpdo_maps_every_quantity_once_and_poses_last() -> None:
+    words = [OD.default_number(0x1A09, slot) for slot in range(1, 1 + FD_TPDO_POSES)]
+    assert (0x1A09, 1 + FD_TPDO_POSES) not in OD.entries
+    places = {word >> 8 & 0xFF: place for place, word in enumerate(words) if word >> 16 == table.AI_INPUT}
+    assert places.keys() == {quantity.channel for quantity in QUANTITIES}
+    without = OD.default_number(0x1A09, 0)
+    poses = {quantity.channel for quantity in QUANTITIES if quantity.attribute == "flat_pose"}
+    assert {channel for channel, place in places.items() if place >= without} == poses
+    classic = [
+        pdo_codec(OD, PdoDirection.TRANSMIT, number).layout.keys
+        for number in pdo_numbers(OD, PdoDirection.TRANSMIT)
+        if number in CONTACT_TPDOS
+    ]
+    assert {(word >> 16, word >> 8 & 0xFF) for word in words} == {key for keys in classic for key in keys}
 
 
 def test_every_row_is_a_quantity_of_its_own() -> None:

@@ -1,4 +1,4 @@
-"""The two electronic data sheets against the rules of CiA 306, read with configparser; and in the wheel."""
+"""The electronic data sheets against the rules of CiA 306, read with configparser; and in the wheel."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ PROJECT = Path(__file__).resolve().parents[3]
 EDS_FILES = {
     "fingertip": PROJECT / "firmware" / "fingertip.eds",
     "drive": PROJECT / "host" / "palpate_bus" / "eds" / "cia402.eds",
+    "axes": PROJECT / "host" / "palpate_bus" / "eds" / "cia402_axes.eds",
 }
 OBJECT = re.compile(r"[0-9A-F]{4}$")
 DATA_TYPE_BITS = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
@@ -80,13 +81,15 @@ def test_mappings_name_mappable_objects_of_that_length(eds: RawConfigParser) -> 
     for name in filter(re.compile(r"1[6A][0-9A-F]{2}$").match, eds.sections()):
         bits = 0
         for slot in range(1, number(eds, f"{name}sub0") + 1):
-            word = number(eds, f"{name}sub{slot}")
+            word = number(eds, f"{name}sub{slot:X}")
             index, sub = f"{word >> 16:04X}", word >> 8 & 0xFF
             section = f"{index}sub{sub:X}" if eds.has_section(f"{index}sub{sub:X}") else index
             assert eds[section]["PDOMapping"] == "1"
             assert DATA_TYPE_BITS[number(eds, section, "DataType")] == word & 0xFF
             bits += word & 0xFF
-        assert bits <= 64
+        cob_id = eds[f"{'18' if name[:2] == '1A' else '14'}{name[2:]}sub1"]["DefaultValue"]
+        off = bool(int(cob_id.replace("$NODEID+", ""), 0) >> 31)
+        assert bits <= (512 if off else 64)  # CAN FD or classic
 
 
 def test_the_fingertips_units_are_those_of_its_process_values() -> None:
@@ -105,7 +108,7 @@ def test_the_device_types_name_the_profiles() -> None:
     assert number(parse(EDS_FILES["drive"]), "1000") == 402 | 1 << 18
 
 
-def test_the_wheel_carries_both_files(tmp_path: Path) -> None:
+def test_the_wheel_carries_the_files(tmp_path: Path) -> None:
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
         cwd=PROJECT,
@@ -116,4 +119,6 @@ def test_the_wheel_carries_both_files(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         packed = archive.read("palpate_edge/node/fingertip.eds")
         assert packed == EDS_FILES["fingertip"].read_bytes()
-        assert archive.read("palpate_bus/eds/cia402.eds") == EDS_FILES["drive"].read_bytes()
+        for name in ("drive", "axes"):
+            path = EDS_FILES[name]
+            assert archive.read(f"palpate_bus/eds/{path.name}") == path.read_bytes()

@@ -94,6 +94,15 @@ def test_slip_goes_only_with_a_contact() -> None:
     assert flags(replace(TOUCH, slip=True, valid=False)) == 0
 
 
+def test_the_onset_of_slip_has_a_flag_of_its_own() -> None:
+    begins = replace(TOUCH, slip_begins=True)
+    both = ContactFlag.VALID | ContactFlag.CONTACT
+    assert flags(begins) == both | ContactFlag.SLIP_BEGINS
+    assert flags(replace(begins, slip=True)) == both | ContactFlag.SLIP | ContactFlag.SLIP_BEGINS
+    assert flags(replace(begins, in_contact=False)) == ContactFlag.VALID
+    assert flags(replace(begins, valid=False)) == 0
+
+
 def test_a_refused_frame_is_not_valid_and_touches_nothing() -> None:
     refused = replace(TOUCH, valid=False, reason="too few beads")
     assert inputs(refused) == [0] * 6 + [-0x8000] * 2  # torsion and radius: not given, which is no zero
@@ -224,3 +233,10 @@ def test_the_clock_state_has_one_name_on_both_sides_of_the_bus(
     device = Device(0x10, "finger-1", FINGERTIP_EDS)
     assert device.reading((0x2042, 1), bytes([raw])).text == f"{raw} ({state.value})"
     assert device.reading((0x2042, 2), struct.pack("<i", 1234)).text == "1.234 ppm"
+
+
+def test_the_eds_describes_every_contact_flag() -> None:
+    before, _, _ = FINGERTIP_EDS.read_text().partition("[2010]")
+    comment = before.rsplit("\n\n", 1)[1]
+    for flag in ContactFlag:
+        assert f"bit {int(flag).bit_length() - 1} " in comment.lower()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import gc
 import random
-import struct
 import sys
 import types
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.edge.node.hostile_traffic import Traffic
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
@@ -19,147 +18,16 @@ from palpate_edge.node.eds import load_eds
 from palpate_edge.node.events import NmtStateChanged, StoreRequested
 from palpate_edge.node.nmt import NmtState
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
-from palpate_edge.node.sdo_block import crc16
 from palpate_edge.node.slave import Slave, SlaveOutput
 
 DRIVE_EDS = Path(__file__).resolve().parents[3] / "host" / "palpate_bus" / "eds" / "cia402.eds"
 DICTIONARIES = {"fingertip": load_eds(FINGERTIP_EDS, 0x10), "drive": load_eds(DRIVE_EDS, 0x10)}
-SIGNATURES = (b"save", b"load", b"zero")
 FRAMES = 1_000_000
 ROUNDS = 8
 
 # First bytes of all that an SDO server says: the initiates, segments, ends and the abort of CiA 301.
 SDO_ANSWERS = {0x80, 0x60, 0x20, 0x30, 0xA0, 0xA1, 0xA2, 0xA4, 0x40, 0x41, 0x42, 0x43, 0x47, 0x4B, 0x4F, 0xC6}
 LSS_ANSWERS = {0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, 0x5A, 0x5B, 0x5C, 0x5D, 0x5E}
-
-
-class Traffic:
-    """Frames for one slave: dialogues by the standard, some of them spoilt, and noise."""
-
-    def __init__(self, rng: random.Random, slave: Slave, indices: list[int]) -> None:
-        self._rng = rng
-        self._slave = slave
-        self._indices = indices
-        self._sources = (
-            [self._sdo_dialogue] * 10
-            + [self._sdo_noise] * 4
-            + [self._nmt, self._lss, self._pdo]
-            + [self._noise] * 3
-        )
-
-    def __iter__(self) -> Iterator[CanFrame]:
-        while True:
-            for frame in self._rng.choice(self._sources)():
-                yield self._spoilt(frame) if self._rng.random() < 0.05 else frame
-
-    def _spoilt(self, frame: CanFrame) -> CanFrame:
-        data = bytearray(frame.data)
-        match self._rng.randrange(4):
-            case 0 if data:
-                data[self._rng.randrange(len(data))] ^= 1 << self._rng.randrange(8)
-            case 1:
-                del data[self._rng.randrange(len(data) + 1) :]
-            case 2:
-                return CanFrame(frame.can_id ^ 1 << self._rng.randrange(11), frame.data)
-            case _:
-                return CanFrame(frame.can_id, frame.data, remote=True)
-        return CanFrame(frame.can_id, bytes(data))
-
-    def _key(self) -> bytes:
-        return struct.pack(
-            "<HB", self._rng.choice(self._indices), self._rng.choice((0, 0, 1, 1, 2, 3, 5, 6, 9))
-        )
-
-    def _value(self) -> bytes:
-        rng = self._rng
-        return rng.choice((rng.randbytes(4), bytes(4), bytes([rng.randrange(256), 0, 0, 0]), *SIGNATURES))
-
-    def _sdo(self, *requests: bytes) -> list[CanFrame]:
-        can_id = 0x600 + self._slave.node_id & 0x7FF
-        return [CanFrame(can_id, request.ljust(8, b"\x00")) for request in requests]
-
-    def _sdo_dialogue(self) -> list[CanFrame]:
-        rng, key = self._rng, self._key()
-        text = bytes(rng.choices(b"abc", k=rng.choice((1, 2, 4, 17, 60, 70, 300))))
-        parts = [text[at : at + 7] for at in range(0, len(text), 7)]
-        match rng.randrange(6):
-            case 0:
-                return self._sdo(bytes([rng.choice((0x22, 0x23, 0x2B, 0x2F))]) + key + self._value())
-            case 1:
-                return self._sdo(
-                    b"\x40" + key, *(bytes([0x60 | n % 2 << 4]) for n in range(rng.randrange(5)))
-                )
-            case 2:
-                head = rng.choice((b"\x21", b"\x20")) + key + struct.pack("<I", len(text))
-                segments = [
-                    bytes([n % 2 << 4 | 7 - len(part) << 1 | (n == len(parts) - 1)]) + part
-                    for n, part in enumerate(parts)
-                ]
-                return self._sdo(head, *segments)
-            case 3:
-                head = rng.choice((b"\xc6", b"\xc4", b"\xc2")) + key + struct.pack("<I", len(text))
-                segments = [
-                    bytes([n % 127 + 1 | (0x80 if n == len(parts) - 1 else 0)]) + part
-                    for n, part in enumerate(parts)
-                ]
-                end = struct.pack("<BH", 0xC1 | -len(text) % 7 << 2, crc16(text))
-                return self._sdo(head, *segments, end)
-            case 4:
-                blocks = bytes([rng.choice((1, 2, 127, 0, 200)), rng.choice((0, 0, 20))])
-                acks = [
-                    bytes([0xA2, rng.randrange(4), rng.choice((1, 3, 127))]) for _ in range(rng.randrange(4))
-                ]
-                return self._sdo(b"\xa4" + key + blocks, b"\xa3", *acks, b"\xa1")
-            case _:
-                return self._remapping()
-
-    def _remapping(self) -> list[CanFrame]:
-        """The standard's procedure for a TPDO, with objects by chance."""
-        rng, number = self._rng, self._rng.randrange(4)
-        own = 0x180 + 0x100 * number + self._slave.node_id
-        words = [rng.choice((0x71300110, 0x20100008, 0x20120020, 0x60410010, 0x10010008)) for _ in range(3)]
-        index = struct.pack("<H", 0x1A00 + number)
-        communication = struct.pack("<H", 0x1800 + number)
-        slots = [
-            b"\x23" + index + bytes([slot]) + struct.pack("<I", word) for slot, word in enumerate(words, 1)
-        ]
-        return self._sdo(
-            b"\x23" + communication + b"\x01" + struct.pack("<I", 0xC000_0000 | own),
-            b"\x2f" + index + b"\x00\x00",
-            *slots,
-            b"\x2f" + index + b"\x00" + bytes([rng.randrange(4)]),
-            b"\x2f" + communication + b"\x02" + bytes([rng.choice((0, 1, 5, 240, 254, 255))]),
-            b"\x23" + communication + b"\x01" + struct.pack("<I", 0x4000_0000 | own),
-        )
-
-    def _sdo_noise(self) -> list[CanFrame]:
-        return self._sdo(self._rng.randbytes(8))
-
-    def _nmt(self) -> list[CanFrame]:
-        command = self._rng.choice((0x01, 0x01, 0x01, 0x02, 0x80, 0x81, 0x82, 0x7F))
-        return [CanFrame(0x000, bytes([command, self._rng.choice((0, self._slave.node_id))]))]
-
-    def _lss(self) -> list[CanFrame]:
-        rng = self._rng
-        commands = (0x04, 0x04, 0x11, 0x13, 0x17, *range(0x40, 0x4D), 0x51, *range(0x5A, 0x5F))
-        frames = [
-            CanFrame(0x7E5, bytes([rng.choice((0x15, *commands)), rng.choice((0, 0, 1, 2))]) + bytes(6)),
-            CanFrame(0x7E5, bytes([rng.choice(commands)]) + rng.randbytes(7)),
-        ]
-        if self._slave.node_id == 255 or rng.random() < 0.1:
-            given = bytes([0x11, rng.choice((0x10, 0x10, 0x7F, 0xFF))])
-            frames += [CanFrame(0x7E5, one.ljust(8, b"\x00")) for one in (b"\x04\x01", given, b"\x04\x00")]
-        return frames
-
-    def _pdo(self) -> list[CanFrame]:
-        rng = self._rng
-        sync = CanFrame(0x080, rng.choice((b"", b"", b"\x01", b"\x05")))
-        rpdo = CanFrame(rng.choice((0x1FF, 0x210, 0x77F, 0x100)), rng.randbytes(rng.randrange(9)))
-        return [sync, rpdo, sync]
-
-    def _noise(self) -> list[CanFrame]:
-        rng = self._rng
-        return [CanFrame(rng.randrange(0x800), rng.randbytes(rng.randrange(9)), rng.random() < 0.1)]
 
 
 def lengths_by_id(slave: Slave) -> dict[int, set[int]]:
@@ -241,7 +109,7 @@ def bulk(device: str, seed: int, count: int) -> None:
     rng = random.Random(seed)
     od = DICTIONARIES[device]
     slave = Slave(od)
-    traffic = iter(Traffic(rng, slave, sorted(od.indices)))
+    traffic = iter(Traffic(rng, lambda: slave.node_id, sorted(od.indices)))
     now_us, sizes = 0, []
     lengths = lengths_by_id(slave)
     sdo_answers = set()
@@ -265,6 +133,7 @@ def bulk(device: str, seed: int, count: int) -> None:
 
 def assert_alive(slave: Slave, now_us: int) -> None:
     """After all that, a reset node brings it back to what it was."""
+    slave.process(now_us, (CanFrame(0x000, b"\x80\x00"),))
     for request in (b"\x04\x01", b"\x11\x10", b"\x04\x00"):
         slave.process(now_us, (CanFrame(0x7E5, request.ljust(8, b"\x00")),))
     slave.process(now_us, (CanFrame(0x000, b"\x82\x00"),))

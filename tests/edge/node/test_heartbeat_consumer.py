@@ -16,6 +16,7 @@ from palpate_edge.node.slave import Slave
 HOST = 0x7F
 ALIVE = CanFrame(0x77F, b"\x05")
 BOOT_UP = CanFrame(0x77F, b"\x00")
+PRE_OPERATIONAL = CanFrame(0x000, b"\x80\x10")
 START = CanFrame(0x000, b"\x01\x10")
 LOST = CanFrame(0x090, bytes.fromhex("30 81 11 7f 00 00 00 00"))
 BACK = CanFrame(0x090, bytes(8))
@@ -46,7 +47,7 @@ def test_watching_begins_with_the_first_heartbeat(slave: Slave) -> None:
 
 
 def test_the_slave_asks_to_be_called_when_a_heartbeat_is_missing(slave: Slave) -> None:
-    slave.process(1, (write(0x1017, 0, 0, "<H"), write(0x1803, 5, 0, "<H")))
+    slave.process(1, (PRE_OPERATIONAL, write(0x1017, 0, 0, "<H"), write(0x1803, 5, 0, "<H"), START))
     assert slave.process(1_000, (ALIVE,)).next_due_us == 201_000
 
 
@@ -77,14 +78,14 @@ def test_silence_is_told_once_and_taken_back(slave: Slave) -> None:
     ],
 )
 def test_error_behaviour(slave: Slave, behaviour: int, state: NmtState) -> None:
-    slave.process(0, (write(0x1029, 1, behaviour, "<B"), ALIVE))
+    slave.process(0, (PRE_OPERATIONAL, write(0x1029, 1, behaviour, "<B"), START, ALIVE))
     output = slave.process(200_000, ())
     assert slave.state is state
     assert (NmtStateChanged(state, None) in output.events) is (state is not NmtState.OPERATIONAL)
 
 
 def test_error_behaviour_leaves_the_other_states_alone(slave: Slave) -> None:
-    slave.process(0, (write(0x1029, 1, 2, "<B"), CanFrame(0x000, b"\x80\x10"), ALIVE))
+    slave.process(0, (PRE_OPERATIONAL, write(0x1029, 1, 2, "<B"), ALIVE))
     slave.process(200_000, ())
     assert slave.state is NmtState.PRE_OPERATIONAL
 
@@ -97,7 +98,9 @@ def test_a_lost_bus_behaves_the_same(slave: Slave) -> None:
 
 
 def test_two_nodes_are_watched_apart(slave: Slave) -> None:
-    slave.process(0, (write(0x1016, 2, 0x01 << 16 | 100), ALIVE, CanFrame(0x701, b"\x05")))
+    slave.process(
+        0, (PRE_OPERATIONAL, write(0x1016, 2, 0x01 << 16 | 100), START, ALIVE, CanFrame(0x701, b"\x05"))
+    )
     assert emergencies(slave, 100_000) == [CanFrame(0x090, bytes.fromhex("30 81 11 01 00 00 00 00"))]
     assert emergencies(slave, 150_000, CanFrame(0x701, b"\x7f")) == [BACK]
     assert emergencies(slave, 200_000) == [LOST]
@@ -105,7 +108,8 @@ def test_two_nodes_are_watched_apart(slave: Slave) -> None:
 
 def test_another_entry_leaves_a_watch_as_it_is(slave: Slave) -> None:
     slave.process(0, (ALIVE,))
-    slave.process(150_000, (write(0x1016, 2, 0x01 << 16 | 100),))
+    slave.process(150_000, (PRE_OPERATIONAL, write(0x1016, 2, 0x01 << 16 | 100)))
+    assert slave.read(0x1016, 2) == 0x01 << 16 | 100
     assert emergencies(slave, 200_000) == [LOST]
 
 
@@ -126,7 +130,7 @@ def test_a_node_that_is_watched_no_longer_is_no_error(slave: Slave) -> None:
     ],
 )
 def test_what_1016h_takes(slave: Slave, value: int, answer: str) -> None:
-    output = slave.process(1, (write(0x1016, 2, value),))
+    output = slave.process(1, (PRE_OPERATIONAL, write(0x1016, 2, value)))
     assert [frame.data.hex(" ") for frame in output.frames_out if frame.can_id == 0x590] == [answer]
 
 

@@ -161,6 +161,15 @@ def test_what_is_stored_already_is_answered_at_once(slave: Slave) -> None:
     assert ask(slave, "17") == ["17 00"]
 
 
+@pytest.mark.parametrize(("stores", "error"), [(False, 1), (True, 2)])
+def test_the_error_tells_a_node_without_storage_from_a_disk_that_fails(stores: bool, error: int) -> None:
+    """CiA 305, store configuration: 1 is "not supported", 2 is "storage media access error"."""
+    slave = FingertipNode(0x10, MethodCode.PAPER, "", stores=stores).slave
+    ask(slave, CONFIGURATION, "11 20", "17")
+    slave.store_finished(False)
+    assert slave.process(2, ()).frames_out[0] == CanFrame(0x7E4, bytes([0x17, error, 0, 0, 0, 0, 0, 0]))
+
+
 def test_one_storing_at_a_time(slave: Slave) -> None:
     assert ask(slave, CONFIGURATION, "17", "17") == ["17 02"]
 

@@ -30,14 +30,16 @@ def test_it_says_what_the_file_says(tmp_path: Path) -> None:
 
 
 def test_it_is_what_a_fingertip_reads() -> None:
-    """Neither daemon nor node imports the parser."""
+    """Neither daemon nor node imports the parser, nor python-can to open a CAN socket."""
     program = (
         "import sys, palpate_edge.daemon.daemon; from palpate_edge.node.eds import load_eds; "
-        "from palpate_edge.node.parsed_eds import FINGERTIP_EDS; "
-        "load_eds(FINGERTIP_EDS, 1); print('canopen' in sys.modules)"
+        "from palpate_edge.node.parsed_eds import FINGERTIP_EDS; load_eds(FINGERTIP_EDS, 1)\n"
+        "from palpate_edge.can_bus.bus import BusConfig, BusError, open_bus\n"
+        "try: open_bus(BusConfig(channel='can-not-there'), 'finger-1')\n"
+        "except BusError: print({'canopen', 'can'} & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
+    assert done.stdout == "set()\n"
 
 
 def test_a_file_that_was_changed_is_parsed_anew(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from palpate_edge.node.object_dictionary import ObjectDictionary
 from palpate_edge.node.slave import Slave
 
 START = CanFrame(0x000, b"\x01\x10")
+PRE_OPERATIONAL = CanFrame(0x000, b"\x80\x10")
 SYNC = CanFrame(0x080)
 COMMAND = struct.pack("<Hbh", 0x000F, 10, -250)
 TPDO_1, TPDO_2, EMCY = 0x190, 0x290, 0x090
@@ -103,9 +104,9 @@ def test_inhibit_time_delays_and_joins_events(slave: Slave) -> None:
 
 
 def test_a_tpdo_that_is_not_valid_is_not_sent(slave: Slave) -> None:
-    slave.process(0, (START, write(0x1800, 1, "<I", 0xC000_0190)))
+    slave.process(0, (write(0x1800, 1, "<I", 0xC000_0190), START))
     assert sent(slave, 1, SYNC) == []
-    slave.process(2, (write(0x1800, 1, "<I", 0x4000_0310),))
+    slave.process(2, (PRE_OPERATIONAL, write(0x1800, 1, "<I", 0x4000_0310), START))
     assert sent(slave, 3, SYNC) == [0x310]
     assert 0x310 in slave.accept_ids()
 
@@ -153,7 +154,7 @@ def test_a_long_rpdo_is_taken_and_reported(slave: Slave) -> None:
 
 
 def test_the_deadline_of_an_rpdo_counts_from_its_first_reception(slave: Slave) -> None:
-    slave.process(0, (START, write(0x1801, 5, "<H", 0)))
+    slave.process(0, (write(0x1801, 5, "<H", 0), START))
     assert slave.process(900_000, ()).events == ()
     slave.process(1_000_000, (CanFrame(0x210, COMMAND),))
     assert slave.process(1_199_999, ()).events == ()

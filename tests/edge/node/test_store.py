@@ -11,15 +11,19 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.parameter_file import ParameterFile
 from palpate_edge.daemon.parameter_store import save
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.eds_history import EARLIER, EarlierEds
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.object_dictionary import ObjectDictionary
+from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.slave import Slave, SlaveOutput
 from palpate_edge.node.stored_check import StoredParametersError
 from palpate_edge.node.stored_parameters import StoredParameters
 
 SAVE, LOAD = 0x65766173, 0x64616F6C
+NO_TPDO_5 = 0xC000_0310
 RESET_NODE, RESET_COMMUNICATION = CanFrame(0x000, b"\x81\x00"), CanFrame(0x000, b"\x82\x00")
 
 
@@ -123,6 +127,14 @@ def test_what_is_read_says_that_it_works_on_command(board: Board, index: int) ->
     assert board.send(request) == [f"43 {index & 0xFF:02x} 10 01 01 00 00 00"]
 
 
+def test_a_node_without_a_file_shows_that_it_stores_nothing() -> None:
+    """CiA 301, 7.5.2.13: bit 0 is 0, "the device does not save parameters on command"."""
+    node = FingertipNode(0x10, MethodCode.PAPER, "", stores=False)
+    for request in ((), (CanFrame(0x000, b"\x81\x00"),)):
+        node.process(0, request)
+        assert {node.slave.read(index, group) for index in (0x1010, 0x1011) for group in (1, 2, 3, 4)} == {0}
+
+
 def test_the_answer_waits_for_the_disk(board: Board) -> None:
     waiting = board.node.process(
         1, (write(0x1010, 1, SAVE), CanFrame(0x610, b"\x40\x00\x10\x00\x00\x00\x00\x00"))
@@ -173,6 +185,19 @@ def test_parameters_of_another_eds_are_not_used(board: Board) -> None:
     assert (
         CanFrame(0x0A0, bytes.fromhex("00 63 01 00 00 00 00 00")) in frames_out
     )  # of node 0x20, as LSS stored
+
+
+@pytest.mark.parametrize("earlier", EARLIER)
+def test_parameters_of_an_earlier_eds_are_kept(board: Board, earlier: EarlierEds) -> None:
+    """An update that only adds objects drops nothing that a user saved."""
+    saved = {(0x1017, 0): 250, (0x1804, 1): NO_TPDO_5}
+    board.file.save(StoredParameters(earlier.checksum, None, None, saved))
+    board.switch_on()
+    assert board.slave.stored_fault is None
+    assert (board.slave.read(0x1017), board.slave.read(0x1804, 1)) == (250, NO_TPDO_5)
+    board.send(LED_40, write(0x1010, 4, SAVE))
+    assert board.file.load().eds_checksum == load_eds(FINGERTIP_EDS, 0x10).checksum
+    assert dict(board.file.load().objects) == saved | {(0x2030, 0): 40}
 
 
 def test_a_save_does_not_take_over_what_another_eds_kept(board: Board) -> None:

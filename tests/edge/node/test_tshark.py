@@ -126,6 +126,7 @@ EVERY_SERVICE = (
     CanFrame(0x1FF, b"\x01\x02\x03\x04"),
     CanFrame(0x100, bytes(6)),
     CanFrame(0x080, b"\x01"),  # of the wrong length: an emergency
+    CanFrame(0x000, b"\x80\x10"),  # no other node id while OPERATIONAL
     lss("04 01"),
     lss("5a"),
     lss("5d"),

@@ -64,6 +64,17 @@ def test_without_questions_the_first_camera_and_bus_are_taken(folder: Path, noth
         run("--yes")
 
 
+@pytest.mark.parametrize(("state", "interface"), [("up", "socketcan"), ("down", "palpate")])
+def test_without_questions_an_interface_that_is_down_is_not_taken(
+    folder: Path, nothing_connected: Path, state: str, interface: str
+) -> None:
+    (nothing_connected / "net" / "can0").mkdir()
+    (nothing_connected / "net" / "can0" / "type").write_text("280")
+    (nothing_connected / "net" / "can0" / "operstate").write_text(state)
+    run("--yes")
+    assert read_config(folder / "finger-1.toml").bus.interface == interface
+
+
 def test_what_is_not_unique_is_asked(folder: Path, nothing_connected: Path) -> None:
     for name, kind in (("can0", "280"), ("eth0", "1")):
         (nothing_connected / "net" / name).mkdir()

@@ -115,6 +115,19 @@ def test_beads_that_stay_hidden_cause_one_search_at_most(skin, hidden):
     assert tracker.counters.searches <= 1
 
 
+def test_after_a_jump_frames_are_searched_until_the_skin_stands_still(skin):
+    """Single frames jump every time: windows about the last places would be read in vain."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    searches = []
+    for share in (0.0, 0.6, -0.6, 0.6, 0.6, 0.6):
+        places = sheared(grid(), share * SPACING_PX)
+        beads = tracker.follow(draw(places, hidden=(3, 20)))
+        assert np.linalg.norm(beads.position_px - places, axis=1)[beads.found].max() < 0.3
+        searches.append(tracker.counters.searches)
+    assert np.diff(searches).tolist() == [1, 1, 1, 1, 0]
+
+
 def test_no_frame_is_searched_twice_and_no_bead_measured_often(skin, monkeypatch):
     """Whatever a frame shows: a jump, another jump, specks and hidden beads, darkness."""
     reference, draw = skin

@@ -5,6 +5,7 @@ import re
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.host.axes_hand import axes_text
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config import hand_config
@@ -77,6 +78,44 @@ def test_refusals(tmp_path, table_4_text, pattern, replacement, says):
     text = str(caught.value)
     assert text.startswith(f"{path}: ") and "\n" not in text
     assert re.search(says, text), text
+
+
+def test_joints_may_be_axes_of_one_node_each_finger(tmp_path, table_4_text):
+    path = tmp_path / "hand.toml"
+    path.write_text(axes_text(table_4_text))
+    config = hand_config.load(path)
+    assert config.node_axes == {1: (0, 1, 2), 2: (0, 1, 2), 3: (0, 1, 2)}
+    assert config.axis_names[2] == {0: "abduction_2", 1: "flexion_2", 2: "curl_2"}
+    assert config.node_names[3] == "axes of abduction_3, flexion_3, curl_3"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "says"),
+    [
+        (
+            r"drive_node = 1, axis = 1",
+            "drive_node = 1, axis = 0",
+            r"axis 0 of node 0x01 is used twice, by abduction_1",
+        ),
+        (
+            r"drive_node = 2, axis = 1",
+            "drive_node = 2",
+            r"0x02 has several axes, and flexion_2 names none: set",
+        ),
+        (r"drive_node = 2, axis = 0", "drive_node = 2", r"0x02 is used twice, by drive_node of abduction_2"),
+        (
+            r"drive_node = 3, axis = 0",
+            "drive_node = 0x10, axis = 0",
+            r"0x10 is used twice, by fingertip_node",
+        ),
+        (r"axis = 0", "axis = 8", r"axis = 8 is out of range: it must be a whole number from 0 to 7"),
+        (r"data_bitrate = \d+", "", r"axis of abduction_1 needs a CAN FD bus, .*: set bus.data_bitrate, or"),
+        (r"axis = 0", 'axis = 0, drive = "raw"', r"axis of abduction_1 needs drive = 'cia402', not 'raw'"),
+        (r"\[target\]", "[homing]\nmethod = 37\n[target]", r"axis of abduction_1 allows no \[homing\]"),
+    ],
+)
+def test_refusals_of_axes(tmp_path, table_4_text, pattern, replacement, says):
+    test_refusals(tmp_path, axes_text(table_4_text), pattern, replacement, says)
 
 
 def test_a_file_that_everybody_may_write_is_refused(tmp_path, table_4_text):

@@ -2,95 +2,32 @@
 
 from __future__ import annotations
 
-import http.client
-import json
-import os
 import subprocess
-import time
-from contextlib import closing, suppress
+from contextlib import closing
 
 import pytest
-from tests.host.hand_on_hub import CLI, PATIENCE_S, Running, patient, put_on_the_bus
+from tests.host.console_process import ConsoleProcess
+from tests.host.hand_on_hub import CLI, Running, patient, put_on_the_bus
 
 
-class HandConsole:
-    """``palpate-host console`` on a free port, beside a host that waits for commands."""
+class HandConsole(ConsoleProcess):
+    """A console beside a host that waits for commands, which a test can kill."""
 
     def __init__(self, config, running):
-        self.config, self.socket = config, config.with_name("s")
-        self._running = running
-        self.start_host()
-        self.process = subprocess.Popen(
-            [*CLI, "console", "--config", str(config), "--socket", str(self.socket), "--port", "0"],
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "XDG_RUNTIME_DIR": str(config.parent)},
+        self._running, self._words = (
+            running,
+            ["--config", str(config), "--socket", str(config.with_name("s"))],
         )
-        lines = [self.process.stderr.readline() for _ in range(2)]
-        assert lines[1].startswith("to watch:"), lines
-        self.url = lines[0].removeprefix("to command:").strip()
-        self.port = int(self.url.split(":")[2].split("/")[0])
-        self.token = self.url.split("token=")[1]
+        self.start_host()
+        super().__init__(config, config.with_name("s"), config.with_name("recordings"))
 
     def start_host(self):
-        words = ["run", "--config", self.config, "--start", "command", "--socket", self.socket]
         self._running.processes["host"] = subprocess.Popen(
-            [*CLI, *map(str, words)], stderr=subprocess.DEVNULL, text=True
+            [*CLI, "run", *self._words, "--start", "command"], stderr=subprocess.DEVNULL, text=True
         )
 
     def kill_host(self):
         self._running.kill("host")
-
-    def command(self, token=None, **body):
-        """Status and text of a command."""
-        headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token or self.token}"}
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)) as connection:
-            connection.request("POST", "/command", json.dumps(body), headers)
-            response = connection.getresponse()
-            answer = json.load(response)
-            return response.status, answer.get("text", answer.get("refused"))
-
-    def event(self, wanted, what):
-        """The first event (kind, value) that is wanted."""
-        end_s = time.monotonic() + PATIENCE_S
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)) as connection:
-            connection.request("GET", "/events")
-            response = connection.getresponse()
-            kind = ""
-            while line := response.readline():
-                assert time.monotonic() < end_s, what
-                if line.startswith(b"event: "):
-                    kind = line[7:].strip().decode()
-                elif line.startswith(b"data: ") and wanted(kind, value := json.loads(line[6:])):
-                    return value
-        raise AssertionError(what)
-
-    def mode(self, *names):
-        """The first status in one of these modes, with its scene."""
-        found = self.event(lambda kind, value: kind == "hand" and value["status"]["mode"] in names, names)
-        return found["status"], found["scene"]
-
-    def lead_to(self, mode, **command):
-        """Send a command until the hand is in this mode; a busy machine may stop it meanwhile."""
-        end_s = time.monotonic() + PATIENCE_S
-        starting = ("init", "check", "home")
-        while (status := self.mode_now())["mode"] != mode:
-            assert time.monotonic() < end_s, status
-            if status["mode"] in ("fault", "stop"):
-                self.command(command="recover")
-            elif status["mode"] not in starting:
-                self.command(**command)
-            time.sleep(0.2)
-        return self.mode(mode)
-
-    def mode_now(self):
-        return self.event(lambda kind, _value: kind == "hand", "no status")["status"]
-
-    def close(self):
-        self.process.terminate()
-        with suppress(subprocess.TimeoutExpired):
-            assert self.process.wait(PATIENCE_S) in (0, -9)
-        self.process.stderr.close()
 
 
 @pytest.fixture

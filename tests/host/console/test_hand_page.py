@@ -1,4 +1,4 @@
-"""The page of ``palpate-host console`` in a real headless Chromium: a watcher, then every button."""
+"""The page of ``palpate-host console`` in a headless Chromium: another origin, a watcher, every button."""
 
 from __future__ import annotations
 
@@ -6,35 +6,42 @@ import time
 
 import pytest
 from tests.browser.headless_browser import PHONE
+from tests.browser.other_origin import assert_refused_from_another_origin
+from tests.host.hand_page import RECOVER, in_mode, lead_to
 
 pytestmark = pytest.mark.long
-
-RECOVER = "[data-command=recover]"
-
-
-def in_mode(browser, *modes):
-    browser.until(lambda: browser.text("#mode") in modes, f"{modes}", "header", "#mode")
-
-
-def lead_to(browser, button, *modes):
-    """Press buttons until the hand is in one of the modes; a busy machine may stop it meanwhile."""
-    next_button = {"ready": "[data-command=grasp]", **dict.fromkeys(("fault", "stop"), RECOVER)}
-
-    def is_there():
-        mode = browser.text("#mode")
-        if mode not in modes and mode not in ("init", "check", "home"):
-            browser.click(next_button.get(mode, button))
-            time.sleep(0.3)
-        return mode in modes
-
-    browser.until(is_there, f"{modes}", "header", "#mode", "#answer")
 
 
 def answers(browser, text):
     browser.until(lambda: text in browser.text("#answer"), text)
 
 
+def check_bus_and_recordings(browser):
+    """Bus load, temperatures, and a recording made and played by buttons."""
+    browser.until(lambda: "bus load" in browser.text("#bus") and "%" in browser.text("#bus"), "no bus load")
+    browser.until(lambda: "31.5 °C" in browser.text("#fingers"), "no temperature")
+    browser.click("#record")
+    browser.until(lambda: browser.text("#record") == "Stop recording", "no recording", "#answer")
+    time.sleep(1.5)
+    browser.click("#record")
+    answers(browser, "recorded ")
+    browser.until(lambda: browser.run("return !document.querySelector('#play').disabled"), "not listed")
+    name = browser.run("return document.querySelector('#recording').value")
+    browser.click("#play")
+    browser.until(lambda: browser.text("#shown").startswith(f"recording {name}, "), "not played", "#answer")
+    browser.until(lambda: browser.text("#play") == "Play", "does not end")
+    browser.until(lambda: browser.text("#shown") == "", "the live hand is not shown")
+    browser.click("#play")
+    browser.until(lambda: browser.text("#play") == "Stop playing", "not played again")
+    browser.click("#play")
+    browser.until(lambda: browser.text("#play") == "Play", "not stopped", "#answer")
+
+
+@pytest.mark.slow
 def test_a_watcher_then_every_button_and_the_loss_of_the_host(console, browser):
+    assert_refused_from_another_origin(browser, console.port, console.token, "stop")
+    assert console.mode_now()["mode"] != "stop"
+    browser.console_errors()
     browser.open(console.url.split("#")[0])
     in_mode(browser, "ready", "fault")
     assert browser.text("#permission").startswith("Watching only.")
@@ -55,8 +62,10 @@ def test_a_watcher_then_every_button_and_the_loss_of_the_host(console, browser):
     browser.press_keys("#ramp", "0.5")
     lead_to(browser, "[data-command=grasp]", "grasp")
     lead_to(browser, "#turn", "manipulate", "blind")
+    browser.picture_for_docs("console-hand")
     assert "0, 0, 5°" in browser.text("#state")
     lead_to(browser, "[data-command=release]", "release", "ready")
+    check_bus_and_recordings(browser)
     browser.resize(PHONE)
     assert browser.run("return document.documentElement.scrollWidth") <= PHONE[0]
     browser.click("#stop")

@@ -42,11 +42,13 @@ def test_the_status_has_pose_radii_and_load(wide):  # noqa: F811
     status = hold_status(hold.control)
     assert status.place_mm == pytest.approx(np.add(start.place_mm, (0.0, 0.0, -10.0)), abs=1e-3)
     assert status.place95_mm > start.place95_mm
+    assert (start.place_error_mm, status.place_error_mm) == pytest.approx((0.0, 10.0), abs=1e-3)
     assert status.load_N[2] > 1.0  # what pulled it down is carried
     assert 0.1 < status.orientation95_deg < 2.0
     hold.control.pose_law.drop()
     status = hold_status(hold.control)
     assert (status.place_mm, status.load_N, status.grip_N, status.is_load_known) == (None, None, None, False)
+    assert status.place_error_mm is None
 
 
 def test_a_load_beyond_the_largest_grip_is_named(wide):  # noqa: F811

@@ -19,7 +19,7 @@ from palpate_host.control.virtual_frame import (
 )
 
 
-@pytest.mark.parametrize("tick_Hz", [100, 250, 500, 1000])
+@pytest.mark.parametrize("tick_Hz", [100, 250, 500, pytest.param(1000, marks=pytest.mark.slow)])
 def test_every_rate_turns_the_target_in_the_same_time(bench, table_4, tick_Hz):
     """2 s of ramp to 10 deg of yaw: 1.3 s after turning began, R_d has turned by 6.5 deg at every rate."""
     config, hand = table_4

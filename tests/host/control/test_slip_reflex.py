@@ -43,8 +43,8 @@ class Hold:
             self.frame()
         self.tick()
 
-    def frame(self, slips=(), ratio=0.05):
-        """One frame of every finger; the fingers in `slips` flag slip."""
+    def frame(self, slips=(), ratio=0.05, begin=()):
+        """One frame of every finger; the fingers in `slips` and `begin` flag slip and its onset."""
         for finger in range(3):
             contact = TipContact(
                 received_at_us=self.frames * 33_333,
@@ -57,6 +57,7 @@ class Hold:
                 valid=True,
                 in_contact=True,
                 slip=finger in slips,
+                slip_begins=finger in begin,
                 quality=255,
             )
             self.control.add_contact(finger, contact, self.pose)
@@ -85,6 +86,16 @@ def test_the_next_tick_grips_harder_and_the_grip_relaxes(wide):
     for _ in range(50):  # relax_s
         hold.tick()
     assert hold.grip_N - before_N == pytest.approx(0.5 * before_N * np.exp(-1), rel=0.05)
+
+
+@pytest.mark.parametrize(("answers", "grown", "friction"), [(True, 1.5, 0.27), (False, 1.0, 0.4)])
+def test_the_onset_of_slip_is_answered_where_it_is_asked_for(wide, answers, grown, friction):
+    hold = Hold(wide, onset_reflex=answers)
+    before_N = hold.grip_N
+    hold.frame(begin=[1], ratio=0.3)
+    hold.tick()
+    assert hold.grip_N == pytest.approx(grown * before_N, rel=0.02)
+    assert hold_status(hold.control).friction == pytest.approx((0.4, friction, 0.4))
 
 
 def test_slip_of_several_tips_is_one_answer_and_the_grip_stays_bounded(wide):

@@ -15,7 +15,8 @@ from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HomingConfig
 from palpate_host.config.packaged import MODELS
-from palpate_host.drives.cia402 import Cia402Drive, controlword_for
+from palpate_host.drives.axis_master import controlword_for
+from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_modes import OperationMode
 from palpate_host.drives.cia402_scale import DriveScale
 from palpate_host.drives.drive import DriveNeeds

@@ -60,9 +60,10 @@ class Pair:
         control = msgspec.structs.replace(config.control, drives_follow=follows)
         self.drive = Cia402Drive(DriveNeeds(5, joint, control, homing))
         self.now_us = 0
-        self.tell([CanFrame(0, b"\x01\x05")])
+        self.tell([])  # the boot-up: PDOs are mapped in PRE-OPERATIONAL
         while (frame := self.drive.request(self.now_us)) is not None:
             self.tell([frame])
+        self.tell([CanFrame(0, b"\x01\x05")])
 
     def tell(self, frames):
         self.now_us += 1000

@@ -56,6 +56,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder / "out", done.output
 
 
+@pytest.mark.slow
 def test_contacts_turn_the_object_nearer_to_the_target_than_joint_angles_alone(run: tuple[Path, str]) -> None:
     """The paper's finding, by the external camera; which agrees with the simulation within 0.5 deg."""
     rows = re.findall(r"^\| yaw \| sideways \| (\w+).*?\| ([\d.]+) \| ([\d.]+) \|", run[1], re.MULTILINE)
@@ -66,6 +67,7 @@ def test_contacts_turn_the_object_nearer_to_the_target_than_joint_angles_alone(r
         assert seen == pytest.approx(true, abs=0.5)
 
 
+@pytest.mark.slow
 def test_every_trial_can_be_replayed_and_viewed(run: tuple[Path, str]) -> None:
     """The MCAP is the host's account, the bus log replays to the same modes."""
     config, hand = load_hand(MODELS / "table4.toml")
@@ -77,6 +79,7 @@ def test_every_trial_can_be_replayed_and_viewed(run: tuple[Path, str]) -> None:
         assert (folder / "bus.log").stat().st_size > 100_000
 
 
+@pytest.mark.slow
 def test_the_report_is_whole(run: tuple[Path, str]) -> None:
     page = (run[0] / "report.html").read_text()
     assert "data:image/svg+xml;base64," in page

@@ -57,6 +57,15 @@ def test_contact_without_valid_is_no_contact():
     assert not contact.valid and not contact.in_contact
 
 
+@pytest.mark.parametrize(
+    ("flags", "slip", "begins"), [(5, False, False), (7, True, False), (37, False, True)]
+)
+def test_slip_and_its_onset_are_two_flags(flags, slip, begins):
+    frames = parts(0, START_US, 0, flags=flags)
+    (contact,) = feed(Fingertip(NODE, "finger-1"), [(START_US + 40_000 + i, f) for i, f in enumerate(frames)])
+    assert (contact.slip, contact.slip_begins) == (slip, begins)
+
+
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_wrong_length_names_node_pdo_and_lengths(number):
     tip = Fingertip(NODE, "finger-1")

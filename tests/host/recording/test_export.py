@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner, Result
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from tests.host.recording.test_live_server import TOPICS
 
 from palpate_host.cli.main import cli
 from palpate_host.recording.mcap import McapRecording
@@ -52,8 +53,13 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def topics(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[int, Any]]]:
-    return topics_of(tmp_path_factory.mktemp("export") / "hand.mcap", LOG)
+def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("export") / "hand.mcap"
+
+
+@pytest.fixture(scope="module")
+def topics(mcap: Path) -> dict[str, list[tuple[int, Any]]]:
+    return topics_of(mcap, LOG)
 
 
 def topics_of(path: Path, log: Path) -> dict[str, list[tuple[int, Any]]]:
@@ -67,14 +73,15 @@ def topics_of(path: Path, log: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def test_topics_are_those_of_the_conventions(topics: dict[str, list[tuple[int, Any]]]) -> None:
-    fingers = {
-        f"/tactile/finger-{i}/{what}" for i in (1, 2, 3) for what in ("contact", "force", "quantities")
-    }
-    assert (
-        set(topics)
-        == {"/joint_states", "/joint_commands", "/tf", "/object", "/diagnostics", "/host/status"} | fingers
-    )
+def test_topics_and_schemas_are_those_of_the_live_server(
+    topics: dict[str, list[tuple[int, Any]]], mcap: Path
+) -> None:
+    assert topics.keys() == TOPICS.keys()
+    with mcap.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    schemas = {number: schema.name for number, schema in summary.schemas.items()}
+    assert {one.topic: schemas[one.schema_id] for one in summary.channels.values()} == TOPICS
 
 
 def test_joints_of_the_mcap_are_the_rows(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import struct
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +61,9 @@ class Client:
         wanted = [{"id": number, "channelId": number} for number in self.channels]
         connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
-    def receive(self) -> tuple[str, int, Any]:
+    def receive(self, timeout_s: float = PATIENCE_S) -> tuple[str, int, Any]:
         """Return topic, log time and the decoded message."""
-        while isinstance(data := self._connection.recv(PATIENCE_S), str):
+        while isinstance(data := self._connection.recv(timeout_s), str):
             continue
         opcode, subscription, time_ns = MESSAGE.unpack_from(data)
         assert opcode == 1
@@ -112,18 +113,24 @@ def test_a_client_gets_every_topic_with_the_schema_it_names(
         for channel in client.channels.values():
             if channel["encoding"] == "json":
                 assert json.loads(channel["schema"])["title"] == channel["schemaName"]
-        found: dict[str, Any] = {}
-        for status in turning[1:]:
-            time.sleep(0.01)  # the tick's period
-            server.write(status)
-            if status is turning[1] or set(found) == set(TOPICS):
-                continue
-            topic, _, message = client.receive()
-            found[topic] = message
+        found = messages_of_all_topics(client, server, turning[1:])
     assert found["/host/status"]["mode"] == "manipulate"
     assert [joint.name for joint in found["/joint_states"].joints] == [j.name for j in turning[0].joints]
     assert found["/diagnostics"].message.startswith("manipulate: ")
     assert found["/tactile/finger-1/quantities"]["fn_N"] is not None
+
+
+def messages_of_all_topics(client: Client, server: LiveServer, statuses: list[HostStatus]) -> dict[str, Any]:
+    """Serve ticks until a message of every topic has come; topic -> message."""
+    found: dict[str, Any] = {}
+    for status in statuses:
+        server.write(status)
+        with suppress(TimeoutError):  # the subscription takes a moment
+            topic, _, message = client.receive(0.01)
+            found.setdefault(topic, message)
+        if set(found) == set(TOPICS):
+            return found
+    raise AssertionError(f"no message of {set(TOPICS) - set(found)}")
 
 
 def test_an_address_that_is_in_use_is_named(server: LiveServer) -> None:
@@ -131,8 +138,14 @@ def test_an_address_that_is_in_use_is_named(server: LiveServer) -> None:
         LiveServer(*load_hand(HAND), "127.0.0.1", server.port)
 
 
-def test_the_layout_shows_topics_that_are_served(tmp_path: Path) -> None:
-    """Each path begins with a topic; each panel of the arrangement is configured."""
+SCHEMAS_OF_3D = {"foxglove.SceneUpdate", "foxglove.PoseInFrame", "foxglove.FrameTransforms"}
+"""Those of our topics that the 3D panel draws: "Panel support" in Foxglove's reference of its schemas."""
+
+
+def test_the_layout_shows_what_is_served(
+    server: LiveServer, statuses: list[HostStatus], tmp_path: Path
+) -> None:
+    """Each panel of the arrangement is configured; each path selects a value in a message of its topic."""
     path = tmp_path / "layout.json"
     done = CliRunner().invoke(cli, ["foxglove", "--config", str(HAND), "--layout", str(path)])
     assert done.exit_code == 0, done.stderr
@@ -140,10 +153,37 @@ def test_the_layout_shows_topics_that_are_served(tmp_path: Path) -> None:
     assert path.read_text() == layout(config)
     whole = json.loads(path.read_text())
     panels = whole["configById"]
-    paths = [entry["value"] for panel in panels.values() for entry in panel.get("paths", ())]
-    topics = {value.partition(".")[0] for value in paths} | set(panels["3D!hand"]["topics"])
-    assert topics <= set(TOPICS) and len(paths) == 3 + 1 + 9 + 1
     assert sorted(leaves(whole["layout"])) == sorted(panels)
+    turning = [status for status in statuses if status.mode.value == "manipulate"]
+    with connect(f"ws://127.0.0.1:{server.port}", subprotocols=[SUBPROTOCOL], max_queue=None) as connection:  # type: ignore[list-item]
+        found = messages_of_all_topics(Client(connection, len(TOPICS)), server, turning)
+    paths = [entry["value"] for panel in panels.values() for entry in panel.get("paths", ())]
+    assert len(paths) == 3 + 1 + 9 + 1
+    for value in paths:
+        topic, _, rest = value.partition(".")
+        assert len(selected(found[topic], rest)) == 1, value
+    assert {TOPICS[topic] for topic in panels["3D!hand"]["topics"]} <= SCHEMAS_OF_3D
+    assert panels["3D!hand"]["followTf"] in {one.parent_frame_id for one in found["/tf"].transforms}
+    assert TOPICS[panels["RosOut!log"]["topicToRender"]] == "foxglove.Log"
+
+
+PART = re.compile(r'(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?')
+"""A part of a message path of Foxglove: a field, a slice of all elements, a filter of them."""
+
+
+def selected(message: Any, path: str) -> list[Any]:
+    """Return what a path selects; a field that the message's schema lacks is a KeyError or AttributeError."""
+    values = [message]
+    for part in path.split("."):
+        match = PART.fullmatch(part)
+        assert match is not None, part
+        field, is_slice, key, wanted = match.groups()
+        values = [value[field] if isinstance(value, dict) else getattr(value, field) for value in values]
+        if is_slice:
+            values = [element for value in values for element in value]
+        if key:
+            values = [value for value in values if getattr(value, key) == wanted]
+    return values
 
 
 def leaves(part: Any) -> list[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -18,9 +20,11 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import Command
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.server import OperatorSocket
-from palpate_host.recording.segments import Bounds, SegmentedRecording
+from palpate_host.recording.bounds import Bounds
+from palpate_host.recording.segments import SegmentedRecording
 from palpate_host.recording.status_follower import StatusFollower
 from palpate_host.recording.statuses import read_statuses
+from palpate_host.recording.tick_stream import TickStream
 from palpate_host.service.host import load_hand
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -146,6 +150,32 @@ def test_a_host_that_starts_again_is_heard_again(tmp_path: Path, told: list[Host
             time.sleep(0.2)
             server.close()
             assert is_part_of([*found, *follower.take()], told[:20])
+
+
+def test_a_stream_gives_each_tick_once_and_returns_when_none_comes(
+    tmp_path: Path, told: list[HostStatus]
+) -> None:
+    """Without a host, with one that sends, that is silent, and that has gone."""
+    path = tmp_path / "host.sock"
+    with closing(TickStream(path)) as stream:
+        assert stream.next(0) is None and "no hand is running" in stream.failure
+        with closing(OperatorSocket(path)) as server:
+            ended = threading.Event()
+            accepting = threading.Thread(target=accept_until, args=(server, ended))
+            accepting.start()
+            assert stream.next(0) is None and not stream.failure
+            ended.set()
+            accepting.join()
+            serve(server, told[:20])
+            assert [stream.next(0) for _ in range(20)] == told[:20]
+            assert stream.next(0) is None and not stream.failure
+        assert stream.next(0) is None and "has closed the connection" in stream.failure
+
+
+def accept_until(server: OperatorSocket, ended: threading.Event) -> None:
+    """Respond to requests without a status, as a host before its first tick."""
+    while not ended.wait(0.001):
+        server.serve(lambda _command: None, None)
 
 
 def test_what_cannot_be_recorded_is_said(tmp_path: Path) -> None:

@@ -8,15 +8,29 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate_host.common.command import CommandError
+from palpate_host.common.mode import MOVING
+from palpate_host.common.status import HostStatus
+from palpate_host.operator.server import OperatorSocket
+from palpate_host.recording.statuses import read_statuses
+from palpate_host.ros.message_contents import Transform
+from palpate_host.service.host import load_hand
 
 PROJECT = Path(__file__).resolve().parents[3]
 HAND = PROJECT / "host" / "palpate_host" / "models" / "table4.toml"
+LOG = PROJECT / "tests" / "replay" / "virtual.log.gz"
 PATIENCE_S = 60.0
+TICK_S = 0.01
 
 
 class Listener:
@@ -76,7 +90,12 @@ def wait_for(condition: Callable[[], Any], what: str) -> None:
 
 @pytest.fixture(autouse=True)
 def own_domain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parallel test runs of one machine do not meet: each has a domain of its own, 1 to 100."""
+    """Parallel test runs of one machine do not meet."""
+    domain(monkeypatch)
+
+
+def domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Select the domain of this test run, 1 to 100."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 
 
@@ -90,22 +109,67 @@ def listener() -> Iterator[Listener]:
 @pytest.fixture
 def bridge() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """``bridge(config, socket, *options)``: a running ``palpate-host ros``."""
-    started: list[subprocess.Popen[str]] = []
+    with ExitStack() as stack:
+        yield lambda *arguments: stack.enter_context(running_bridge(*arguments))
 
-    def start(config: Path, socket: Path, *options: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "palpate_host.cli.main", "ros", "--config", str(config)]
-        process = subprocess.Popen(
-            [*command, "--socket", str(socket), *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
+
+@contextmanager
+def running_bridge(config: Path, socket: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "palpate_host.cli.main", "ros", "--config", str(config)]
+    process = subprocess.Popen(
+        [*command, "--socket", str(socket), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("ros: node /")
-        return process
-
-    yield start
-    for process in started:
+        yield process
+    finally:
         process.terminate()
         process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def statuses() -> list[HostStatus]:
+    return [s for s in read_statuses(LOG, *load_hand(HAND)) if s.mode in MOVING]
+
+
+@pytest.fixture
+def host(tmp_path: Path) -> Iterator[OperatorSocket]:
+    with closing(OperatorSocket(tmp_path / "host.sock")) as socket:
+        yield socket
+
+
+def refuse(_command: object) -> None:
+    raise CommandError("not now: wait")
+
+
+def serve_until(host: OperatorSocket, status: HostStatus, condition: Callable[[], Any]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        host.serve(refuse, replace(status, time_us=time.time_ns() // 1000))
+        time.sleep(TICK_S)
+
+
+def stamp_us(message: Any) -> int:
+    """Return a message's time stamp in us, Unix time."""
+    return int(message.header.stamp.sec * 1_000_000 + message.header.stamp.nanosec // 1000)
+
+
+def places(transforms: Iterable[Transform], root: str = "hand") -> dict[str, tuple[np.ndarray, Rotation]]:
+    """Frame -> position (m) and orientation in the root, by the chain of transforms."""
+    found = {root: (np.zeros(3), Rotation.identity())}
+    waiting = list(transforms)
+    while waiting:
+        known = [one for one in waiting if one.parent in found]
+        assert known, f"no way from {root} to {waiting[0].child}"
+        waiting = [one for one in waiting if one.parent not in found]
+        for one in known:
+            position_m, rotation = found[one.parent]
+            assert one.child not in found, "a frame with two parents"
+            place_m = position_m + rotation.apply(one.position_m)
+            found[one.child] = place_m, rotation * Rotation.from_quat(one.quaternion)
+    return found

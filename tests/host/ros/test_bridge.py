@@ -2,48 +2,37 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import replace
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from tests.host.hand_on_hub import Running, patient, put_on_the_bus
-from tests.host.ros.conftest import HAND, PATIENCE_S, PROJECT, Listener, wait_for
+from tests.host.hand_on_hub import CLI, Running, patient, put_on_the_bus
+from tests.host.ros.action_clients import ABORTED, SUCCEEDED, ActionClients
+from tests.host.ros.conftest import (
+    HAND,
+    PATIENCE_S,
+    TICK_S,
+    Listener,
+    refuse,
+    serve_until,
+    wait_for,
+)
 
 from palpate_host import Hand
 from palpate_host.cli.main import cli
-from palpate_host.common.command import CommandError
-from palpate_host.common.mode import MOVING, STOPPED
-from palpate_host.common.status import FingerStatus, HostStatus
+from palpate_host.common.command import Move
+from palpate_host.common.mode import STOPPED
 from palpate_host.operator.client import OperatorClient
 from palpate_host.operator.server import OperatorSocket
-from palpate_host.recording.statuses import read_statuses
-from palpate_host.service.host import load_hand
-
-LOG = PROJECT / "tests" / "replay" / "virtual.log.gz"
-TICK_S = 0.01
-FRAME_TICKS = 3  # 33 frames a second
-FORCE_N = 1.25
-
-
-@pytest.fixture(scope="module")
-def statuses() -> list[HostStatus]:
-    return [s for s in read_statuses(LOG, *load_hand(HAND)) if s.mode in MOVING]
-
-
-@pytest.fixture
-def host(tmp_path: Path) -> Iterator[OperatorSocket]:
-    with closing(OperatorSocket(tmp_path / "host.sock")) as socket:
-        yield socket
-
-
-def refuse(_command: object) -> None:
-    raise CommandError("not now: wait")
 
 
 def test_without_rclpy_the_command_names_what_installs_it(tmp_path: Path) -> None:
@@ -55,60 +44,6 @@ def test_without_rclpy_the_command_names_what_installs_it(tmp_path: Path) -> Non
         assert "\n" not in str(done.exception)
     done = CliRunner().invoke(cli, ["ros", "--config", str(HAND), "--urdf", "-"])
     assert done.exit_code == 0 and '<link name="tip_1"' in done.stdout
-
-
-@pytest.mark.ros
-def test_no_tick_is_lost_at_full_rate(bridge, host, listener: Listener, tmp_path, statuses, effort) -> None:
-    """Every tick that the bridge received reaches a reliable subscriber, in order."""
-    from geometry_msgs.msg import WrenchStamped
-    from sensor_msgs.msg import JointState
-
-    process = bridge(HAND, tmp_path / "host.sock")
-    joints = listener.subscribe(JointState, "joint_states")
-    wrenches = [listener.subscribe(WrenchStamped, f"finger_{number}/wrench") for number in (1, 2, 3)]
-    serve_until(host, statuses[0], lambda: joints)
-    wait_for(lambda: listener.node.count_publishers("finger_3/wrench"), "the third wrench")
-    first = len(joints)
-    sent = []
-    source = itertools.cycle(statuses)
-    for number in range(effort(500, 12_000)):
-        status = replace(next(source), time_us=time.time_ns() // 1000)
-        fingers = tuple(touching(finger, 10_000 + number // FRAME_TICKS) for finger in status.fingers)
-        host.serve(refuse, replace(status, fingers=fingers))
-        sent.append(status.time_us)
-        time.sleep(TICK_S)
-    wait_for(lambda: len(joints) >= first + len(sent), "the last tick")
-    assert [stamp_us(message) for _, message in joints[first:]] == sent
-    for received in wrenches:
-        frames = [message for _, message in received if message.wrench.force.z == -FORCE_N]
-        assert len(frames) == -(-len(sent) // FRAME_TICKS)
-    assert process.poll() is None
-
-
-def touching(finger: FingerStatus, sequence: int) -> FingerStatus:
-    """The finger with a frame of this number, touched at its apex."""
-    return replace(
-        finger,
-        sequence=sequence,
-        valid=True,
-        in_contact=True,
-        position_mm=(0.0, 0.0, 30.0),
-        normal_force_N=FORCE_N,
-        shear_N=None,
-        age_ms=20.0,
-    )
-
-
-def stamp_us(message) -> int:
-    return message.header.stamp.sec * 1_000_000 + message.header.stamp.nanosec // 1000
-
-
-def serve_until(host: OperatorSocket, status: HostStatus, condition) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        host.serve(refuse, replace(status, time_us=time.time_ns() // 1000))
-        time.sleep(TICK_S)
 
 
 @pytest.mark.ros
@@ -146,11 +81,117 @@ def test_commands_that_may_move_are_offered_only_when_asked_for(
     bridge(HAND, tmp_path / "host.sock")
     wait_for(lambda: ("/stop", ["std_srvs/srv/Trigger"]) in services(listener), "the service stop")
     assert not {name for name, _ in services(listener)} & {"/grasp", "/release", "/recover"}
-    assert listener.node.count_subscribers("turn") == 0
+    assert listener.node.count_subscribers("turn") == listener.node.count_subscribers("move") == 0
 
 
 def services(listener: Listener):
     return listener.node.get_service_names_and_types()
+
+
+@pytest.mark.ros
+def test_a_move_reaches_the_host_and_its_response_the_operator(
+    bridge, host, listener: Listener, tmp_path, statuses
+) -> None:
+    from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+    from std_msgs.msg import Header, String
+
+    bridge(HAND, tmp_path / "host.sock", "--commands", "--frame-prefix", "left/")
+    publisher = listener.node.create_publisher(PoseStamped, "move", 1)
+    responses = listener.subscribe(String, "response")
+    wait_for(
+        lambda: publisher.get_subscription_count() and listener.node.count_publishers("response"),
+        "the bridge's topics",
+    )
+    asked: list[object] = []
+
+    def response_to(frame: str, execute) -> str:
+        before = len(responses)
+        turn = Quaternion(z=math.sin(0.1), w=math.cos(0.1))
+        publisher.publish(
+            PoseStamped(
+                header=Header(frame_id=frame), pose=Pose(position=Point(x=0.002, z=-0.001), orientation=turn)
+            )
+        )
+        end_s = time.monotonic() + PATIENCE_S
+        while len(responses) == before:
+            assert time.monotonic() < end_s
+            host.serve(execute, statuses[0])
+            time.sleep(TICK_S)
+        return responses[-1][1].data
+
+    assert response_to("left/hand", asked.append) == "move: accepted"
+    assert response_to("", refuse) == "move: not now: wait"
+    assert "the frame is right/hand: a pose of move is in left/hand" in response_to("right/hand", refuse)
+    (command,) = asked
+    assert isinstance(command, Move)
+    assert command.xyz_mm == pytest.approx((2.0, 0.0, -1.0))
+    assert command.rpy_deg == pytest.approx((0.0, 0.0, math.degrees(0.2)))
+
+
+BRIDGE_OF_ANOTHER_USER = """
+import os, sys
+from pathlib import Path
+from palpate_host.ros.bridge import RosBridge
+from palpate_host.ros.goal_requests import GoalRules
+
+bridge = RosBridge(Path(sys.argv[1]), "", 0.1, rules=GoalRules("hand", 3.0, ()), may_move=True)
+os.setgroups([])
+os.setresgid(65534, 65534, 65534)
+os.setresuid(65534, 65534, 65534)
+print("ready", flush=True)
+sys.stdin.read()
+bridge.close()
+"""
+
+
+NOT_ALLOWED = "only root, the host's user and its group may command the hand"
+
+
+@pytest.fixture
+def over_udp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes of two users cannot use one shared memory, which Fast DDS prefers on one machine."""
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(os.geteuid() != 0, reason="to become another user needs root")
+@pytest.mark.usefixtures("over_udp")
+def test_without_the_sockets_permission_no_command_passes(listener: Listener, statuses) -> None:
+    """Every service responds with the host's reason, every goal is rejected, and the host executes nothing.
+
+    The socket's file is opened to all users here, so that the host itself has to refuse.
+    """
+    executed: list[object] = []
+    ended = threading.Event()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        folder.chmod(0o755)
+        host = stack.enter_context(closing(OperatorSocket(folder / "s")))
+        (folder / "s").chmod(0o666)
+
+        def serve() -> None:
+            while not ended.wait(TICK_S):
+                host.serve(executed.append, statuses[0])
+
+        server = threading.Thread(target=serve)
+        server.start()
+        stack.callback(server.join)
+        stack.callback(ended.set)
+        command = [sys.executable, "-W", "ignore", "-c", BRIDGE_OF_ANOTHER_USER, str(folder / "s")]
+        other = stack.enter_context(
+            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        )
+        assert other.stdout is not None and other.stdout.readline() == "ready\n"
+        for name in ("stop", "grasp", "release", "recover"):
+            response = listener.call(name)
+            assert not response.success
+            assert NOT_ALLOWED in response.message
+        actions = ActionClients(listener)
+        for name in ("grasp", "turn", "release"):
+            assert not actions.send(name).accepted
+            wait_for(lambda: any(NOT_ALLOWED in text.data for _, text in actions.refusals), "the reason")
+            assert actions.refusals.pop()[1].data.startswith(f"{name}: ")
+        assert not executed
 
 
 @pytest.fixture
@@ -161,7 +202,7 @@ def running() -> Iterator[Running]:
 
 
 @pytest.mark.ros
-def test_grasp_turn_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path, running) -> None:
+def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path, running) -> None:
     """A host with drives and fingertips on the hub. A stop takes effect in the tick after its response."""
     from geometry_msgs.msg import Vector3
 
@@ -179,6 +220,8 @@ def test_grasp_turn_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path
         publisher.publish(Vector3(z=0.05))
         turned_deg = pytest.approx((0.0, 0.0, math.degrees(0.05)))
         hand.wait_for(lambda s: s.target_rpy_deg == turned_deg, PATIENCE_S, "turn")
+        assert listener.call("/left/release").success
+        hand.wait_for(lambda s: s.mode.value in ("release", "ready"), PATIENCE_S, "release")
         with OperatorClient(tmp_path / "s") as watcher:
             ticks = watcher.stream()
             next(ticks)
@@ -190,3 +233,26 @@ def test_grasp_turn_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path
                     break
     asked = [status.inputs is not None and bool(status.inputs.events) for status in seen]
     assert asked.index(True) == len(seen) - 1, "the first tick after the command is the first in STOP"
+
+
+@pytest.mark.ros
+def test_goals_of_a_real_host_that_is_killed(bridge, listener: Listener, tmp_path, running) -> None:
+    """Grasp and release succeed on the hub; SIGKILL of the host aborts a turn."""
+    path = tmp_path / "hand.toml"
+    path.write_text(patient(HAND.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)))
+    put_on_the_bus(running, path)
+    run = [*CLI, "run", "--config", str(path), "--start", "command", "--socket", str(tmp_path / "s")]
+    running.processes["host"] = subprocess.Popen(run, stderr=subprocess.PIPE, text=True)
+    wait_for((tmp_path / "s").exists, "the control socket")
+    with Hand.open(path, tmp_path / "s", timeout_s=PATIENCE_S):
+        bridge(path, tmp_path / "s", "--commands", "--namespace", "left")
+        actions = ActionClients(listener, "/left/")
+        for name, success in (("grasp", "grasped"), ("release", "released"), ("grasp", "grasped")):
+            status, result = actions.result(actions.send(name, timeout=PATIENCE_S))
+            assert (status, getattr(result, success), result.reason) == (SUCCEEDED, True, "")
+        turn = actions.turn(0.1, duration=60.0)
+        wait_for(lambda: actions.feedback, "feedback")
+    running.kill("host")
+    status, result = actions.result(turn)
+    assert (status, result.reached) == (ABORTED, False)
+    assert result.reason.startswith(f"no host: the host on {tmp_path / 's'} has closed the connection")

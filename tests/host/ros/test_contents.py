@@ -14,19 +14,15 @@ from scipy.spatial.transform import Rotation
 from palpate_edge.common.contact import tangential_force_N
 from palpate_host.common.status import HostStatus
 from palpate_host.recording.statuses import read_statuses
-from palpate_host.ros.contents import (
-    NO_HOST,
+from palpate_host.ros.contents import NO_HOST, HandContents, quaternion, topic_name, wrench
+from palpate_host.ros.message_contents import (
     STALE,
     DiagnosisContent,
-    HandContents,
     JointContent,
     PointContent,
     PoseContent,
     TextContent,
     WrenchContent,
-    quaternion,
-    topic_name,
-    wrench,
 )
 from palpate_host.service.host import load_hand
 

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from tests.host.ros.conftest import HAND, PATIENCE_S, PROJECT
@@ -55,7 +56,8 @@ def ip(*words: str) -> None:
 @pytest.fixture
 def inside() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """``inside(host, *command)``: a process on one of three hosts of one switch, in the host's domain."""
-    pytest.importorskip("rclpy", reason="rclpy is not installed: make ros-test")
+    for package in ("rclpy", "tf2_msgs"):
+        pytest.importorskip(package, reason=f"{package} is not installed: make ros-test")
     processes: list[subprocess.Popen[str]] = []
     with ExitStack() as stack:
         for name in (*HOSTS, "switch"):
@@ -105,10 +107,7 @@ def test_two_hands_see_each_other_and_nothing_of_a_third_domain(inside, tmp_path
         server.start()
         try:
             for name in HOSTS:
-                process = inside(
-                    *(name, sys.executable, "-m", "palpate_host.cli.main", "ros", "--config", str(HAND)),
-                    *("--socket", str(tmp_path / name), "--namespace", name),
-                )
+                process = inside(name, "sh", "-c", launched(side=name, options=f"--socket {tmp_path / name}"))
                 assert process.stderr is not None
                 assert f"/{name}/palpate" in process.stderr.readline()
             found = {name: inside(name, sys.executable, "-c", WATCH) for name in ("left", "right")}
@@ -120,3 +119,16 @@ def test_two_hands_see_each_other_and_nothing_of_a_third_domain(inside, tmp_path
         finally:
             ended.set()
             server.join()
+
+
+def launched(**arguments: str) -> str:
+    """The command of the launch file for a shell, with the arguments put in as ROS's launch does."""
+    tree = ElementTree.parse(PROJECT / "ros" / "hand.launch.xml")
+    assert {one.attrib["name"] for one in tree.iter("arg")} == {"config", *arguments}
+    (executable,) = tree.iter("executable")
+    assert executable.attrib["shell"] == "true"
+    command = executable.attrib["cmd"].replace("palpate-host", f"{sys.executable} -m palpate_host.cli.main")
+    for name, value in {"config": str(HAND), **arguments}.items():
+        command = command.replace(f"$(var {name})", value)
+    assert "$(" not in command
+    return command

@@ -9,10 +9,13 @@ import numpy as np
 import pinocchio
 import pytest
 from msgspec.structs import replace
+from tests.host.ros.conftest import places
 
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.ros.message_contents import JointContent
+from palpate_host.ros.transforms import HandFrames
 from palpate_host.ros.urdf import urdf_of
 from palpate_host.service.host import load_hand
 
@@ -83,6 +86,28 @@ def test_pinocchio_finds_the_fingertips_where_the_host_has_them(a_hand: Hand) ->
         gravity_Nm = pinocchio.computeGeneralizedGravity(model, data, by_name)
         in_order = [gravity_Nm[model.joints[model.getJointId(joint.name)].idx_v] for joint in config.joints]
         np.testing.assert_allclose(in_order, pose.gravity_Nm, atol=1e-6)
+
+
+def test_every_frame_is_where_pinocchio_has_it(a_hand: Hand) -> None:
+    config, _ = a_hand
+    urdf = urdf_of(config)
+    frames = HandFrames(urdf)
+    model = pinocchio.buildModelFromXML(urdf)
+    data = model.createData()
+    names = tuple(joint.name for joint in config.joints)
+    for q_rad in random_poses(config):
+        by_name = np.zeros(model.nq)
+        for name, angle in zip(names, q_rad, strict=True):
+            by_name[model.joints[model.getJointId(name)].idx_q] = angle
+        pinocchio.framesForwardKinematics(model, data, by_name)
+        (moving,) = frames.of_tick([JointContent("joint_states", 7, names, tuple(q_rad), (), ())])
+        found = places((*frames.fixed(7).transforms, *moving.transforms))
+        links = [frame for frame in model.frames if frame.type == pinocchio.FrameType.BODY]
+        assert {frame.name for frame in links} - {"universe"} == set(found)
+        for name, (position_m, rotation) in found.items():
+            expected = data.oMf[model.getFrameId(name, pinocchio.FrameType.BODY)]
+            np.testing.assert_allclose(position_m, expected.translation, atol=1e-9)
+            np.testing.assert_allclose(rotation.as_matrix(), expected.rotation, atol=1e-9)
 
 
 def test_limits_and_visuals_are_those_of_the_hand() -> None:

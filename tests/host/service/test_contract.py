@@ -7,10 +7,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.host.axes_hand import with_axes
 
+from palpate_bus.decode.device import devices_of_header
 from palpate_bus.eds.cia402 import CIA402_EDS
 from palpate_bus.logs.candump import LogHeader
 from palpate_edge.common.errors import ConfigError
+from palpate_edge.node.eds import load_eds
+from palpate_edge.node.eds_history import EARLIER
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS, checksum_of
 from palpate_host.service.contract import (
     BUILD,
@@ -21,6 +25,7 @@ from palpate_host.service.contract import (
     check_contract,
     contract_header,
     eds_digest,
+    meaning_of,
     recording_header,
 )
 
@@ -40,6 +45,18 @@ def test_a_comment_in_an_eds_does_not_count_and_a_default_does(tmp_path, eds, de
     other.write_text(text.replace(f"DefaultValue={default}", "DefaultValue=250", 1))
     assert other.read_text() != text
     assert eds_digest(other) != eds_digest(eds)
+
+
+def test_an_earlier_eds_is_this_one_without_what_was_added(table_4):
+    """Its logs are read. The digest was computed by the version of palpate that had no CAN FD."""
+    od = load_eds(FINGERTIP_EDS, 1)
+    earlier, commented = EARLIER
+    assert commented.meaning == eds_digest(FINGERTIP_EDS)
+    before = {key: entry for key, entry in od.entries.items() if key[0] not in (0x1809, 0x1A09, 0x2005)}
+    assert meaning_of(msgspec.structs.replace(od, entries=before)) == earlier.meaning
+    config, _ = table_4
+    entries = {**contract_header(config).entries, "eds.fingertip.meaning": earlier.meaning}
+    assert all("calibration" in lack for lack in check_contract(LOG, LogHeader(entries), config))
 
 
 def entries_of_format_1(config) -> dict[str, str]:
@@ -121,3 +138,24 @@ def test_every_line_is_short_enough_for_can_utils(table_4):
     assert max(map(len, header.lines())) < 390
     assert not any(" " in value for value in header.entries.values())
     assert MODEL in header.entries
+
+
+def test_a_hand_with_axes_names_them_and_their_eds(table_4):
+    """Its nodes can be decoded from the header alone; a hand without axes has its former header."""
+    config = with_axes(table_4[0], order=(2, 0, 1))
+    entries = contract_header(config).entries
+    assert entries["node.0x02"] == "axes:0=flexion_2,1=curl_2,2=abduction_2"
+    assert entries["eds.cia402-axes.meaning"]
+    device = devices_of_header(entries)[2]
+    assert device.pdos[0x182].bits == 3 * 96 and device.pdos[0x202].bits == 3 * 32
+    plain = contract_header(table_4[0]).entries
+    assert "eds.cia402-axes.meaning" not in plain and not any("axis" in value for value in plain.values())
+
+
+def test_a_log_of_other_axes_is_refused(tmp_path, table_4):
+    path, config = tmp_path / "axes.log", with_axes(table_4[0])
+    check_contract(path, contract_header(config), config)
+    with pytest.raises(ConfigError, match=r"node.0x01 'axes:0=flexion_1,1=curl_1,2=abduction_1'"):
+        check_contract(path, contract_header(with_axes(table_4[0], (2, 0, 1))), config)
+    with pytest.raises(ConfigError, match=r"node.0x01"):
+        check_contract(path, contract_header(table_4[0]), config)

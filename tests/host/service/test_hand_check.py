@@ -3,16 +3,20 @@
 import msgspec
 import numpy as np
 import pytest
+from tests.host.axes_hand import with_axes
 
 from palpate_host.config.hand_config import ControlMode, ForceLaw
-from palpate_host.service.hand_check import check_nodes, joint_angles, table
+from palpate_host.service.hand_check import check_nodes, joint_angles, problem_count, table
 from palpate_host.view.hand_picture import draw_hand
 
 
 @pytest.fixture
 def nodes(bench, table_4):
+    return nodes_of(bench, *table_4)
+
+
+def nodes_of(bench, config, hand):
     """Read of the slaves themselves; `changed` objects answer otherwise."""
-    config, hand = table_4
     rig = bench.VirtualBench(config, hand)
     slaves = {node.slave.node_id: node.slave for node in (*rig.drives, *rig.tips)}
     rig.run(0.02)
@@ -58,6 +62,12 @@ def test_the_simulated_hand_is_right_and_its_joints_are_where_they_stand(nodes):
         (5, (0x6064, 0), 900_000, "outside min_rad"),
         (6, (0x1A00, 1), 0x60640010, "0x60640010 in the node, 0x60640020 in the EDS"),
         (0x11, (0x1801, 1), 0x299, "0x299 in the node, 0x40000291 in the EDS"),
+        (
+            0x12,
+            (0x2005, 0),
+            5_000_000,
+            "sends its contacts by CAN FD, 5000000 bit/s, hand.toml has classic CAN: set the same",
+        ),
         (0x11, (0x100A, 0), int.from_bytes(b"0.0.9", "little"), "100Ah:00 is '0.0.9', expected '0.1.0'"),
         (0x11, (0x1018, 3), 0x20000, "1018h:03 is 0x20000, expected 0x10000: correct fingertip_node"),
     ],
@@ -134,3 +144,41 @@ def test_poses_need_the_identifiers_of_another_node_id(nodes):
     fingers[0] = msgspec.structs.replace(fingers[0], joints=joints)
     config = msgspec.structs.replace(config, fingers=tuple(fingers))
     assert "of node 0x30, which is in the hand" in problems((config, read), silent={0x30})[0x10][0]
+
+
+@pytest.fixture
+def axes_nodes(bench, table_4):
+    """A hand whose fingers have one drive node each."""
+    return nodes_of(bench, with_axes(table_4[0]), table_4[1])
+
+
+def test_a_hand_with_axes_is_right_and_each_joint_has_its_angle(axes_nodes):
+    reports = list(check_nodes(axes_nodes[0], axes_nodes[1], ()))
+    assert [report.node_id for report in reports] == [0x10, 1, 1, 1, 0x11, 2, 2, 2, 0x12, 3, 3, 3]
+    assert not any(report.problems for report in reports)
+    q_rad, is_measured = joint_angles(axes_nodes[0], reports)
+    assert is_measured
+    np.testing.assert_allclose(q_rad, np.tile([0.0, 0.348, 1.221], 3), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "joint", "said"),
+    [
+        (
+            (0x6502 + 0x800, 0),
+            0,
+            "flexion_2",
+            "lacks cyclic synchronous and profile torque (6502h is 0000",
+        ),
+        ((0x6072 + 0x1000, 0), 200, "curl_2", "is limited to 0.38 N m (6072h)"),
+        ((0x6064 + 0x1000, 0), 900_000, "curl_2", "outside min_rad"),
+        ((0x1800, 1), 0x199, "abduction_2", "0x199, expected 0x40000182: restart the drive's node"),
+        ((0x1000, 0), 0x20194, "flexion_2", "is not a CiA 402 device"),
+    ],
+)
+def test_what_is_wrong_with_an_axis_is_named_with_its_joint(axes_nodes, key, value, joint, said):
+    axes_nodes[2][2, key] = value
+    reports = list(check_nodes(axes_nodes[0], axes_nodes[1], ()))
+    found = {report.who: report.problems for report in reports if report.problems}
+    assert problem_count(reports) == "1 of 6 nodes have problems"
+    assert any(said in problem for problem in found[f"drive of {joint}"])

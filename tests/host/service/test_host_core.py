@@ -345,8 +345,8 @@ def test_late_ticks_are_left_out_and_counted(table_4, bench):
 def test_clockwise_fingers_are_refused_at_the_start(table_4):
     config, hand = table_4
     config = msgspec.structs.replace(config, fingers=config.fingers[::-1])
-    mirrored = dataclasses.make_dataclass("Mirrored", ["pose"])(
-        lambda q: hand.pose(q)._replace(tip_centre_m=hand.pose(q).tip_centre_m[::-1])
+    mirrored = dataclasses.make_dataclass("Mirrored", ["tip_centres_m"])(
+        lambda q: hand.tip_centres_m(q)[::-1]
     )
     with pytest.raises(FrameError, match="numbered clockwise"):
         HostCore(config, mirrored)

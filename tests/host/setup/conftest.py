@@ -28,12 +28,18 @@ TABLE_4_POSE_RAD = (0.0, 0.348, 1.221)
 class HandOnHub:
     """The nodes of a hand, served in a thread. run: the command under test on their bus."""
 
-    def __init__(self, folder: Path, config: HandConfig) -> None:
+    def __init__(self, folder: Path, config: HandConfig, data_bitrate: int | None = None) -> None:
         self.channel = folder / "hub"
-        self.hub = Hub(self.channel, 1_000_000, 512)
+        self.hub = Hub(self.channel, 1_000_000, 512, data_bitrate=data_bitrate)
         self.drives = {drive.slave.node_id: drive for drive in drives_of(config, TABLE_4_POSE_RAD)}
         self.tips = {
-            node_id: FingertipNode(node_id, MethodCode.CORRECTED, "0123456789abcdef", has_led=node_id != 0x12)
+            node_id: FingertipNode(
+                node_id,
+                MethodCode.CORRECTED,
+                "0123456789abcdef",
+                has_led=node_id != 0x12,
+                data_bitrate=data_bitrate,
+            )
             for node_id in (finger.fingertip_node for finger in config.fingers)
         }
         self.led_levels: list[tuple[int, int]] = []  # node and level, whenever one is written
@@ -108,5 +114,15 @@ def hand_on_hub(
 ) -> Iterator[HandOnHub]:
     monkeypatch.chdir(tmp_path)
     hand = HandOnHub(tmp_path, table_4[0])
+    yield hand
+    hand.close()
+
+
+@pytest.fixture
+def hand_on_fd_hub(
+    tmp_path: Path, table_4: tuple[HandConfig, object], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[HandOnHub]:
+    monkeypatch.chdir(tmp_path)
+    hand = HandOnHub(tmp_path, table_4[0], data_bitrate=5_000_000)
     yield hand
     hand.close()

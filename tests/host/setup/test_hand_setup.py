@@ -36,6 +36,13 @@ def test_a_hand_is_set_up_without_questions(hand_on_hub, table_4, tmp_path: Path
         hand_on_hub.run("--yes")
 
 
+def test_the_data_bit_rate_of_the_fingertips_is_written(hand_on_fd_hub, tmp_path: Path) -> None:
+    done = hand_on_fd_hub.run("--yes")
+    assert done.exit_code == 0, done.output
+    assert done.output.count(" ok\n") == 12
+    assert load_hand(tmp_path / "hand.toml")[0].bus.data_bitrate == 5_000_000
+
+
 def test_fingertips_flash_and_joints_are_turned_by_hand(
     hand_on_hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,9 +20,14 @@ from bench.tick import NumpyHand
 from click.testing import CliRunner, Result
 from rerun.chunk import RrdReader
 
+from palpate_edge import Calibration
+from palpate_edge.calibration.calibration_file import save_calibration
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.frame import Frame
+from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.recorder import FrameRing, RingLimits
+from palpate_edge.geometry.points import distances
+from palpate_edge.vision.unknown_layout import beads_without_layout
 from palpate_host.cli.main import cli
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.server import OperatorSocket
@@ -34,6 +39,8 @@ PROJECT = Path(__file__).resolve().parents[3]
 LOG = PROJECT / "tests" / "replay" / "virtual.log.gz"
 HAND = PROJECT / "host" / "palpate_host" / "models" / "table4.toml"
 PATIENCE_S = 60.0
+UNTOUCHED, PRESSED = "reference/000.png", "frames/train_00000.jpg"
+"""Frames of the press sample; the press is of 1.3 N beside the apex."""
 Table = dict[str, dict[str, list[tuple[int | None, Any]]]]  # entity -> component -> (time in ns, value)
 
 
@@ -230,6 +237,40 @@ def test_recorded_pictures_come_at_their_exposures(tmp_path: Path, statuses: lis
     assert [at for at, _ in pictures] == [1000 * (begin_us + 33_000 * number) for number in range(5)]
 
 
+def test_beads_are_drawn_over_the_blobs_of_the_pictures(
+    tmp_path: Path,
+    statuses: list[HostStatus],
+    shared_data: Callable[[str], Path],
+    sample_calibration: Calibration,
+) -> None:
+    """An untouched and a pressed dome: each drawn bead lies on a blob that is found without the layout."""
+    calibration = tmp_path / "finger-2.cal"
+    save_calibration(sample_calibration, calibration)
+    sample = shared_data("press-sample")
+    images = [read_image(sample / name) for name in (UNTOUCHED, PRESSED)]
+    frames = FrameRing(tmp_path / "frames", RingLimits(10_000_000, 100.0))
+    for number, image in enumerate(images):
+        frames.add(Frame(image, statuses[0].time_us + 33_000 * number, number, ""))
+    frames.write_index()
+    camera = f"finger-2={tmp_path / 'frames'}"
+    done = view(
+        *(LOG, "--save", tmp_path / "x.rrd", "--camera", camera),
+        *("--calibration", f"finger-2={calibration}"),
+    )
+    assert done.exit_code == 0, done.stderr
+    shown = read(tmp_path / "x.rrd")
+    points = shown["/camera/finger-2/beads"]["Points2D:positions"]
+    motion = shown["/camera/finger-2/motion"]["Arrows2D:vectors"]
+    assert len(points) == len(motion) == len(images)
+    for image, (_, drawn) in zip(images, points, strict=True):
+        blobs, _, _ = beads_without_layout(image, None)
+        apart_px = distances(np.array(drawn) - 0.5, blobs.position_px).min(axis=1)
+        assert len(drawn) > 0.9 * len(sample_calibration.beads)
+        assert np.median(apart_px) < 0.5 and np.mean(apart_px < 2.0) > 0.95
+    still_px, pressed_px = (np.linalg.norm(value, axis=1) for _, value in motion)
+    assert np.median(still_px) < 0.5 and pressed_px.max() > 5 * still_px.max()
+
+
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # the viewer was told to end
 def test_a_viewer_that_runs_is_given_the_hand(tmp_path: Path, statuses: list[HostStatus]) -> None:
     """Rerun's own program receives on loopback and saves what came, without a window."""
@@ -261,6 +302,8 @@ def test_a_viewer_that_runs_is_given_the_hand(tmp_path: Path, statuses: list[Hos
         ((LOG, "--save", "x.rrd", "--connect", "rerun+http://127.0.0.1:1/proxy"), "exclude each other"),
         ((LOG, "--save", "x.rrd", "--camera", "finger-1"), "write NAME=PATH"),
         ((LOG, "--save", "x.rrd", "--camera", "finger-1=nowhere"), "nowhere: no such file or folder"),
+        ((LOG, "--save", "x.rrd", "--calibration", "finger-1=x.cal"), "no --camera has this name"),
+        ((LOG, "--save", "x.rrd", "--calibration", "x.cal"), "write NAME=PATH, as in finger-1=finger-1.cal"),
     ],
 )
 def test_what_cannot_be_shown_is_said(

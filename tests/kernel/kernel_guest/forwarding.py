@@ -28,6 +28,7 @@ class Outside:
 
     def __init__(self, config: pytest.Config) -> None:
         self._project = config.rootpath
+        self._options = [f"--effort={config.getoption('--effort')}", "-m", config.option.markexpr]
         self._a_file_at_a_time = hasattr(config, "workerinput")  # pytest-xdist with --dist loadfile
         self._wanted: dict[tuple[str, Path], list[str]] = {}
         self._runs: dict[tuple[str, Path], Run] = {}
@@ -59,7 +60,7 @@ class Outside:
         if (missing := machine.missing()) is not None:
             pytest.skip(missing)
         if key not in self._runs:
-            self._runs[key] = Run(machine, self._project, self._wanted[key])
+            self._runs[key] = Run(machine, self._project, self._wanted[key], self._options)
         outcome = self._runs[key].outcome(test)
         if outcome.outcome == "skipped":
             pytest.skip(f"inside {key[0]}: {outcome.text}")

@@ -99,6 +99,15 @@ def vcan() -> Iterator[Link]:
 
 
 @pytest.fixture
+def fd_vcan(vcan: Link) -> Link:
+    """Make room on vcan0 for the frames of CAN FD (CANFD_MTU)."""
+    vcan.down()
+    ip("link", "set", vcan.name, "mtu", 72)
+    vcan.up()
+    return vcan
+
+
+@pytest.fixture
 def serial_link() -> Iterator[SerialLink]:
     """A CAN interface with room for 10 frames, whose cable only the test reads."""
     link = SerialLink(txqueuelen=10)

@@ -20,7 +20,12 @@ END_S = 20.0  # from the last test's outcome to the machine's end
 CONSOLE_LINES = 60  # shown when a machine ends too early
 HANG_S = 120  # a test that takes longer leaves its stack on the console
 
-PASSED_ON = ("PALPATE_NO_SKIP", "TZ")  # environment variables that are passed to the tests inside
+PASSED_ON = (
+    "PALPATE_NO_SKIP",
+    "PALPATE_CANOPEND",
+    "PALPATE_CANOPEN_DEMO",
+    "TZ",
+)  # environment variables that are passed to the tests inside
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -58,9 +63,11 @@ class Machine(Protocol):
 
 
 class Run:
-    """A booted machine that runs `tests` (node ids)."""
+    """A booted machine that runs `tests` (node ids) with these options of pytest."""
 
-    def __init__(self, machine: Machine, project: Path, tests: Sequence[str]) -> None:
+    def __init__(
+        self, machine: Machine, project: Path, tests: Sequence[str], options: Sequence[str] = ()
+    ) -> None:
         self._machine = machine
         self._tests = len(tests)
         self._folder = tempfile.TemporaryDirectory(prefix=f"palpate-{machine.name}-")
@@ -68,7 +75,7 @@ class Run:
         self._outcomes: dict[str, Outcome] = {}
         self._read_to = 0
         (self.folder / "tests").write_text("".join(f"{test}\n" for test in tests))
-        (self.folder / "run.sh").write_text(_script(machine.inside(project, self.folder)))
+        (self.folder / "run.sh").write_text(_script(machine.inside(project, self.folder), options))
         with (self.folder / "console.log").open("wb") as console:
             # Both machines end cleanly on SIGTERM: `timeout` forwards it after the limit or on request, or
             # (`setpriv`) when pytest was killed before it could ask.
@@ -124,7 +131,7 @@ class Run:
         )
 
 
-def _script(inside: Inside) -> str:
+def _script(inside: Inside, options: Sequence[str]) -> str:
     environment = {
         **inside.environment,
         **{name: os.environ[name] for name in PASSED_ON if name in os.environ},
@@ -143,6 +150,7 @@ def _script(inside: Inside) -> str:
             "-o",
             f"faulthandler_timeout={HANG_S}",
         ),
+        *options,
         f"@{inside.folder}/tests",
     ]
     return "".join(

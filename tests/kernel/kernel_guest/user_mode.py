@@ -24,7 +24,7 @@ class UserModeLinux:
     """User-mode Linux as a `Machine`."""
 
     name = "user-mode-linux"
-    limit_s = 600.0
+    limit_s = 1200.0  # with --effort=full; a hang in it costs this much
 
     def missing(self) -> str | None:
         for tool, package in (("linux.uml", self.name), ("ip", "iproute2"), ("insmod", "kmod")):
@@ -45,28 +45,37 @@ class UserModeLinux:
         return Inside(project, SHARED, Path(sys.executable), environment)
 
     def command(self, folder: Path) -> list[str]:
-        return [
-            *_with_wide_registers(folder),
-            "linux.uml",
-            "mem=2G",  # an upper bound; the kernel allocates only the memory it uses
-            *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"),
-            *(f"init={INIT}", f"SHARED={folder}"),  # unknown parameters become init's environment
-            *("quiet", "con=null", "con0=null,fd:1"),
-            f"uml_dir={folder}/",
-        ]
+        return boot_command(folder, INIT)
+
+
+def boot_command(folder: Path, init: Path, *libraries: Path) -> list[str]:
+    """Return the command that boots a guest with this first process. folder: what the guest shares.
+
+    libraries: preloaded in the guest's kernel.
+    """
+    preloaded = [*libraries, *_wide_registers(folder)]
+    return [
+        *(["env", f"LD_PRELOAD={':'.join(map(str, preloaded))}"] if preloaded else []),
+        "linux.uml",
+        "mem=2G",  # an upper bound; the kernel allocates only the memory it uses
+        *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"),
+        *(f"init={init}", f"SHARED={folder}"),  # unknown parameters become init's environment
+        *("quiet", "con=null", "con0=null,fd:1"),
+        f"uml_dir={folder}/",
+    ]
 
 
 def _has_wide_registers() -> bool:
     return "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
 
 
-def _with_wide_registers(folder: Path) -> list[str]:
-    """Return the program that starts it on a processor with wide registers (wide_registers.c)."""
+def _wide_registers(folder: Path) -> list[Path]:
+    """Return the library with which it starts on a processor with wide registers (wide_registers.c)."""
     if not _has_wide_registers():
         return []
     library = folder / "wide_registers.so"
     subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-o", library, WIDE_REGISTERS, "-ldl"], check=True)
-    return ["env", f"LD_PRELOAD={library}"]
+    return [library]
 
 
 def _search_path() -> str:

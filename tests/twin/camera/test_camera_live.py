@@ -50,6 +50,7 @@ def _camera(sensor: Path, ring: Path, *options: str) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.slow
 def test_live_contacts_are_where_the_camera_says_something_presses(
     sensor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +109,7 @@ def test_the_camera_stops_by_itself_and_refuses_what_it_cannot_do(sensor: Path, 
     assert "error: /nowhere/ring cannot be written: its folder does not exist" in failed.stderr
 
 
+@pytest.mark.slow
 def test_a_daemon_puts_live_contacts_on_the_bus(sensor: Path, tmp_path: Path) -> None:
     """Camera, hub and `palpate-edge run` run as processes; TPDO 1 has points of the dome's outer sphere."""
     calibration, ring, socket = tmp_path / "dome.cal", tmp_path / "ring", tmp_path / "hub.sock"

@@ -14,7 +14,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.weights_table import read_weight_rows
 from palpate_twin.cli.simulate import simulate
 
-SEEDS = [301, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (302, 311, 312, 313, 101, 102))]
+SEEDS = (301, 302, 311, 312, 313, 101, 102)
 """Sensors that no constant was chosen on."""
 
 
@@ -29,7 +29,7 @@ def figures(folder: Path, split: str = "test") -> Figures:
     return evaluate_dataset(folder, split, load_calibration(path), path, None)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_kitchen_scale_gives_the_force_and_leaves_the_position(seed: int, tmp_path: Path) -> None:
     folder = tmp_path / "dome"

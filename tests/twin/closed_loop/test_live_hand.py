@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from tests.host.axes_hand import with_axes
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, DatasetError
@@ -15,7 +17,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import StartMode
+from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.service.host import load_hand
 from palpate_host.service.host_core import HostCore
 from palpate_twin.cli.options import PACKAGED
@@ -56,7 +58,9 @@ def test_the_motion_file_gives_back_what_the_engine_had(tmp_path: Path):
     config, _ = load_hand(TABLE_4)
     engine = make_engine(config, "mujoco", has_B=False)
     seen = []
-    with MotionFile(tmp_path / "motion.csv", [joint.name for joint in config.joints]) as file:
+    with MotionFile(
+        tmp_path / "motion.csv", [joint.name for joint in config.joints], len(config.fingers)
+    ) as file:
         for stamp_us in (1_700_000_000_000_000, 1_700_000_000_020_000):
             for _ in range(40):
                 engine.step(np.full(9, 0.05))
@@ -180,18 +184,28 @@ class Bench:
     """Live hand, fingertip nodes and host core on a bus without delay, in steps of 1 ms.
 
     late_ms: delay of the host's frames; contact_ms: time from exposure to contact; silent: fingers that
-    publish no contact; count_from: first sequence number of the fingertips.
+    publish no contact; count_from: first sequence number of the fingertips. changed: makes another hand of
+    Table 4's.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self, folder: Path, changed: Callable[[HandConfig], HandConfig] = lambda config: config
+    ) -> None:
         config, kinematics = load_hand(TABLE_4)
+        config = changed(config)
         self.now_us = self.start_us = 1_700_000_000_000_000
         self.cameras = Cameras()
-        self.motion = MotionFile(folder / "motion.csv", [joint.name for joint in config.joints])
+        self.motion = MotionFile(
+            folder / "motion.csv", [joint.name for joint in config.joints], len(config.fingers)
+        )
         engine = make_engine(config, "mujoco", has_B=False)
         self.hand = LiveHand(config, kinematics, engine, self.cameras, self.motion, self.now_us, self.now_us)
         self.host = HostCore(config.starting(StartMode.AUTO), kinematics)
-        self.tips = [FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16) for f in config.fingers]
+        rate = config.bus.data_bitrate
+        self.tips = [
+            FingertipNode(f.fingertip_node, MethodCode.CORRECTED, "0" * 16, data_bitrate=rate)
+            for f in config.fingers
+        ]
         self.late_ms, self.contact_ms, self.count_from = 0, 10, 0
         self.silent: set[int] = set()
         self._to_hand: list[tuple[int, CanFrame]] = []
@@ -239,6 +253,18 @@ def turning(tmp_path):
     assert bench.hand.waited_us == 0
     yield bench
     bench.motion.__exit__(None, None, None)
+
+
+def test_a_live_hand_with_axes_turns_without_waiting(tmp_path):
+    """A finger's drives are axes of one node, whose PDOs the host enables."""
+    bench = Bench(tmp_path, with_axes)
+    with bench.motion:
+        bench.run(2000)
+        assert bench.mode is Mode.MANIPULATE
+        assert bench.hand.waited_us == 0
+        heartbeat = CanFrame(0x702, bytes([5]))
+        with pytest.raises(BusError, match="0x02 is taken: frame"):
+            bench.hand.process(bench.now_us + 1000, [(bench.now_us + 1000, heartbeat)])
 
 
 def test_another_node_with_a_drives_id_ends_a_live_hand(turning):

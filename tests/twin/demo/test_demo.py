@@ -187,7 +187,7 @@ def test_the_closed_loop_in_lock_step(tmp_path, monkeypatch):
     check_that_a_film_may_fail(tmp_path, monkeypatch)
 
 
-@pytest.mark.demo
+@pytest.mark.slow
 def test_recorded_contacts(tmp_path, processes_of):
     run = finished(command(tmp_path, "--duration", "5", "--recording", str(RECORDING)))
     assert (run.returncode, run.stderr) == (0, "")
@@ -214,6 +214,7 @@ def operating_demo(tmp_path, made_fingertips):
         demo.kill()
 
 
+@pytest.mark.slow
 def test_a_dying_fingertip_ends_the_demo_and_is_named(tmp_path, operating_demo, processes_of):
     running = processes_of(tmp_path)
     (victim,) = (pid for pid, line in running.items() if "palpate_edge" in line and "finger-2.toml" in line)
@@ -226,6 +227,7 @@ def test_a_dying_fingertip_ends_the_demo_and_is_named(tmp_path, operating_demo, 
     assert list(tmp_path.rglob("*.sock")) == []
 
 
+@pytest.mark.slow
 def test_a_dying_hub_is_named_and_not_those_that_miss_it(tmp_path, operating_demo, processes_of):
     (victim,) = (pid for pid, line in processes_of(tmp_path).items() if "bus hub" in line)
     os.kill(victim, signal.SIGKILL)
@@ -235,6 +237,7 @@ def test_a_dying_hub_is_named_and_not_those_that_miss_it(tmp_path, operating_dem
     assert processes_of(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_everything(tmp_path, operating_demo, processes_of):
     operating_demo.send_signal(signal.SIGINT)
     _, stderr = operating_demo.communicate(timeout=TIMEOUT_S)

@@ -27,7 +27,7 @@ def write_motion(path: Path, seconds: float, still_s: float = 0.0) -> None:
     config, _ = load_hand(MODEL)
     engine = make_engine(config, "eqs")
     at = engine.twin.q_address[0]
-    with MotionFile(path, [joint.name for joint in config.joints]) as file:
+    with MotionFile(path, [joint.name for joint in config.joints], len(config.fingers)) as file:
         for row in range(round(seconds / ROW_S) + 1):
             engine.data.qpos[at] += 0.1 * ROW_S * (row * ROW_S > still_s)
             file.write(1_700_000_000_000_000 + row * PERIOD_US, engine)

@@ -128,6 +128,7 @@ def test_a_reversed_drive_turns_its_joint_the_same_way(direction):
     assert motor.joint_torque_Nm(0.0005) == 0.0
 
 
+@pytest.mark.slow
 def test_a_rendered_contact_is_estimated_where_it_is(tmp_path):
     """Renderer and estimator together reproduce the true contact position within 1 mm."""
     library = load_library()

@@ -32,7 +32,8 @@ def test_contacts_bring_the_object_where_the_blind_law_does_not():
     assert other.slip_mm.max() < 0.2
 
 
-@pytest.mark.parametrize("axis", [pytest.param(ROLL, marks=pytest.mark.slow), YAW])
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", [ROLL, YAW])
 def test_the_engines_agree_on_the_hand_of_table_4(axis):
     """Under the blind law, a yaw drives the abduction joints of Table 4's hand against their limits."""
     ended = {

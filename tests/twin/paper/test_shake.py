@@ -80,6 +80,7 @@ def test_an_object_is_caught_early_by_fast_fingertips():
     assert caught.slip_mm < 2.5
 
 
+@pytest.mark.slow
 def test_a_turn_ends_where_friction_ends():
     """The internal forces of 30 deg of pitch need a friction of 0.49: with 0.3 the tips slide by 13 mm."""
     slid = run_shake(HAND, slip_cases(replace(SLIPPING, slip_reflex=False))[1])
@@ -135,7 +136,7 @@ def test_a_row_has_the_worst_of_its_directions():
     ]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_simulate_shake_writes_its_table(tmp_path):
     result = CliRunner().invoke(
         cli, f"simulate shake --seconds 2.5 --jobs 2 -o {tmp_path}".split(), catch_exceptions=False

@@ -74,6 +74,7 @@ def test_a_scale_that_falls_silent_lifts_the_ball_off(trial: RigTrial) -> None:
     _finish(trial, taken=3)
 
 
+@pytest.mark.slow
 def test_a_printer_that_falls_silent_ends_the_run(trial: RigTrial) -> None:
     def pull_the_plug(trial: RigTrial) -> None:
         if trial.is_pressing and len(trial.files.journal.records) == 2:
@@ -85,6 +86,7 @@ def test_a_printer_that_falls_silent_ends_the_run(trial: RigTrial) -> None:
     _finish(trial, taken=2)
 
 
+@pytest.mark.slow
 def test_ctrl_c_lifts_the_ball_off(trial: RigTrial) -> None:
     def interrupt(trial: RigTrial) -> None:
         if trial.is_pressing and len(trial.files.journal.records) == 4:

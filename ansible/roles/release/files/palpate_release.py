@@ -4,6 +4,8 @@
 current and previous are links into releases/; a link is replaced by a rename. While a release is on trial,
 the file trial has both releases, the link previous as it was, and which parts failed before. The next start
 of the board, or the next run, first returns to the proven release: docs/deploying.md has the table of states.
+
+One file: copying replaces it whole, so that a power cut leaves no parts of two versions for the next start.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Check a signed release, then unpack it: nothing before signature, version and every file are right.
 
-The folder has MANIFEST.json and MANIFEST.json.sig, and for `unpack` wheels.tar: docs/deploying.md.
+The folder has MANIFEST.json and MANIFEST.json.sig: docs/deploying.md. One file, as palpate_release.py.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 BASE = Path("/opt/palpate")
-MANIFEST, SIGNATURE, ARCHIVE = "MANIFEST.json", "MANIFEST.json.sig", "wheels.tar"
+MANIFEST, SIGNATURE = "MANIFEST.json", "MANIFEST.json.sig"
 NAMESPACE = SIGNER = "palpate-release"
 LARGEST_MANIFEST = 1 << 20  # bytes
 
@@ -69,25 +69,24 @@ def checked_files(archive: tarfile.TarFile, wanted: dict[str, str], part: str) -
         digest = wanted.get(f"{part}/{member.name}")
         file = archive.extractfile(member) if member.isreg() else None
         if digest is None or file is None or "/" in member.name:
-            raise SystemExit(
-                f"error: {ARCHIVE} has {member.name!r}, which {MANIFEST} does not list in {part}"
-            )
+            name = Path(str(archive.name)).name
+            raise SystemExit(f"error: {name} has {member.name!r}, which {MANIFEST} does not list in {part}")
         if hashlib.file_digest(file, "sha256").hexdigest() != digest:
             raise SystemExit(f"error: {member.name} differs from {MANIFEST}: run make wheelhouse again")
     return members
 
 
-def unpack(folder: Path, part: str, manifest: dict[str, Any]) -> str:
-    """Unpack the archive beside itself, if all of it is right."""
+def unpack(path: Path, part: str, manifest: dict[str, Any]) -> str:
+    """Unpack an archive beside itself, if all of it is right, and remove it."""
     try:
-        with tarfile.open(folder / ARCHIVE, "r:") as archive:
+        with tarfile.open(path, "r:") as archive:
             members = checked_files(archive, manifest["files"], part)
             for member in members:
-                with (folder / member.name).open("wb") as file:
+                with path.with_name(member.name).open("wb") as file:
                     shutil.copyfileobj(archive.extractfile(member) or io.BytesIO(), file)
     except (tarfile.TarError, OSError) as error:
-        raise SystemExit(f"error: {folder / ARCHIVE}: {error}") from None
-    (folder / ARCHIVE).unlink()
+        raise SystemExit(f"error: {path}: {error}") from None
+    path.unlink()
     return f"{manifest['release']}: {len(members)} files"
 
 
@@ -96,6 +95,7 @@ def main() -> None:
     parser.add_argument("verb", choices=["check", "unpack"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("part", help="part and architecture of this board, for example edge/aarch64")
+    parser.add_argument("--archive", type=Path, help="wheels to unpack (default: wheels.tar in the folder)")
     parser.add_argument("--downgrade", action="store_true", help="allow a release older than the active one")
     parser.add_argument("--signers", type=Path, default=BASE / "release-signers", help="keys that may sign")
     parser.add_argument("--active", type=Path, default=BASE / "current" / MANIFEST, help="active manifest")
@@ -106,7 +106,7 @@ def main() -> None:
     if not wanted.downgrade:
         refuse_older(manifest, wanted.active)
     if wanted.verb == "unpack":
-        print(unpack(wanted.folder, wanted.part, manifest))
+        print(unpack(wanted.archive or wanted.folder / "wheels.tar", wanted.part, manifest))
     else:
         print(f"signed: {manifest['release']}")
 

@@ -20,9 +20,11 @@ from palpate_edge.calibration.measurement import Measured
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import TrainingPress
+from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Sensor, View
+from palpate_edge.vision.beads import Beads
 
 ROLL_SIGMA_RAD = 0.02  # of assembly, as in camera_fit.PRIOR_SIGMA
 MODEL_SIGMA = 0.03  # of the dome model's error across the meridian, over the dome's radius
@@ -35,22 +37,28 @@ def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], do
     """
     if not presses:
         return 0.0
-    fields = [reader.read(press.beads) for press in presses]
-    given, _, _ = fit(None, dome, 1.0).predict(
-        np.array([field.values for field in fields]), np.zeros(len(fields))
-    )
+    given = estimated_directions(reader, [press.beads for press in presses], dome)
     along = across = 0.0
-    for field, direction, press in zip(fields, given, presses, strict=True):
-        x, y, _ = rotation_about_z(field.azimuth_rad) @ direction
+    for (x, y, _), press in zip(given, presses, strict=True):
         along += float(x * press.direction[0] + y * press.direction[1])
         across += float(x * press.direction[1] - y * press.direction[0])
     told = max(0.0, along) / MODEL_SIGMA**2
     return math.atan2(across, along) * told / (told + ROLL_SIGMA_RAD**-2)
 
 
-def turned(measured: Measured, sensor: Sensor, roll_rad: float) -> Measured:
-    """The same pictures with camera and layout turned about z."""
-    turn, pose = rotation_about_z(roll_rad), measured.registration.pose
+def estimated_directions(reader: DisplacementReader, touches: Sequence[Beads], dome: DomeModel) -> Array:
+    """Return the unit vectors (n, 3) in F from the dome's centre to the contacts, by the dome model alone."""
+    fields = [reader.read(beads) for beads in touches]
+    given, _, _ = fit(None, dome, 1.0).predict(
+        np.array([field.values for field in fields]), np.zeros(len(fields))
+    )
+    turns = [rotation_about_z(field.azimuth_rad) for field in fields]
+    return np.array([turn @ direction for turn, direction in zip(turns, given, strict=True)])
+
+
+def turned(measured: Measured, sensor: Sensor, turn: Array) -> Measured:
+    """Return the same pictures with camera and layout turned by a rotation matrix (3, 3) in F."""
+    pose = measured.registration.pose
     rotation, _ = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
     rodrigues, _ = cv2.Rodrigues(turn @ rotation)
     nominal_mm = np.asarray(sensor.camera.position_mm)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.calibration.measurement import Measured
+from palpate_edge.calibration.training.dome_adjustment import JigPress
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
@@ -58,7 +59,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class WeighedSamples:
-    """Fields (w, 2 g) mm of presses at the apex in the canonical frame, and their normal forces (w,) N."""
+    """Fields (w, 2 g) mm of weighed presses in the canonical frame, and their normal forces (w,) N."""
 
     fields: Array
     normal_N: Array
@@ -68,19 +69,37 @@ def training_presses(measured: Measured) -> list[TrainingPress]:
     """The touches of a dataset as training presses; weighed ones are left out."""
     skin, presses = SkinMotion(measured.reference), []
     for press, beads in measured.touches:
-        if press.position_mm is None:
+        if press.position_mm is None or press.is_weighed:
             continue
-        moved = skin.measure(beads)
         presses.append(
             TrainingPress(
                 beads,
                 np.array(press.position_mm) / np.linalg.norm(press.position_mm),
                 None if press.force_N is None else np.array(press.force_N),
-                faintness(moved.size_px / moved.noise, measured.threshold_px),
+                _faintness(skin, beads, measured.threshold_px),
                 press.torsion_Nmm,
             )
         )
     return presses
+
+
+def jig_presses(measured: Measured) -> list[JigPress]:
+    """Return the weighed presses of known place."""
+    skin = SkinMotion(measured.reference)
+    return [
+        JigPress(
+            beads,
+            np.array(press.position_mm) / np.linalg.norm(press.position_mm),
+            _faintness(skin, beads, measured.threshold_px),
+        )
+        for press, beads in measured.touches
+        if press.position_mm is not None and press.is_weighed
+    ]
+
+
+def _faintness(skin: SkinMotion, beads: Beads, threshold_px: float) -> float:
+    moved = skin.measure(beads)
+    return faintness(moved.size_px / moved.noise, threshold_px)
 
 
 def weighed_samples(measured: Measured, reader: DisplacementReader) -> WeighedSamples | None:

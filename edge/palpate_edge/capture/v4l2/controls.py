@@ -6,8 +6,9 @@ and accepted; a value outside the control's range is an error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
+
+import msgspec
 
 from palpate_edge.capture.v4l2.structures import ControlFlag, QueryControl
 from palpate_edge.common.errors import CaptureError
@@ -16,8 +17,7 @@ EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
 EXPOSURE_MANUAL = 1  # V4L2_EXPOSURE_MANUAL
 
 
-@dataclass(frozen=True, slots=True)
-class CameraControl:
+class CameraControl(msgspec.Struct, frozen=True):
     """One V4L2_CID_*: identifier, name in messages, and key of the configuration that sets it."""
 
     control_id: int
@@ -34,8 +34,7 @@ AUTO_WHITE_BALANCE = CameraControl(0x0098_090C, "auto white balance")
 WHITE_BALANCE = CameraControl(0x0098_091A, "white balance temperature", "capture.camera.white_balance_K")
 
 
-@dataclass(frozen=True, slots=True)
-class FixedExposure:
+class FixedExposure(msgspec.Struct, frozen=True):
     """The values to hold; None keeps the camera's present value. Automatic control is disabled in any
     case."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,8 +30,7 @@ class PixelCode(Enum):
         return int.from_bytes(self.value.encode(), "little")
 
 
-@dataclass(frozen=True, slots=True)
-class PixelLayout:
+class PixelLayout(msgspec.Struct, frozen=True):
     """The negotiated layout of a frame. bytesperline: of the first plane; 0 for MJPG."""
 
     code: PixelCode

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from palpate_edge.capture.v4l2.device import VideoDevice
 from palpate_edge.capture.v4l2.formats import PixelCode, PixelLayout
@@ -19,8 +19,7 @@ from palpate_edge.common.errors import CaptureError
 RATE_TOLERANCE = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
+class Agreement(msgspec.Struct, frozen=True):
     """The negotiated stream. fps: the rate that the driver reports; None when it reports none."""
 
     layout: PixelLayout

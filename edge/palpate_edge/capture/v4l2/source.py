@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from palpate_edge.capture.v4l2.controls import FixedExposure, exposure_us, lock_controls
 from palpate_edge.capture.v4l2.device import VideoDevice
@@ -23,8 +24,7 @@ STALLED_AFTER_PERIODS = 10
 STALLED_AFTER_AT_LEAST_S = 0.5  # a camera needs this long for its first frame
 
 
-@dataclass(frozen=True, slots=True)
-class CameraSettings:
+class CameraSettings(msgspec.Struct, frozen=True):
     """The requested stream. code: None for the first format that reaches fps; grey: convert images to
     grey."""
 

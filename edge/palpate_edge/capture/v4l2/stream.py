@@ -7,7 +7,8 @@ import mmap
 import select
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+
+import msgspec
 
 from palpate_edge.capture.v4l2.device import VideoDevice
 from palpate_edge.capture.v4l2.structures import (
@@ -23,8 +24,7 @@ from palpate_edge.common.errors import CameraLostError, CameraStalledError, Capt
 BUFFERS = 4  # one being filled, one being read, two spare for a late reader
 
 
-@dataclass(frozen=True, slots=True)
-class RawFrame:
+class RawFrame(msgspec.Struct, frozen=True):
     """A filled buffer. data: valid until the buffer is returned; stamp_us: CLOCK_MONOTONIC, None when the
     driver uses another clock; damaged: the driver flagged lost data."""
 

@@ -1,9 +1,9 @@
 // The console of one fingertip.
 import { arrow, byId, command, drawn, figures, follow, healthTable, History, number, prepareButtons } from "/console.js";
+import { drawBeads, Pictures } from "/beads.js";
 import { prepareGuide, showGuide } from "/guide.js";
 
 const PROGRAM = "palpate-edge watch";
-const ARROW_SCALE = 5; // of displacements in the picture
 const MM_PER_N = 6, LONGEST_MM = 40; // of the force's arrow
 const OLD_MS = 1000; // a picture older than this is marked
 
@@ -12,7 +12,7 @@ let fingertip = { outer_radius_mm: null };
 let shownAt = 0, arrivals = [];
 let isRecording = false, levelTouchedAt = 0;
 
-follow({ fingertip: showFingertip, frame: showFrame, health: showHealth, guide: showGuide }, PROGRAM);
+follow({ fingertip: showFingertip, frame: (frame) => pictures.show(frame), health: showHealth, guide: showGuide }, PROGRAM);
 prepareButtons(PROGRAM);
 prepareGuide();
 byId("tunnel").textContent = `ssh -L ${location.port}:127.0.0.1:${location.port} USER@BOARD`;
@@ -54,74 +54,14 @@ function showHealth(health) {
   healthTable(byId("health"), health.rows);
 }
 
-const picture = new Image();
-let waiting = null;
-
-/** Decode the picture, then paint it together with what belongs to it; a later frame replaces a waiting one. */
-function showFrame(frame) {
-  const isBusy = waiting !== null;
-  waiting = frame;
-  if (!isBusy) paintNext();
-}
-
-async function paintNext() {
-  while (waiting !== null) {
-    const frame = waiting;
-    picture.src = `data:image/jpeg;base64,${frame.jpeg}`;
-    await picture.decode().catch(() => null);
-    paint(frame);
-    if (waiting === frame) waiting = null;
-  }
-}
-
-function paint(frame) {
-  const canvas = byId("camera"), pen = canvas.getContext("2d"), [width, height] = frame.size_px;
-  const scale = Math.max(2, 640 / width);
-  canvas.width = width * scale;
-  canvas.height = height * scale;
-  canvas.dataset.sequence = frame.contact.sequence;
-  pen.drawImage(picture, 0, 0, canvas.width, canvas.height);
+const pictures = new Pictures(byId("camera"), (frame, pen, scale) => {
+  byId("camera").dataset.sequence = frame.contact.sequence;
   if (frame.beads) drawBeads(pen, frame.beads, scale);
   const now = performance.now();
   shownAt = now;
   arrivals = [...arrivals.filter((at) => at > now - 2000), now];
   showContact(frame);
-}
-
-function drawBeads(pen, beads, scale) {
-  const lost = new Set(beads.lost), at = ([x, y]) => [(x + 0.5) * scale, (y + 0.5) * scale];
-  const radius = circleRadius(beads.rest_px) * scale;
-  pen.lineWidth = 1.5;
-  beads.position_px.forEach((place, bead) => {
-    const [x, y] = at(place);
-    pen.strokeStyle = lost.has(bead) ? "#ff6b6b" : "#50dc3c";
-    pen.beginPath();
-    if (lost.has(bead)) {
-      pen.moveTo(x - 6, y - 6); pen.lineTo(x + 6, y + 6); pen.moveTo(x - 6, y + 6); pen.lineTo(x + 6, y - 6);
-    } else pen.arc(x, y, radius, 0, 2 * Math.PI);
-    pen.stroke();
-    const rest = at(beads.rest_px[bead]), dx = ARROW_SCALE * (x - rest[0]), dy = ARROW_SCALE * (y - rest[1]);
-    if (!lost.has(bead) && Math.hypot(dx, dy) > 6) {
-      const angle = Math.atan2(dy, dx);
-      pen.strokeStyle = "#ffdc00";
-      pen.beginPath();
-      pen.moveTo(rest[0], rest[1]);
-      pen.lineTo(rest[0] + dx, rest[1] + dy);
-      for (const turn of [-2.6, 2.6]) {
-        pen.moveTo(rest[0] + dx, rest[1] + dy);
-        pen.lineTo(rest[0] + dx + 6 * Math.cos(angle + turn), rest[1] + dy + 6 * Math.sin(angle + turn));
-      }
-      pen.stroke();
-    }
-  });
-}
-
-/** A quarter of the usual distance to the nearest bead: circles that do not touch. */
-function circleRadius(places) {
-  const nearest = places.map((one) => Math.min(...places.map((other) =>
-    other === one ? Infinity : Math.hypot(one[0] - other[0], one[1] - other[1]))));
-  return Math.min(30, 0.25 * nearest.sort((a, b) => a - b)[nearest.length >> 1]) || 4;
-}
+});
 
 const norm = (vector) => vector && Math.hypot(...vector);
 

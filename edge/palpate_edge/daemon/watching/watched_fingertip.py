@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from palpate_edge.common.contact_quantities import AI_AUTOZERO
 from palpate_edge.daemon.capture_factory import AnyCalibration
 from palpate_edge.daemon.watching.watch_messages import WatchedFingertip, WatchRefusedError
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.frame_estimator import FrameEstimator
 from palpate_edge.illumination.controller_thread import LightController
+from palpate_edge.node.change_policy import WriteRates
 from palpate_edge.node.nmt import NmtState
+from palpate_edge.node.sdo_abort import SdoAbortError
 
 TARE_TEXT = "tare: the next frames are the untouched skin"
 NO_LIGHT = "no LED ring: set illumination.i2c_bus to its I2C bus"
 NO_TARE = "no tare: a fingertip without calibration, or of poses, has no reference of contacts"
+TOO_MANY_TARES = "too many tares: wait a second"
 
 
 def describe(
@@ -35,10 +39,17 @@ def describe(
     )
 
 
-def refuse_tare(fingertip: WatchedFingertip) -> None:
-    """Raise WatchRefusedError for a fingertip that has no reference to renew."""
+def count_tare(fingertip: WatchedFingertip, rates: WriteRates, now_us: int) -> None:
+    """Count a tare at the rate that applies to 6125h.
+
+    Raises WatchRefusedError for a fingertip that has no reference to renew, and beyond the rate.
+    """
     if not fingertip.has_tare:
         raise WatchRefusedError(NO_TARE)
+    try:
+        rates.take(now_us, AI_AUTOZERO)
+    except SdoAbortError:
+        raise WatchRefusedError(TOO_MANY_TARES) from None
 
 
 def needed_light(light: LightController | None) -> LightController:

@@ -38,6 +38,10 @@ class LabelRunner:
             else None
         )
         self._local = [LocalExpansionRunner(expansion, centres) for expansion in local]
+        self._alike = [  # of each local expansion the first one with the same nearness
+            next(number for number, other in enumerate(self._local) if runner.has_nearness_of(other))
+            for runner in self._local
+        ]
         self._half_widths = ExpansionRunner(calibration.half_widths, centres)
 
     def at(self, point: Floats) -> Array:
@@ -51,7 +55,10 @@ class LabelRunner:
             for labels, runner in groups:
                 values[labels] += runner.at(point)
         first = values.copy()
-        outputs = [local.at(point, first) for local in self._local]
+        nearness = {number: self._local[number].nearness(first) for number in set(self._alike)}
+        outputs = [
+            local.at(point, nearness[number]) for local, number in zip(self._local, self._alike, strict=True)
+        ]
         for local in self._local:
             values[local.labels] = 0.0
         for local, output in zip(self._local, outputs, strict=True):

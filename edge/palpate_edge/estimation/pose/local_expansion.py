@@ -52,8 +52,20 @@ class LocalExpansionRunner:
         self._weights = expansion.weights.array().astype(np.float64)
         self._offset = expansion.offset.array()
 
-    def at(self, point: Floats, first: Array) -> Floats:
-        """Return the outputs (k,) at one point (p,) whose labels by the first regression are `first` (l,)."""
+    def has_nearness_of(self, other: LocalExpansionRunner) -> bool:
+        """Return whether both have the same nearness for the same labels."""
+        return (
+            self._given == other._given
+            and np.array_equal(self._scale, other._scale)
+            and np.array_equal(self._poses, other._poses)
+        )
+
+    def nearness(self, first: Array) -> Array:
+        """Return how near (c,) the centres' poses are to the labels `first` (l,) of the first regression."""
         apart = self._poses - (first[self._given] * self._scale)[:, None]
-        near = matern(np.square(apart).sum(axis=0)) * (1.0 + self._points @ (point @ self._metric))
+        return matern(np.square(apart).sum(axis=0))
+
+    def at(self, point: Floats, nearness: Array) -> Floats:
+        """Return the outputs (k,) at one point (p,); nearness (c,): see :meth:`nearness`."""
+        near = nearness * (1.0 + self._points @ (point @ self._metric))
         return np.asarray(near @ self._weights + self._offset, dtype=np.float32)

@@ -6,8 +6,7 @@ labels spread along the skin (vision/correspondence.py), so a few wrong places d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Mask
@@ -17,8 +16,7 @@ from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 
-@dataclass(frozen=True, slots=True)
-class PairedMarkers:
+class PairedMarkers(msgspec.Struct, frozen=True):
     """Markers of one frame: position_px (n, 2), by their neighbours where not found (n,).
 
     roughness: root mean square distance of the found ones from where their neighbours have them, in spacings;

@@ -1,13 +1,14 @@
 // The console of a hand.
-import { byId, command, figures, follow, History, made, number, prepareButtons } from "/console.js";
+import { byId, command, figures, follow, History, made, mayCommand, number, prepareButtons } from "/console.js";
 
 const PROGRAM = "palpate-host console";
 const M_PER_N = 0.01;
 const COLOURS = ["#5aa9ff", "#4cc38a", "#f5c451", "#b48cff", "#ff8fb1"];
 const view = { yaw: -0.6, pitch: 0.45, scene: null, reach_m: 0 };
-let force = null;
+let force = null, shown = "";
+let lights = [], recordings = { recording: "", playing: "" };
 
-follow({ hand: show }, PROGRAM);
+follow({ hand: show, bus: showBus, recordings: showRecordings }, PROGRAM);
 prepareButtons(PROGRAM);
 byId("tunnel").textContent = `ssh -L ${location.port}:127.0.0.1:${location.port} USER@HOST`;
 for (const button of document.querySelectorAll("[data-command]")) {
@@ -20,7 +21,36 @@ byId("turn").addEventListener("click", () => command({
   ramp_s: Number(byId("ramp").value),
 }));
 
-function show({ status, scene }) {
+byId("record").addEventListener("click", () => command({ command: recordings.recording ? "record_no_more" : "record" }));
+byId("play").addEventListener("click", () =>
+  command(recordings.playing ? { command: "play_no_more" } : { command: "play", name: byId("recording").value }));
+
+function showRecordings(value) {
+  recordings = value;
+  byId("folder").textContent = value.folder;
+  byId("record").textContent = value.recording ? "Stop recording" : "Record";
+  byId("record").className = value.recording ? "command on" : "command";
+  byId("play").textContent = value.playing ? "Stop playing" : "Play";
+  byId("play").className = value.playing ? "command on" : "command";
+  byId("play").disabled = !mayCommand || !(value.playing || value.names.length);
+  byId("recording-failure").textContent = value.failure;
+  const list = byId("recording"), chosen = value.playing || list.value;
+  list.replaceChildren(...value.names.map((name) => made("option", name)));
+  list.value = value.names.includes(chosen) ? chosen : value.names[0] || "";
+  if (!value.playing) byId("shown").textContent = "";
+}
+
+function showBus(value) {
+  lights = value.fingertips;
+  figures(byId("bus"), [
+    ["bus load", number(value.load === null ? null : 100 * value.load, 1, "%")],
+    ["frames on the bus", number(value.frames_s, 0, "/s")],
+  ]);
+  byId("bus-failure").textContent = value.failure;
+}
+
+function show({ status, scene, recording, at_s }) {
+  byId("shown").textContent = recording ? `recording ${recording}, ${at_s.toFixed(1)} s` : "";
   byId("mode").textContent = status.mode;
   byId("mode").className = ["fault", "stop"].includes(status.mode) ? "bad fail" : status.mode === "hold" ? "warn" : "ok";
   byId("reason").textContent = status.reason;
@@ -33,12 +63,13 @@ function show({ status, scene }) {
     ["ticks", String(status.counters.ticks)],
     ["late ticks", String(status.counters.late_ticks)],
   ]);
-  if (force === null) {
+  if (force === null || shown !== recording) {
+    shown = recording;
     force = new History(byId("force"), status.fingers.map((finger) => finger.name), COLOURS, "N");
   }
   force.add(status.fingers.map((finger) => (finger.valid ? finger.normal_force_N : null)));
   force.draw();
-  table("finger", ["finger", "contact", "normal force", "shear", "friction ratio", "95 % radius", "age", "frames/s", "lost"],
+  table("finger", ["finger", "contact", "normal force", "shear", "friction ratio", "95 % radius", "age", "frames/s", "lost", "silicone", "LED level"],
     status.fingers.map((finger, index) => [
       finger.name,
       !finger.valid ? "not valid" : !finger.in_contact ? "none" : finger.slip ? "slips" : "yes",
@@ -49,6 +80,7 @@ function show({ status, scene }) {
       number(finger.age_ms, 0, "ms"),
       finger.frames_per_s.toFixed(0),
       String(finger.lost_frames),
+      ...light(recording ? null : lights[index]),
     ]));
   table("joint", ["joint", "position", "velocity", "torque", "commanded", "drive"],
     status.joints.map((joint) => [
@@ -62,6 +94,9 @@ function show({ status, scene }) {
   view.scene = scene;
   draw();
 }
+
+/** Texts of a fingertip's temperature and LED level, from the bus; a recording has none. */
+const light = (value) => [number(value && value.silicone_degC, 1, "°C"), value ? String(value.led_level) : "–"];
 
 /** Ratio of tangential to normal force, and the estimated friction. */
 function friction(hold, index) {

@@ -148,6 +148,7 @@ def test_options_of_a_dome_are_refused(pad_dataset, tmp_path, option):
     assert not Path(tmp_path / "c.cal").exists()
 
 
+@pytest.mark.slow
 def test_pose_labels_beside_contact_places_are_learned_when_asked_for(pad_dataset, tmp_path):
     folder = shutil.copytree(pad_dataset, tmp_path / "both")
     head, *rows = (folder / "truth.csv").read_text().splitlines()

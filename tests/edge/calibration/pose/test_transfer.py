@@ -66,14 +66,14 @@ def errors(model_file: Path, folder: Path, tmp_path: Path) -> list[float]:
     return [label.mean_all / (span / 4) for label, span in zip(figures.labels, SPAN, strict=True)]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_declared_axes_without_presses_and_measured_ones_with_presses(model_file, tmp_path):
     bare = OTHER.write(tmp_path / "bare", 4, 12, markers=AXES)  # too few presses to learn from
     assert max(errors(model_file, bare, tmp_path)) < 0.4
     assert max(errors(model_file, OTHER.write(tmp_path / "few", 20, 12), tmp_path)) < 0.4
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_model_of_another_kind_is_refused(model_file, tmp_path):
     larger = replace(OTHER, rings=5)
     dataset = read_pose_dataset(larger.write(tmp_path / "larger", 0, 1))

@@ -18,21 +18,18 @@ from palpate_twin.camera.renderer import CameraView
 from palpate_twin.camera.write_dataset import Plan, single_presses, write_dataset
 from palpate_twin.dome.library import load_library
 
-SEEDS = (100, 101, 102)  # one of each layout of 85 beads; the first alone without --effort=full
+SEEDS = (100, 101, 102)  # one of each layout of 85 beads
 PRESSES, TESTS = 60, 60
 
-
-@pytest.fixture(scope="module")
-def sensors(effort):
-    return SEEDS[: effort(1, len(SEEDS))]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def answers(sensors, tmp_path_factory):
+def answers(tmp_path_factory):
     """(error mm, radius mm, force N) of the test presses of every sensor, by number of own presses."""
     library, dome = load_library(), load_dome_model()
     found = {5: [], 20: [], PRESSES: []}
-    for seed in sensors:
+    for seed in SEEDS:
         folder = tmp_path_factory.mktemp("twin") / str(seed)
         view = CameraView(random_sensor(seed), library)
         write_dataset(folder, view, single_presses(view, Plan(PRESSES, TESTS), 0), 8, 0)
@@ -54,12 +51,12 @@ def answers(sensors, tmp_path_factory):
 
 
 @pytest.mark.parametrize("presses", [5, 20, PRESSES])
-def test_the_radius_covers_what_it_says(answers, sensors, presses):
+def test_the_radius_covers_what_it_says(answers, presses):
     """95 %, less three standard deviations: binomial in the counted touches, and as much again for the
     presses (and the prior's ten) that each sensor's quantile comes from."""
     error_mm, radius_mm, _ = answers[presses].T
-    assert len(error_mm) > 0.7 * len(sensors) * TESTS
-    deviation = np.sqrt(0.95 * 0.05 * (1 / len(error_mm) + 1 / (len(sensors) * (presses + 10))))
+    assert len(error_mm) > 0.7 * len(SEEDS) * TESTS
+    deviation = np.sqrt(0.95 * 0.05 * (1 / len(error_mm) + 1 / (len(SEEDS) * (presses + 10))))
     assert (error_mm <= radius_mm).mean() >= 0.95 - 3 * deviation
     assert np.median(radius_mm) < 6 * np.median(error_mm)  # Rayleigh's error has 2.1, a log-normal one 3
 

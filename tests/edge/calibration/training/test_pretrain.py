@@ -66,7 +66,10 @@ def halves(dome):
     ]
 
 
-@pytest.mark.parametrize(("length", "force"), [(1.0, 3.0), (2.0, 1.0), (0.5, 7.0)])
+@pytest.mark.parametrize(
+    ("length", "force"),
+    [(1.0, 3.0), *(pytest.param(*one, marks=pytest.mark.slow) for one in [(2.0, 1.0), (0.5, 7.0)])],
+)
 def test_a_sensor_of_other_size_and_stiffness_teaches_the_same(folder, tmp_path, length, force):
     """Similar bodies look alike to a camera: the very same pictures must become the very same samples."""
     other = scaled_copy(folder, tmp_path / "other", length, force)

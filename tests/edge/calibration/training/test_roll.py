@@ -44,15 +44,16 @@ def test_a_camera_whose_layout_is_known_has_none(sample, measured):
     assert abs(found_roll(sample, measured)) < 0.005
 
 
+@pytest.mark.slow
 def test_a_camera_turned_by_hand_is_turned_back(sample, measured):
     """Thirty presses weigh five times as much as assembly's tolerance: a sixth of the roll is left."""
-    wrong = turned(measured, sample.sensor, -ROLL_RAD)
+    wrong = turned(measured, sample.sensor, rotation_about_z(-ROLL_RAD))
     assert found_roll(sample, wrong) == pytest.approx(5 / 6 * ROLL_RAD, abs=0.002)
 
 
 def test_turning_changes_no_picture(sample, measured):
     before = measured.view.project(measured.registration.layout_mm)
-    after = turned(measured, sample.sensor, ROLL_RAD)
+    after = turned(measured, sample.sensor, rotation_about_z(ROLL_RAD))
     np.testing.assert_allclose(after.view.project(after.registration.layout_mm), before, atol=1e-9)
 
 
@@ -60,6 +61,7 @@ def test_no_press_tells_no_roll(sample, measured):
     assert found_roll(sample, replace(measured, touches=())) == 0.0
 
 
+@pytest.mark.slow
 def test_a_calibration_with_a_learned_layout_has_the_roll_of_its_presses(sample):
     """The probe's frame is turned against the camera: without rings only the presses know it."""
     turn = rotation_about_z(ROLL_RAD)

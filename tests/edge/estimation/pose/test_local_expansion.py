@@ -23,10 +23,12 @@ def test_a_centre_counts_by_its_pose_and_by_the_product_of_the_points():
         offset=packed(np.array([1.0])),
     )
     runner = LocalExpansionRunner(expansion, np.array([[9.0], [2.0]]))
-    got = runner.at(np.array([3.0], np.float32), np.array([6.0, 77.0]))
+    point, near = np.array([3.0], np.float32), runner.nearness(np.array([6.0, 77.0]))
+    got = runner.at(point, near)
     assert got == pytest.approx([1 + 10 * 7 * 0.139731], rel=1e-4)
     half = LocalExpansionRunner(expansion.over(2), np.array([[9.0], [2.0]]))
-    assert half.at(np.array([3.0], np.float32), np.array([6.0, 77.0])) == pytest.approx(got / 2, rel=1e-5)
+    assert half.has_nearness_of(runner)
+    assert half.at(point, near) == pytest.approx(got / 2, rel=1e-5)
 
 
 def test_a_slope_that_depends_on_the_pose_is_learned():
@@ -40,6 +42,6 @@ def test_a_slope_that_depends_on_the_pose_is_learned():
         LocalInputs(points[train], first[train], train), np.eye(2), torsion[train, None], ([1], [0])
     )
     runner = LocalExpansionRunner(fitted.expansion, points)
-    new = [runner.at(points[n].astype(np.float32), first[n])[0] for n in range(200, 300)]
+    new = [runner.at(points[n].astype(np.float32), runner.nearness(first[n]))[0] for n in range(200, 300)]
     assert np.abs(new - torsion[200:]).mean() < 0.05
     assert np.abs(fitted.left_out[:, 0] - torsion[train]).mean() < 0.05

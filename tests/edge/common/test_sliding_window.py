@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate_edge.daemon.sliding_window import WINDOW_US, DroppedFrames, SlidingWindow
+from palpate_edge.common.sliding_window import WINDOW_US, DroppedFrames, SlidingWindow
 
 SECOND_US = 1_000_000
 START_US = 1_700_000_000_000_000

@@ -1,0 +1,261 @@
+"""The execution of a planned turn: the object turns, or one finger lifts and takes hold again.
+
+A finger takes hold again in five phases. UNLOAD shifts the internal forces to the others by the contacts'
+shares (grasp_forces.py) within `SHIFT_S`. LIFT moves the tip along the old normal by the plan's clearance.
+CARRY moves it straight to the place over the new contact. APPROACH moves it against the new normal until its
+fingertip reports contact. LOAD shifts the internal forces back. A spring follows the tip's path, with the
+joints' damping fed forward,
+
+    u = J^T K (x_d - x_c) + B J^+ dx_d,
+
+K limited as in stable_stiffness.py. The object's target stays meanwhile, and the pose law holds it with the
+fingers whose share is not 0.
+
+A gait stops, with a reason, when a finger that holds reports no contact in `LOST_FRAMES` frames, when a
+lifted tip is not free or finds no object, or when the object does not follow. It then takes the present pose
+as its target, and the fingers that hold go on holding.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_host.common import rotation
+from palpate_host.control.control_law import Gains
+from palpate_host.control.gait.gait_plan import GaitPlan, Regrasp, TurnTo
+from palpate_host.control.kinematics import HandPose
+from palpate_host.control.pose_law import PoseLaw
+from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE
+
+TURN_RAD_S = math.radians(12.0)
+SHIFT_S = 0.6
+SETTLE_S, SETTLED_DEG, SETTLE_TIMEOUT_S = 0.3, 1.0, 3.0
+LIFT_M_S, CARRY_M_S, APPROACH_M_S = 0.04, 0.10, 0.015
+OVERTRAVEL_M = 0.006
+"""Distance beyond the expected contact within which a tip looks for the object."""
+FREE_TIMEOUT_S = 1.0
+"""Time after LIFT within which the fingertip must report that it touches nothing."""
+LOST_FRAMES = 3
+TIP_STIFFNESS_N_M = 500.0
+_SMOOTH = 1.5
+"""Duration of a smooth step over that at constant speed: 3 s^2 - 2 s^3 has the largest slope 1.5."""
+
+
+class GaitPhase(enum.Enum):
+    """The phases of a gait."""
+
+    TURN = "turn"
+    UNLOAD = "unload"
+    LIFT = "lift"
+    CARRY = "carry"
+    APPROACH = "approach"
+    LOAD = "load"
+    DONE = "done"
+    STOPPED = "stopped"
+
+
+class Gait:
+    """The state of one turn by gaiting; call `advance` once a tick, before the pose law's torques."""
+
+    def __init__(self, plan: GaitPlan, law: PoseLaw, gains: Gains) -> None:
+        """Begin. The object must be held; its faces in the plan replace the measured references."""
+        assert law.object is not None and law.R_d is not None
+        self.phase, self.reason = GaitPhase.TURN, ""
+        self.regrasped = 0
+        self.R_d = self._R_start = law.R_d
+        self._plan, self._gains = plan, gains
+        self._number = -1
+        self._since_s = self._duration_s = 0.0
+        self._angle_rad = 0.0
+        self._share = self._share_from = np.ones(len(plan.normals))
+        self._from_m = self._to_m = self._touch_m = np.zeros(3)
+        self._tip_d_m: Array | None = None
+        self._depth_m = 0.0
+        self._is_free = self._has_touched = False
+        self._missed = [0] * len(plan.normals)
+        for finger, normal in enumerate(plan.normals):
+            law.object.take_face(finger, normal)
+
+    @property
+    def is_over(self) -> bool:
+        """True when the turn is done or was stopped."""
+        return self.phase in (GaitPhase.DONE, GaitPhase.STOPPED)
+
+    @property
+    def away(self) -> int | None:
+        """The finger, from 0, that does not hold the object; None while all do."""
+        step = self._step
+        return step.finger if isinstance(step, Regrasp) and self.phase is not GaitPhase.UNLOAD else None
+
+    @property
+    def _step(self) -> TurnTo | Regrasp | None:
+        is_inside = 0 <= self._number < len(self._plan.steps)
+        return self._plan.steps[self._number] if is_inside else None
+
+    def note_contact(self, finger: int, in_contact: bool) -> None:
+        """Take a valid frame of one finger."""
+        self._missed[finger] = 0 if in_contact else self._missed[finger] + 1
+        if finger != self.away:
+            return
+        if not in_contact:
+            self._is_free = True
+        elif self._is_free and self.phase is GaitPhase.APPROACH:
+            self._has_touched = True
+
+    def advance(self, law: PoseLaw, pose: HandPose, dt_s: float) -> Array:
+        """Lead target and shares of the law on by one tick; return the torques (nq,) of the lifted finger."""
+        if self._number < 0:
+            self._next_step(law, pose, dt_s)
+        self._since_s += dt_s
+        self._look_for_loss(law)
+        before_m = self._tip_d_m
+        act = {
+            GaitPhase.TURN: self._turn,
+            GaitPhase.UNLOAD: self._unload,
+            GaitPhase.LIFT: self._lift,
+            GaitPhase.CARRY: self._carry,
+            GaitPhase.APPROACH: self._approach,
+            GaitPhase.LOAD: self._load,
+        }.get(self.phase)
+        if act is not None:
+            act(law, pose, dt_s)
+        law.R_d = self.R_d
+        assert law.object is not None
+        law.object.set_share(self._share)
+        return self._tip_torque_Nm(pose, before_m, dt_s)
+
+    def _next_step(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
+        law.renew_stiffness(pose, dt_s)
+        self._number += 1
+        self._share_from = self._share
+        step = self._step
+        if isinstance(step, TurnTo):
+            self._enter(GaitPhase.TURN, _SMOOTH * (step.angle_rad - self._angle_rad) / TURN_RAD_S)
+        elif isinstance(step, Regrasp):
+            assert law.object is not None
+            self._depth_m = self._gains.tip_radius_m - float(law.object.radius_m[step.finger])
+            self._enter(GaitPhase.UNLOAD, SHIFT_S)
+        else:
+            self._enter(GaitPhase.DONE, 0.0)
+
+    def _enter(self, phase: GaitPhase, duration_s: float) -> None:
+        self.phase, self._since_s, self._duration_s = phase, 0.0, duration_s
+
+    def _stop(self, law: PoseLaw, reason: str) -> None:
+        self._enter(GaitPhase.STOPPED, 0.0)
+        self.reason = f"gait stopped: {reason}"
+        law.hold_here()
+        assert law.R_d is not None
+        self.R_d = law.R_d
+
+    def _look_for_loss(self, law: PoseLaw) -> None:
+        for finger, missed in enumerate(self._missed):
+            if missed >= LOST_FRAMES and finger != self.away and not self.is_over:
+                self._stop(law, f"finger {finger + 1} lost the object")
+
+    @property
+    def _progress(self) -> float:
+        """The smooth part of the phase that has passed, 0 to 1."""
+        passed = 1.0 if self._duration_s <= 0.0 else min(1.0, self._since_s / self._duration_s)
+        return passed * passed * (3.0 - 2.0 * passed)
+
+    def _shift_share(self, to: Array) -> float:
+        """Lead the shares towards `to` within SHIFT_S of the phase; return the part that has passed."""
+        passed = min(1.0, self._since_s / SHIFT_S)
+        self._share = (1.0 - passed) * self._share_from + passed * to if passed < 1.0 else to
+        return passed
+
+    def _turn(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, TurnTo) and law.object is not None
+        self._shift_share(step.share)
+        angle = self._angle_rad + self._progress * (step.angle_rad - self._angle_rad)
+        self.R_d = rotation.exp(angle * self._plan.axis) @ self._R_start
+        over_s = self._since_s - max(self._duration_s, SHIFT_S)
+        if over_s < SETTLE_S:
+            return
+        if rotation.angle_deg(self.R_d @ law.object.R.T) < SETTLED_DEG:
+            self._angle_rad = step.angle_rad
+            self._next_step(law, pose, dt_s)
+        elif over_s > SETTLE_TIMEOUT_S:
+            self._stop(law, "the object does not follow the turn")
+
+    def _unload(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, Regrasp) and law.object is not None
+        if self._shift_share(step.share) < 1.0:
+            return
+        law.renew_stiffness(pose, dt_s)
+        self._is_free = self._has_touched = False
+        R, place_m = law.object.R, law.object.place_m
+        self._tip_d_m = self._from_m = pose.tip_centre_m[step.finger]
+        self._to_m = self._from_m + step.clearance_m * law.object.grip.normal[step.finger]
+        self._touch_m = place_m + R @ (step.point_m + self._gains.tip_radius_m * step.normal)
+        self._enter(GaitPhase.LIFT, _SMOOTH * step.clearance_m / LIFT_M_S)
+
+    def _lift(self, law: PoseLaw, _pose: HandPose, _dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, Regrasp) and law.object is not None
+        self._tip_d_m = self._from_m + self._progress * (self._to_m - self._from_m)
+        if self._progress < 1.0:
+            return
+        self._from_m = self._to_m
+        self._to_m = self._touch_m + step.clearance_m * (law.object.R @ step.normal)
+        self._enter(GaitPhase.CARRY, _SMOOTH * rotation.norm(self._to_m - self._from_m) / CARRY_M_S)
+
+    def _carry(self, law: PoseLaw, _pose: HandPose, _dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, Regrasp) and law.object is not None
+        self._tip_d_m = self._from_m + self._progress * (self._to_m - self._from_m)
+        if self._progress < 1.0:
+            return
+        if self._is_free:
+            law.object.take_face(step.finger, step.normal)
+            self._enter(GaitPhase.APPROACH, (step.clearance_m + OVERTRAVEL_M) / APPROACH_M_S)
+        elif self._since_s > self._duration_s + FREE_TIMEOUT_S:
+            self._stop(law, f"finger {step.finger + 1} still reports contact after it was lifted")
+
+    def _approach(self, law: PoseLaw, pose: HandPose, _dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, Regrasp) and law.object is not None
+        if self._has_touched:
+            assert self._tip_d_m is not None
+            self._share_from, self._from_m = self._share, self._tip_d_m
+            centre_m = pose.tip_centre_m[step.finger]
+            self._to_m = centre_m - self._depth_m * (law.object.R @ step.normal)
+            self._enter(GaitPhase.LOAD, SHIFT_S)
+            return
+        if self._since_s > self._duration_s:
+            self._stop(law, f"finger {step.finger + 1} found no object where it should take hold")
+            return
+        self._tip_d_m = self._to_m - self._since_s * APPROACH_M_S * (law.object.R @ step.normal)
+
+    def _load(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
+        step = self._step
+        assert isinstance(step, Regrasp)
+        self._tip_d_m = self._from_m + self._progress * (self._to_m - self._from_m)
+        if self._shift_share(step.share_after) < 1.0:
+            return
+        self._tip_d_m = None
+        self.regrasped += 1
+        self._missed[step.finger] = 0
+        self._next_step(law, pose, dt_s)
+
+    def _tip_torque_Nm(self, pose: HandPose, before_m: Array | None, dt_s: float) -> Array:
+        """Return the torques (nq,) that lead the tip that lifts or takes hold."""
+        step = self._step
+        if self._tip_d_m is None or not isinstance(step, Regrasp):
+            return np.zeros(len(pose.q_rad))
+        J, B = pose.tip_jacobian_m[step.finger], self._gains.B_Nms_rad
+        joints = np.flatnonzero(np.abs(J).max(axis=0))
+        J_own, B_own = J[:, joints], np.maximum(B[joints], 1e-6)
+        damping = np.linalg.pinv(J_own / B_own @ J_own.T, rcond=1e-6, hermitian=True)
+        softest = float(np.linalg.eigvalsh(damping)[0])
+        K = min(TIP_STIFFNESS_N_M, STABLE_SHARE * softest / (DELAY_TICKS * dt_s))
+        moved_m_s = np.zeros(3) if before_m is None else (self._tip_d_m - before_m) / dt_s
+        force_N = K * (self._tip_d_m - pose.tip_centre_m[step.finger]) + damping @ moved_m_s
+        return np.asarray(force_N @ J)

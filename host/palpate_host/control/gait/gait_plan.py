@@ -1,0 +1,76 @@
+"""The plan of a large turn by finger gaiting, and why one is refused."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from palpate_edge.common.arrays import Array
+from palpate_host.common.command import CommandError
+
+
+class GaitRefusal(enum.Enum):
+    """Why a turn cannot be planned."""
+
+    FINGERS = "too few fingers"
+    REACH = "no place in reach"
+    FRICTION = "too little friction"
+    TIPS = "tips would touch"
+
+
+class GaitRefusedError(CommandError):
+    """A turn by gaiting cannot be planned; `reason` is for programs."""
+
+    def __init__(self, reason: GaitRefusal, message: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class TurnTo:
+    """Turn the object to an angle, with shares (n,) of the contacts. friction: what the grip alone needs."""
+
+    angle_rad: float
+    share: Array
+    friction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Regrasp:
+    """Let one finger take hold again.
+
+    finger: from 0. normal, point_m: (3,) of the new contact in the object's frame, from its place.
+    clearance_m: by which the tip lifts. share: (n,) while the finger is lifted; share_after: (n,) with it.
+    friction: what the others' grip needs.
+    """
+
+    finger: int
+    normal: Array
+    point_m: Array
+    clearance_m: float
+    share: Array
+    share_after: Array
+    friction: float
+
+
+@dataclass(frozen=True, slots=True)
+class GaitPlan:
+    """A turn of `angle_rad` about `axis` (3,), in steps.
+
+    normals: (n, 3) of the faces that the tips touch at first, in the object's frame.
+    """
+
+    axis: Array
+    angle_rad: float
+    normals: Array
+    steps: tuple[TurnTo | Regrasp, ...]
+
+    @property
+    def regrasps(self) -> int:
+        """The number of times that a finger takes hold again."""
+        return sum(isinstance(step, Regrasp) for step in self.steps)
+
+    @property
+    def friction(self) -> float:
+        """The largest friction ratio that internal forces alone need."""
+        return max(step.friction for step in self.steps)

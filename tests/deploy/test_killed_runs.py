@@ -1,0 +1,163 @@
+"""site.yml killed (signal 9) after any of its tasks, on a board of today and on one of an earlier version.
+
+One further run must end with the state of a run that was not killed, as deploy_rig/card_state.py reads it.
+PALPATE_KILLS is the number of kills, drawn by PALPATE_SEED, or "all" (hours).
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy_rig.card_state import card_state
+from deploy_rig.fingertip_board import FingertipBoard, SlowCamera, fingertip_board, release_of
+from deploy_rig.image import changed_wheelhouse
+
+pytestmark = pytest.mark.deploy_killed
+
+KILLS, SEED = os.environ.get("PALPATE_KILLS", "5"), int(os.environ.get("PALPATE_SEED", "1"))
+BEFORE = {"fingertip_node_id": 0x11, "base_ssh_passwords": True, "base_time_servers": ["192.0.2.1"]}
+WANTED = {"fingertip_node_id": 0x10, "base_ssh_passwords": False, "base_time_servers": ["192.0.2.2"]}
+# Every file that site.yml copies gets a further line, as if it were another version's.
+AGE = (
+    "find /etc /usr/local/sbin /opt/palpate/bin /opt/palpate/release-signers "
+    "-type f -newer /root/.ssh/before \\( -path '*palpate*' -o -path '*/70-can0*' \\) -not -name '*.cal' | "
+    "while read -r file; do echo '# of an earlier version' >>\"$file\"; done"
+)
+# The release that a rollback would activate.
+PREVIOUS = (
+    "cd /opt/palpate && release=$(basename $(readlink current)) && "
+    "cp --archive --link releases/$release releases/previous && ln -s releases/previous previous"
+)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A board before a run; tasks: those of a run that was not killed; state: the state after it."""
+
+    name: str
+    layers: tuple[Path, ...]
+    tasks: tuple[str, ...]
+    state: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A kill after the task with this number, from 1."""
+
+    start: Start
+    number: int
+
+    def __str__(self) -> str:
+        tasks = self.start.tasks
+        return f"{self.start.name}: {self.number} of {len(tasks)}, {tasks[self.number - 1]}"
+
+
+@pytest.fixture(scope="module")
+def newer(wheels: Path, bare_board: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheelhouse of another release."""
+    folder, place = tmp_path_factory.mktemp("newer"), ("edge/palpate_edge/__init__.py", '"""palpate_edge:')
+    return changed_wheelhouse(folder, wheels, bare_board / "key", *place, '"""palpate_edge :')
+
+
+@pytest.fixture(scope="module")
+def boot(
+    bare_board: Path, newer: Path, slow_camera: SlowCamera, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Any]:
+    """Boot a board over layers."""
+
+    @contextmanager
+    def booted(*layers: Path) -> Iterator[FingertipBoard]:
+        folder = tmp_path_factory.mktemp("board")
+        with fingertip_board(folder, bare_board / "key", newer, slow_camera, *layers) as board:
+            yield board
+
+    return booted
+
+
+@pytest.fixture(scope="module")
+def starts(
+    boot: Callable[..., Any],
+    wheels: Path,
+    packaged_card: tuple[Path, ...],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> list[Start]:
+    """A bare board with apt's packages, and a provisioned one of an earlier version."""
+    cards = tmp_path_factory.mktemp("cards")
+    with boot(*packaged_card) as board:
+        board.machine.run("touch", "/root/.ssh/before")
+        board.play("site", release_wheelhouse=str(wheels), **BEFORE).well()
+        board.machine.run("sh", "-c", AGE)
+        board.machine.run("sh", "-c", PREVIOUS)
+        older = board.machine.keep_card(cards / "older")
+    layers = {"bare": packaged_card, "older": (older, *packaged_card)}
+    return [start(boot, name, *of_it, cards=cards) for name, of_it in layers.items()]
+
+
+def start(boot: Callable[..., Any], name: str, *layers: Path, cards: Path) -> Start:
+    """Run site.yml once from this start, for its tasks and the state afterwards."""
+    tasks = cards / f"{name}.tasks"
+    with boot(*layers) as board:
+        board.play("site", tasks=tasks, **WANTED).well()
+        board.master.contact_after(time.monotonic())
+        state = card_state(board)
+    names = tuple(line.partition(" ")[2] for line in tasks.read_text().splitlines())
+    print(f"{name}: {len(names)} tasks run, {tasks.read_text().count('unchanged ')} of them without a change")
+    return Start(name, layers, names, state)
+
+
+def drawn(starts: list[Start]) -> list[Case]:
+    """Return the kills of this run."""
+    every = [Case(start, number) for start in starts for number in range(1, len(start.tasks) + 1)]
+    random.Random(SEED).shuffle(every)
+    return every if KILLS == "all" else every[: int(KILLS)]
+
+
+def differences(board: FingertipBoard, case: Case) -> list[str]:
+    """Return where a board differs from one whose run was not killed."""
+    state, wanted = card_state(board), case.start.state
+    names = sorted(state.keys() | wanted.keys())
+    return [
+        f"{name}: {state.get(name)}, not {wanted.get(name)}"
+        for name in names
+        if state.get(name) != wanted.get(name)
+    ]
+
+
+def kill_and_run_again(board: FingertipBoard, case: Case) -> str:
+    """Return what is wrong afterwards, empty if nothing is."""
+    killed = board.play("site", kill_after=case.number, **WANTED)
+    assert killed.status == -signal.SIGKILL, killed.said
+    again = board.play("site", **WANTED)
+    links = board.machine.run(
+        "readlink", "/opt/palpate/current", "/opt/palpate/previous", check=False
+    ).split()
+    if len(links) == 2 and links[0] == links[1]:
+        return f"previous is current: {links[0]}"
+    if again.status != 0:
+        return f"error: {again.said[-2000:]}"
+    board.master.contact_after(time.monotonic())
+    return "; ".join(differences(board, case))
+
+
+def test_a_run_killed_after_any_task_is_made_good_by_the_next(
+    boot: Callable[..., Any], starts: list[Start], newer: Path
+) -> None:
+    assert all(start.state["running release"] == release_of(newer) for start in starts)
+    cases, wrong = drawn(starts), []
+    for done, case in enumerate(cases, 1):
+        with boot(*case.start.layers) as board:
+            fault = kill_and_run_again(board, case)
+        print(f"{done} of {len(cases)}: {case}: {fault or 'good'}", flush=True)
+        wrong += [f"{case}: {fault}"] if fault else []
+    print(f"killed after {len(cases)} of {sum(len(start.tasks) for start in starts)} tasks (seed {SEED})")
+    assert wrong == []

@@ -1,0 +1,180 @@
+"""LeRobot's own recorder, loader, viewer, replay and teleoperation with the twin (make lerobot-test)."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.integrations.lerobot_readers import load, view
+from tests.twin_in_real_time import PATIENCE_S
+
+from palpate_edge.common.arrays import Array
+from palpate_host import Hand
+from palpate_host.common import rotation
+from palpate_twin.demo.run_folder import RunFolder
+from palpate_twin.hand.motion import read_motion
+
+pytestmark = pytest.mark.lerobot
+
+EPISODES, FPS, EPISODE_S = 3, 10, 8
+TARGETS_DEG = [[12.0, 0.0, 0.0], [0.0, -8.0, 6.0]]
+"""No way between them passes the start, so a replay that does nothing ends elsewhere."""
+VIDEO = (
+    "--dataset.streaming_encoding=true",
+    "--dataset.encoder_threads=1",
+    "--dataset.rgb_encoder.vcodec=h264",
+    "--dataset.rgb_encoder.preset=ultrafast",
+)
+"""Options of LeRobot that take the least processor time, as docs/integrations.md gives them."""
+LARGEST_ERROR_DEG, SMALLEST_TURN_DEG = 1.0, 5.0
+TELEOPERATED_DEG = -8.0
+"""Roll, back towards the start."""
+SETTLED_DEG = 0.05
+"""A true turn in a second below which the object rests."""
+
+
+def robot(twin: RunFolder) -> list[str]:
+    rings = {finger.name: str(twin.ring(finger.name)) for finger in twin.hand().fingers}
+    return [
+        "--robot.type=palpate_hand",
+        f"--robot.control_socket={twin.control_socket}",
+        "--robot.id=twin",
+        "--robot.timeout_s=120",
+        f"--robot.rings={json.dumps(rings)}",
+    ]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The object at rest: estimate, desired orientation and truth, each (3, 3)."""
+
+    estimated: Array
+    desired: Array
+    true: Array
+
+
+def rest(twin: RunFolder) -> Rest:
+    """Wait until the turn has ended and the object rests, and return its orientation."""
+    earlier: list[Array] = []
+    with Hand(twin.control_socket) as hand:
+        while True:
+            status = hand.wait_for(lambda status: status.turned == 1.0, PATIENCE_S, "end its turn")
+            true = read_motion(twin.motion).rotations[-1]
+            earlier = [*earlier[-9:], true]
+            if len(earlier) == 10 and rotation.angle_deg(true @ earlier[0].T) < SETTLED_DEG:
+                return Rest(np.array(status.R_c), np.array(status.R_d), true)
+            time.sleep(0.1)
+
+
+@pytest.fixture(scope="module")
+def start(twin: RunFolder) -> Rest:
+    """The object as grasped, before LeRobot connects."""
+    return rest(twin)
+
+
+@pytest.fixture(scope="module")
+def recorded(lerobot, twin: RunFolder, start: Rest, tmp_path_factory) -> tuple[Path, dict[str, Any]]:
+    """Three episodes of LeRobot's recorder, and what its loader finds in them."""
+    folder = tmp_path_factory.mktemp("recorded") / "set"
+    lerobot(
+        "lerobot-record",
+        *robot(twin),
+        "--teleop.type=palpate_turns",
+        f"--teleop.targets_deg={TARGETS_DEG}",
+        "--teleop.pause_s=3",
+        "--dataset.repo_id=local/palpate",
+        "--dataset.no_stamp=true",
+        f"--dataset.root={folder}",
+        "--dataset.single_task=Turn the prism.",
+        f"--dataset.num_episodes={EPISODES}",
+        f"--dataset.episode_time_s={EPISODE_S}",
+        "--dataset.reset_time_s=0",
+        f"--dataset.fps={FPS}",
+        *VIDEO,
+        "--dataset.push_to_hub=false",
+        "--play_sounds=false",
+    )
+    return folder, load(lerobot, folder)
+
+
+def test_the_recorder_writes_three_episodes_that_the_loader_reads(recorded, twin: RunFolder) -> None:
+    _, found = recorded
+    print(f"recorder: {found['frames'] / EPISODES / EPISODE_S:.1f} frames/s of {FPS}")
+    assert found["episodes"] == EPISODES and found["robot_type"] == "palpate_hand"
+    assert set(found["episode_index"]) == set(range(EPISODES))
+    assert found["action_names"] == ["object.roll_deg", "object.pitch_deg", "object.yaw_deg"]
+    names = found["state_names"]
+    assert {f"{joint.name}.pos_rad" for joint in twin.hand().joints} <= set(names)
+    state = np.array(found["state"])
+    for finger in twin.hand().fingers:
+        assert state[:, names.index(f"{finger.name}.in_contact")].mean() > 0.9
+        assert state[:, names.index(f"{finger.name}.fn_N")].mean() > 0.5
+    for shape, deviation in found["pictures"].values():
+        assert shape[0] == 3 and deviation > 0.01
+    assert len(found["pictures"]) == 3
+
+
+def test_the_viewer_shows_what_was_recorded(lerobot, recorded, tmp_path: Path) -> None:
+    """The last episode: state and action of every frame under their names, every camera's pictures."""
+    folder, found = recorded
+    names = {"observation.state": found["state_names"], "action": found["action_names"]}
+    assert found["plotted_names"] == names
+    viewed = view(lerobot, folder, EPISODES - 1, tmp_path)
+    rows = np.array(found["episode_index"]) == EPISODES - 1
+    assert np.array_equal(viewed.plots["state"], np.array(found["state"])[rows])
+    assert np.array_equal(viewed.plots["action"], np.array(found["action"])[rows])
+    assert viewed.pictures.keys() == found["pictures"].keys()
+    for pictures in viewed.pictures.values():
+        assert len(pictures) == rows.sum() and min(map(np.std, pictures)) > 1.0
+
+
+def test_a_replayed_episode_ends_where_the_recorded_run_ended(
+    lerobot, twin: RunFolder, start: Rest, recorded
+) -> None:
+    """The last episode, after the object was turned back: estimate and truth of the simulation."""
+    folder, _ = recorded
+    ended = rest(twin)
+    assert rotation.angle_deg(ended.true @ start.true.T) > SMALLEST_TURN_DEG
+    with Hand(twin.control_socket) as hand:
+        back = rotation.to_rpy_deg(start.desired @ ended.desired.T)
+        hand.rotate(back, ramp_s=2.0, timeout_s=PATIENCE_S)
+    begun = rest(twin)
+    lerobot(
+        "lerobot-replay",
+        *robot(twin),
+        "--dataset.repo_id=local/palpate",
+        f"--dataset.root={folder}",
+        f"--dataset.episode={EPISODES - 1}",
+        "--play_sounds=false",
+    )
+    replayed = rest(twin)
+    assert rotation.angle_deg(replayed.true @ begun.true.T) > SMALLEST_TURN_DEG
+    estimated_deg = rotation.angle_deg(replayed.estimated @ ended.estimated.T)
+    true_deg = rotation.angle_deg(replayed.true @ ended.true.T)
+    turned_deg = rotation.angle_deg(ended.true @ start.true.T)
+    print(f"replay: {estimated_deg:.2f} deg off, {true_deg:.2f} in truth, after {turned_deg:.1f} deg")
+    assert estimated_deg < LARGEST_ERROR_DEG
+    assert true_deg < LARGEST_ERROR_DEG
+
+
+def test_teleoperation_turns_the_object_without_a_recording(lerobot, twin: RunFolder, recorded) -> None:
+    """To the programme's target, where the host holds the object when LeRobot ends."""
+    before = rest(twin)
+    lerobot(
+        "lerobot-teleoperate",
+        *robot(twin),
+        "--teleop.type=palpate_turns",
+        f"--teleop.targets_deg={[[TELEOPERATED_DEG, 0.0, 0.0]]}",
+        "--teleop.pause_s=1000",
+        f"--teleop_time_s={EPISODE_S}",
+        f"--fps={FPS}",
+    )
+    after = rest(twin)
+    desired_deg = rotation.to_rpy_deg(after.desired @ before.desired.T)
+    assert desired_deg == pytest.approx((TELEOPERATED_DEG, 0.0, 0.0), abs=0.05)
+    assert rotation.to_rpy_deg(after.true @ before.true.T)[0] < -SMALLEST_TURN_DEG
