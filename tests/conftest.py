@@ -29,7 +29,6 @@ from palpate_host.cli.main import main as host_main
 pytest_plugins = (
     "tests.tiers",
     "tests.browser.browser_fixture",
-    "tests.twin_in_real_time",
     "kernel_guest.forwarding",
     "kernel_guest.links",
     "kernel_guest.cameras",

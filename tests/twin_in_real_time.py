@@ -1,4 +1,4 @@
-"""The fixture `twin`: the processes of the demo in real time, with an object that a host has grasped."""
+"""The processes of the demo in real time, with an object that a host grasps."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import pytest
 
 from palpate_host.common.mode import Mode
 from palpate_host.operator.client import NoHostError, OperatorClient
@@ -18,14 +16,6 @@ from palpate_twin.demo.programme import TURNS_DEG
 from palpate_twin.demo.run_folder import RunFolder, bind_calibrations, make_run_folder
 
 PATIENCE_S = 600.0
-
-
-@pytest.fixture(scope="session")
-def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunFolder]:
-    """The processes of the demo in real time; the host grasps the object and turns it nowhere."""
-    with twin_in_real_time(tmp_path_factory.mktemp("twin") / "run") as folder:
-        wait_for(lambda: mode(folder.control_socket) is Mode.MANIPULATE, "the grasp")
-        yield folder
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from tests.twin_in_real_time import PATIENCE_S
+from tests.twin_in_real_time import PATIENCE_S, mode, twin_in_real_time, wait_for
 
 from palpate_host.common.command import Command, CommandError
 from palpate_host.common.mode import Mode
@@ -20,6 +20,7 @@ from palpate_host.common.status import HostStatus
 from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.service.host import load_hand
+from palpate_twin.demo.run_folder import RunFolder
 
 PROJECT = Path(__file__).resolve().parents[2]
 HAND = PROJECT / "host/palpate_host/models/table4.toml"
@@ -37,6 +38,14 @@ def status() -> HostStatus:
         for s in statuses
         if s.mode is Mode.MANIPULATE and s.R_d and all(finger.in_contact for finger in s.fingers)
     )
+
+
+@pytest.fixture(scope="session")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunFolder]:
+    """The processes of the demo in real time; the host grasps the object and turns it nowhere."""
+    with twin_in_real_time(tmp_path_factory.mktemp("twin") / "run") as folder:
+        wait_for(lambda: mode(folder.control_socket) is Mode.MANIPULATE, "the grasp")
+        yield folder
 
 
 class Serving:
