@@ -16,7 +16,8 @@ _GIMBAL_LOCK = 1e-9
 
 def cross(a: Array, b: Array) -> Array:
     """a x b of two vectors (3,); numpy's own spends most of its time on shapes."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def norm(v: Array) -> float:

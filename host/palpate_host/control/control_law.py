@@ -164,14 +164,21 @@ def joint_torque_Nm(
     return force_torque_Nm(pose, qdot_rad_s, force, gains)
 
 
-def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains) -> Array:
+def force_torque_Nm(
+    pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains, moment_Nm: Array | None = None
+) -> Array:
     """Return the sum over the tips of J_i^T F_i (nq,), less damping, plus gravity.
 
+    moment_Nm: moments (n, 3) of the forces about the tips' centres, which add J_wi^T m_i.
     Without damping and gravity for joints that turn with torque / B_d: their drives hold them up, and a
     torque against gravity would make them climb.
     """
     jacobian = pose.tip_jacobian_m
     forces_to_joints = force_N.ravel().dot(jacobian.reshape(-1, jacobian.shape[2]))
+    if moment_Nm is not None:
+        turn = pose.tip_turn_jacobian
+        assert turn is not None
+        forces_to_joints += moment_Nm.ravel().dot(turn.reshape(-1, turn.shape[2]))
     if gains.velocity_joints:
         return np.asarray(forces_to_joints)
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)

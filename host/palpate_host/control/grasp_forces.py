@@ -17,8 +17,8 @@ the wrench before its normal force.
 
 Internal forces have no wrench. Those nearest to the inward normals are h = (I - G^+ G)(-s d), scaled here to
 a mean normal part of 1 for a share of 1 and multiplied by the grip g in N. Contact i holds while the
-tangential part of f_i + g h_i is at most mu times its normal part: a quadratic inequality in g, and for a
-given g in the share s of the wrench that the contacts get.
+tangential part of f_i + g h_i is at most mu times its normal part: a quadratic inequality in g. Where its
+solution presses a contact harder than the limit, wrench and grip are scaled down alike.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from palpate_host.control.virtual_object import Grip, moment
 LEAST_MARGIN = 0.1
 """Smallest friction ratio left to the wrench; far turned, internal forces alone may use up `friction`."""
 _TINY = 1e-12
+_Products = tuple[float, float, float, float, float]
 
 
 class ContactForces(NamedTuple):
@@ -71,43 +72,55 @@ def internal_forces(grip: Grip) -> Array:
 def forces_within_cones(
     grip: Grip, force_N: Array, torque_Nm: Array, friction: Sequence[float], least_N: float, most_N: float
 ) -> ContactForces:
-    """Return contact forces with this wrench and the smallest grip in [least_N, most_N] that friction needs.
+    """Return contact forces with this wrench and the smallest grip from least_N on that friction needs.
 
-    friction: of each contact. At most_N the wrench is scaled down to what friction holds.
+    friction: of each contact. most_N: largest normal force of a contact. Where friction needs more, the
+    wrench is scaled down to what it holds; least_N gives way before that.
     """
-    asked, inner, normal = wrench_forces_N(grip, force_N, torque_Nm), internal_forces(grip), grip.normal
-    asked_n, inner_n = -np.vecdot(asked, normal), -np.vecdot(inner, normal)
-    # For each contact the normal parts, and the tangential parts' products.
-    rows = list(
-        zip(
-            asked_n.tolist(),
-            inner_n.tolist(),
-            (np.vecdot(asked, asked) - asked_n * asked_n).tolist(),
-            (np.vecdot(asked, inner) - asked_n * inner_n).tolist(),
-            (np.vecdot(inner, inner) - inner_n * inner_n).tolist(),
-            strict=True,
-        )
-    )
-    g, slopes, reserve = least_N, [], math.inf
+    asked, inner = wrench_forces_N(grip, force_N, torque_Nm), internal_forces(grip)
+    rows = _products(asked, inner, grip.normal)
+    needed, fits, reserve = 0.0, math.inf, math.inf
     for mu, (an, hn, aa, ah, hh) in zip(friction, rows, strict=True):
         if aa == hh == an == hn == 0.0:  # a lifted finger
-            slopes.append(mu * mu)
             continue
         used = math.sqrt(max(hh, 0.0)) / max(hn, _TINY)
         reserve = min(reserve, mu - used)
         mu2 = max(mu, used + LEAST_MARGIN) ** 2
-        slopes.append(mu2)
-        needed = _least_grip(mu2 * hn * hn - hh, mu2 * hn * an - ah, mu2 * an * an - aa, hn, an)
-        g = needed if needed > g else g
-    share = 1.0
-    if g > most_N:
-        g = most_N
-        for mu2, (an, hn, aa, ah, hh) in zip(slopes, rows, strict=True):
-            fits = _largest_share(
-                mu2 * an * an - aa, g * (mu2 * hn * an - ah), g * g * (mu2 * hn * hn - hh), an, g * hn
-            )
-            share = fits if fits < share else share
-    return ContactForces(share * asked + g * inner, share * asked_n + g * inner_n, g, share, reserve)
+        needs = _least_grip(mu2 * hn * hn - hh, mu2 * hn * an - ah, mu2 * an * an - aa, hn, an)
+        needed = needs if needs > needed else needed
+        fits = min(fits, (most_N - an) / max(hn, _TINY))
+    g, share = min(max(least_N, needed), fits), 1.0
+    if needed > fits:
+        g, share = _scaled(rows, needed, most_N)
+    normal_N = np.array([share * an + g * hn for an, hn, *_ in rows])
+    return ContactForces(share * asked + g * inner, normal_N, g, share, reserve)
+
+
+def _products(asked: Array, inner: Array, normal: Array) -> list[_Products]:
+    """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh.
+
+    Plain floats: for rows of three numbers numpy's overhead exceeds the computation.
+    """
+    rows = []
+    forces = zip(asked.tolist(), inner.tolist(), normal.tolist(), strict=True)
+    for (ax, ay, az), (hx, hy, hz), (nx, ny, nz) in forces:
+        an, hn = -(ax * nx + ay * ny + az * nz), -(hx * nx + hy * ny + hz * nz)
+        aa = ax * ax + ay * ay + az * az - an * an
+        ah = ax * hx + ay * hy + az * hz - an * hn
+        hh = hx * hx + hy * hy + hz * hz - hn * hn
+        rows.append((an, hn, aa, ah, hh))
+    return rows
+
+
+def _scaled(rows: Sequence[_Products], needed_N: float, most_N: float) -> tuple[float, float]:
+    """Return the grip and the largest share of the wrench with at most most_N at every contact.
+
+    Friction cones are cones: what holds with the grip needed_N holds scaled by any factor.
+    """
+    if needed_N == math.inf:
+        return most_N / max(_TINY, *(hn for _, hn, *_ in rows)), 0.0
+    share = most_N / max(an + needed_N * hn for an, hn, *_ in rows)
+    return share * needed_N, share
 
 
 def _least_grip(a: float, b: float, c: float, hn: float, an: float) -> float:
@@ -117,17 +130,3 @@ def _least_grip(a: float, b: float, c: float, hn: float, an: float) -> float:
     inside = b * b - a * c
     root = (math.sqrt(inside) - b) / a if inside > 0.0 else 0.0
     return max(root, -an / hn, 0.0)
-
-
-def _largest_share(a: float, b: float, c: float, an: float, hn: float) -> float:
-    """Return the s in [0, 1] up to which a s^2 + 2 b s + c >= 0 and s an + hn >= 0; both hold at 0."""
-    most = min(1.0, -hn / an) if an < 0.0 else 1.0
-    inside = b * b - a * c
-    if c < 0.0 or inside < 0.0:
-        return 0.0 if c < 0.0 else most
-    root = math.sqrt(inside)
-    # The roots are c / (-b +- root), which needs no division by a.
-    for divisor in (root - b, -root - b):
-        if divisor > 0.0:
-            most = min(most, c / divisor)
-    return max(most, 0.0)

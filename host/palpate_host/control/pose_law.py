@@ -33,8 +33,8 @@ from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force
 from palpate_host.control.grasp_forces import forces_within_cones
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_uncertainty import PoseUncertainty
-from palpate_host.control.stable_stiffness import Stiffness, contact_jacobian_m, stable_stiffness
-from palpate_host.control.virtual_object import VirtualObject
+from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
+from palpate_host.control.virtual_object import VirtualObject, moments
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
@@ -43,6 +43,10 @@ KNOWN_LOAD_N, KNOWN_LOAD_S, NEW_LOAD_N = 0.15, 0.3, 0.4
 """A load is known once less than this is missing for this time, and unknown again from the third on."""
 SQUEEZE = 1.5
 """Factor by which the grip grows when a tip slips."""
+FIRM = 2.0
+"""Factor of the smallest grip while fingers lift in turn: their transients then raise it no further."""
+FIRMER_PER_S = 2.0
+"""Rate at which that factor changes: faster changes of the grip push the object away."""
 NARROW_RESERVE = 0.02
 """Friction ratio beyond the internal forces' below which a turn rests after a slip; below 0 it is undone."""
 
@@ -62,6 +66,7 @@ class PoseLaw:
         self._from_m: Array | None = None
         self._shift_m = np.zeros(3)
         self.grip_N = self._least_grip_N = 0.0
+        self.is_firm, self._firmness = False, 1.0
         self.share = 1.0
         self.reserve = math.inf
         self.is_grip_at_limit = False
@@ -152,6 +157,7 @@ class PoseLaw:
         self._origin_m, self._origin_R = self._object.place_m, R
         self.uncertainty = PoseUncertainty()
         self.is_load_known, self._still_s = False, 0.0
+        self.is_firm, self._firmness = False, 1.0
         self.hold_here()
 
     def follow_point(self, place_m: Array) -> None:
@@ -234,7 +240,7 @@ class PoseLaw:
         pull_N, twist_Nm = gains.K_p_N_m.dot(away_m), gains.K_o_Nm_rad.dot(turned_rad)
         self._note_pull(rotation.norm(pull_N), dt_s)
         most_N = min(friction) * grip.total_weight * config.most_grip_N
-        reach_m = math.sqrt(float(np.vdot(grip.arm_m, grip.weighted(grip.arm_m))) / grip.total_weight)
+        reach_m = math.sqrt(grip.spread_m2 / grip.total_weight)
         if self.share >= 1.0:
             self._force_I_N = _bounded(self._force_I_N + dt_s * gains.I_p_N_ms.dot(away_m), most_N)
             more_Nm = dt_s * gains.I_o_Nm_rads.dot(turned_rad)
@@ -243,7 +249,8 @@ class PoseLaw:
         force_N = _bounded(wanted_N, most_N)
         torque_Nm = twist_Nm - gains.D_o_Nms_rad.dot(self._spin_rad_s) + self._torque_I_Nm
         torque_Nm = torque_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
-        relaxed_N = self._least_grip_N + (self.grip_N - self._least_grip_N) * math.exp(-dt_s / config.relax_s)
+        least_N = self._least_now_N(dt_s)
+        relaxed_N = least_N + max(0.0, self.grip_N - least_N) * math.exp(-dt_s / config.relax_s)
         forces = forces_within_cones(
             grip,
             force_N,
@@ -255,8 +262,16 @@ class PoseLaw:
         self.grip_N, self.share, self.reserve = forces.grip_N, forces.share, forces.reserve
         self.is_grip_at_limit = self.share < 1.0 or wanted_N is not force_N
         found.set_radius(self._radius_m(forces.normal_N))
-        at_contact = pose._replace(tip_jacobian_m=contact_jacobian_m(pose, grip))
-        return force_torque_Nm(at_contact, qdot_rad_s, forces.force_N, self._gains)
+        moment_Nm = moments(grip.to_contact_m, forces.force_N)
+        return force_torque_Nm(pose, qdot_rad_s, forces.force_N, self._gains, moment_Nm)
+
+    def _least_now_N(self, dt_s: float) -> float:
+        """Return the smallest grip of this tick; it changes slowly when the hold becomes firm."""
+        goal = FIRM if self.is_firm else 1.0
+        step = FIRMER_PER_S * dt_s
+        self._firmness += min(max(goal - self._firmness, -step), step)
+        most_N = max(0.5 * self._config.most_grip_N, self._least_grip_N)
+        return min(self._firmness * self._least_grip_N, most_N)
 
     def _note_pull(self, pull_N: float, dt_s: float) -> None:
         """The load is known while the stiffness pulls little for a while: the integral carries it."""
@@ -268,10 +283,11 @@ class PoseLaw:
 
     def _radius_m(self, normal_N: Array) -> Array:
         """Return the tips' radii (n,) less their indentation, Eq. (8)."""
-        if self._config.tip_stiffness_N_m2 == 0.0:
-            return np.full(len(normal_N), self._gains.tip_radius_m)
-        depth_m = np.sqrt(np.maximum(normal_N, 0.0) / self._config.tip_stiffness_N_m2)
-        return np.asarray(np.maximum(self._gains.tip_radius_m - depth_m, 0.5 * self._gains.tip_radius_m))
+        radius_m, k = self._gains.tip_radius_m, self._config.tip_stiffness_N_m2
+        if k == 0.0:
+            return np.full(len(normal_N), radius_m)
+        depths_m = [math.sqrt(one / k) if one > 0.0 else 0.0 for one in normal_N.tolist()]
+        return np.array([max(radius_m - depth_m, 0.5 * radius_m) for depth_m in depths_m])
 
 
 def _bounded(vector: Array, most: float) -> Array:

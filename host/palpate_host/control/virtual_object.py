@@ -22,13 +22,12 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.common import rotation
+from palpate_host.common import rotation, symmetric
 from palpate_host.control.kinematics import HandPose
 
 KEPT = 128
 """Number of earlier estimates kept for late contacts."""
 KEEP_EVERY_S = 0.004
-_EYE = np.eye(3)
 
 
 class Grip(NamedTuple):
@@ -36,8 +35,9 @@ class Grip(NamedTuple):
 
     arm_m: (n, 3) from their centroid to each contact. centroid_m: (3,). normal: (n, 3) outward unit normals
     of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: (3, 3) the inverse
-    of S, the sum of |a|^2 I - a a^T over the arms a. share: (n,) of each contact in the grip, 0 for a lifted
-    finger; centroid and S are weighted by its square. None: all are 1.
+    of S, the sum of |a|^2 I - a a^T over the arms a. spread_m2: the sum of |a|^2. total_weight: the sum of
+    the squared shares, the number of contacts when all are 1. share: (n,) of each contact in the grip, 0 for
+    a lifted finger; weight: (n, 1), its square, by which centroid and S are weighted. None: all are 1.
     """
 
     arm_m: Array
@@ -45,16 +45,14 @@ class Grip(NamedTuple):
     normal: Array
     to_contact_m: Array
     per_spread: Array
+    spread_m2: float
+    total_weight: float
     share: Array | None = None
-
-    @property
-    def total_weight(self) -> float:
-        """The sum of the squared shares: the number of contacts when all are 1."""
-        return len(self.arm_m) if self.share is None else float(self.share.dot(self.share))
+    weight: Array | None = None
 
     def weighted(self, rows: Array) -> Array:
         """Return the rows (n, 3) of the contacts, each times its squared share."""
-        return rows if self.share is None else rows * (self.share * self.share)[:, None]
+        return rows if self.weight is None else rows * self.weight
 
 
 class VirtualObject:
@@ -157,29 +155,31 @@ def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array, share: Array | 
     """Return the contacts of tips (n, 3) with outward normals (n, 3), radii (n, 1) and shares (n,)."""
     to_contact_m = -radius_m * normal
     contact_m = tip_centre_m + to_contact_m
+    weight, total_weight = None, float(len(contact_m))
     if share is None:
-        centroid_m = np.add.reduce(contact_m) / len(contact_m)
+        centroid_m = np.add.reduce(contact_m) / total_weight
         arm_m = weighted_m = contact_m - centroid_m
     else:
-        weight = share * share
-        centroid_m = weight.dot(contact_m) / np.add.reduce(weight)
+        squared = share * share
+        total_weight, weight = float(share.dot(share)), squared[:, None]
+        centroid_m = squared.dot(contact_m) / total_weight
         arm_m = contact_m - centroid_m
-        weighted_m = arm_m * weight[:, None]
-    squares = arm_m.T.dot(weighted_m)
-    trace = squares[0, 0] + squares[1, 1] + squares[2, 2]
-    return Grip(arm_m, centroid_m, normal, to_contact_m, _inverse(trace * _EYE - squares), share)
+        weighted_m = arm_m * weight
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = arm_m.T.dot(weighted_m).tolist()
+    per_spread = symmetric.inverse(yy + zz, -xy, -xz, xx + zz, -yz, xx + yy)
+    spread_m2 = xx + yy + zz
+    return Grip(arm_m, centroid_m, normal, to_contact_m, per_spread, spread_m2, total_weight, share, weight)
+
+
+def moments(arm_m: Array, force: Array) -> Array:
+    """Return a_i x f_i (n, 3) of rows (n, 3)."""
+    pairs = zip(arm_m.tolist(), force.tolist(), strict=True)
+    return np.array(
+        [(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx) for (x, y, z), (fx, fy, fz) in pairs]
+    )
 
 
 def moment(arm_m: Array, force: Array) -> Array:
     """Return the sum (3,) of a_i x f_i over rows (n, 3)."""
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = arm_m.T.dot(force).tolist()
     return np.array([yz - zy, zx - xz, xy - yx])
-
-
-def _inverse(S: Array) -> Array:
-    """Return the inverse of a symmetric 3 x 3 matrix; numpy's general one takes four times as long."""
-    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
-    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
-    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * aa + b * ab + c * ac
-    return np.asarray(np.array([[aa, ab, ac], [ab, bb, bc], [ac, bc, cc]]) / determinant)

@@ -127,6 +127,8 @@ def test_a_quarter_turn_by_gaiting_stays_within_2_deg_and_2_mm(axis):
     assert outcome.regrasped == outcome.plan.regrasps >= 4
     assert outcome.error_deg < 2.0
     assert outcome.moved_mm < 2.0
+    assert outcome.moved_most_mm < 3.0
+    assert outcome.normal_N < 10.0
 
 
 def test_the_table_has_the_worst_of_each_turn_and_a_line_for_each_failure():

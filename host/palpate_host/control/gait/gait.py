@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.common import rotation
+from palpate_host.common import rotation, symmetric
 from palpate_host.control.control_law import Gains
 from palpate_host.control.gait.gait_plan import GaitPlan, Regrasp, TurnTo
 from palpate_host.control.kinematics import HandPose
@@ -41,6 +41,8 @@ FREE_TIMEOUT_S = 1.0
 """Time after LIFT within which the fingertip must report that it touches nothing."""
 LOST_FRAMES = 3
 TIP_STIFFNESS_N_M = 500.0
+SINGULAR = 1e-6
+"""Ratio of a tip's smallest mobility to its largest below which it counts as fixed in that direction."""
 _SMOOTH = 1.5
 """Duration of a smooth step over that at constant speed: 3 s^2 - 2 s^3 has the largest slope 1.5."""
 
@@ -68,6 +70,7 @@ class Gait:
         self.regrasped = 0
         self.R_d = self._R_start = law.R_d
         self._plan, self._gains = plan, gains
+        self._per_B = 1.0 / np.maximum(gains.B_Nms_rad, 1e-6)
         self._number = -1
         self._since_s = self._duration_s = 0.0
         self._angle_rad = 0.0
@@ -123,7 +126,7 @@ class Gait:
         }.get(self.phase)
         if act is not None:
             act(law, pose, dt_s)
-        law.R_d = self.R_d
+        law.R_d, law.is_firm = self.R_d, not self.is_over
         assert law.object is not None
         law.object.set_share(self._share)
         return self._tip_torque_Nm(pose, before_m, dt_s)
@@ -250,12 +253,23 @@ class Gait:
         step = self._step
         if self._tip_d_m is None or not isinstance(step, Regrasp):
             return np.zeros(len(pose.q_rad))
-        J, B = pose.tip_jacobian_m[step.finger], self._gains.B_Nms_rad
-        joints = np.flatnonzero(np.abs(J).max(axis=0))
-        J_own, B_own = J[:, joints], np.maximum(B[joints], 1e-6)
-        damping = np.linalg.pinv(J_own / B_own @ J_own.T, rcond=1e-6, hermitian=True)
-        softest = float(np.linalg.eigvalsh(damping)[0])
+        J = pose.tip_jacobian_m[step.finger]
+        damping, softest = self._tip_damping(J)
         K = min(TIP_STIFFNESS_N_M, STABLE_SHARE * softest / (DELAY_TICKS * dt_s))
-        moved_m_s = np.zeros(3) if before_m is None else (self._tip_d_m - before_m) / dt_s
-        force_N = K * (self._tip_d_m - pose.tip_centre_m[step.finger]) + damping @ moved_m_s
-        return np.asarray(force_N @ J)
+        force_N = K * (self._tip_d_m - pose.tip_centre_m[step.finger])
+        if before_m is not None:
+            force_N += damping.dot((self._tip_d_m - before_m) / dt_s)
+        return np.asarray(force_N.dot(J))
+
+    def _tip_damping(self, J: Array) -> tuple[Array, float]:
+        """Return (J B^-1 J^T)^+ (3, 3), the joints' damping of the tip, and its smallest value.
+
+        J: (3, nq); the tip moves with its own finger's joints alone. A finger that cannot move its tip in
+        every direction has a smallest value of 0.
+        """
+        (a, b, c), (_, d, e), (_, _, f) = (J * self._per_B).dot(J.T).tolist()
+        if symmetric.determinant(a, b, c, d, e, f) > SINGULAR * (a + d + f) ** 3:
+            return symmetric.inverse(a, b, c, d, e, f), 1.0 / symmetric.largest_eigenvalue(a, b, c, d, e, f)
+        per_B = np.array([[a, b, c], [b, d, e], [c, e, f]])
+        damping = np.linalg.pinv(per_B, rcond=SINGULAR, hermitian=True)
+        return damping, max(0.0, float(np.linalg.eigvalsh(damping)[0]))
