@@ -189,6 +189,34 @@ def largest_frame_rate(case: BudgetCase) -> float:
     return max(0.0, (FITS_PERCENT - none) / (one - none)) if one > none else 0.0
 
 
+def largest_tick_rate(case: BudgetCase) -> float:
+    """Return the ticks/s at which the case just fits: worst-case load FITS_PERCENT, and a burst no longer
+    than a tick; 0 if the rest exceeds the load."""
+    none, one = (budget(replace(case, tick_Hz=rate)).worst_percent for rate in (0.0, 1.0))
+    if none > FITS_PERCENT:
+        return 0.0
+    rate_Hz = (FITS_PERCENT - none) / (one - none) if one > none else 1e6
+    return min(rate_Hz, 1e6 / budget(replace(case, tick_Hz=rate_Hz)).burst_us)
+
+
+def most_drives(case: BudgetCase) -> int | None:
+    """Return the largest number of drives with a node each that fits; None if not even none fits."""
+    for count in range(NODE_IDS):
+        if budget(replace(case, joints=count, axis_nodes=())).verdict != "fits":
+            return count - 1 if count else None
+    return NODE_IDS - 1
+
+
+def on_classic_can(case: BudgetCase) -> BudgetCase:
+    """Return the same hand on a bus of classic CAN, where each drive has a node of its own."""
+    return replace(case, joints=case.drives, axis_nodes=(), data_bitrate=None, classic_drives=False)
+
+
+def further_classic_frames(result: Budget) -> int:
+    """Return the frames/s of classic CAN with 8 bytes that fit beside a case, by their worst-case bits."""
+    return max(0, int((FITS_PERCENT - result.worst_percent) / 100 * result.case.bitrate / worst_bits(8)))
+
+
 def worst_bits(length: int) -> int:
     """Return the bits of a data frame of `length` bytes with as many stuff bits as possible."""
     return 47 + 8 * length + (34 + 8 * length - 1) // 4

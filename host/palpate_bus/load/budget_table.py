@@ -9,7 +9,17 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from palpate_bus.load.budget import FITS_PERCENT, Budget, BudgetCase, budget, largest_frame_rate
+from palpate_bus.load.budget import (
+    FITS_PERCENT,
+    Budget,
+    BudgetCase,
+    budget,
+    further_classic_frames,
+    largest_frame_rate,
+    largest_tick_rate,
+    most_drives,
+    on_classic_can,
+)
 
 BAR_WIDTH = 40
 _COLOURS = {"fits": "green", "tight": "yellow", "does not fit": "red"}
@@ -69,7 +79,33 @@ def summary(result: Budget) -> Text:
     )
     if case.fingertips:
         text.append(f" The cameras may run at up to {largest_frame_rate(case):.0f} FPS.")
+    if case.data_bitrate is not None:
+        text.append(f"\n{beside_classic_can(result)}")
     return text
+
+
+def beside_classic_can(result: Budget) -> Text:
+    """Return how many classic frames fit beside a CAN FD case, and what a classic bus carries of it."""
+    case = on_classic_can(result.case)
+    alone = budget(case)
+    text = Text(
+        f"Beside it there is room for {further_classic_frames(result)} classic frames/s of 8 bytes.\n"
+        f"A bus of classic CAN with the same hand: {alone.mean_percent:.1f} % mean, "
+        f"{alone.worst_percent:.1f} % at worst, "
+    )
+    text.append(alone.verdict, style=_COLOURS[alone.verdict])
+    if alone.verdict == "fits":
+        return text.append(".")
+    drives, tick_Hz = most_drives(case), largest_tick_rate(case)
+    parts = [
+        f"drives at {tick_Hz:.0f} Hz" if tick_Hz >= 1.0 else "",
+        f"{drives} drives at {case.tick_Hz:g} Hz" if drives else "",
+        f"cameras at {frames_per_s:.0f} FPS" if (frames_per_s := largest_frame_rate(case)) >= 1.0 else "",
+    ]
+    fits = ", or with ".join(part for part in parts if part)
+    return text.append(
+        f". It fits with {fits}, the rest as above." if fits else "; nor with less of one kind."
+    )
 
 
 def usual_hands(like: BudgetCase) -> Table:

@@ -19,7 +19,16 @@ from palpate_bus.hub.hub_client import Client
 from palpate_bus.hub.hub_core import HubCore
 from palpate_bus.hub.protocol import Hello
 from palpate_bus.load.bit_count import frame_bits
-from palpate_bus.load.budget import BudgetCase, budget, largest_frame_rate, worst_bits
+from palpate_bus.load.budget import (
+    BudgetCase,
+    budget,
+    further_classic_frames,
+    largest_frame_rate,
+    largest_tick_rate,
+    most_drives,
+    on_classic_can,
+    worst_bits,
+)
 from palpate_bus.logs.candump import read_log
 from palpate_edge.can_bus.can_frame import CanFrame
 
@@ -242,3 +251,55 @@ def test_the_command_draws_and_its_status_says_whether_it_fits():
     over = CliRunner().invoke(bus, ["budget", "--fingertips", "10", "--fps", "120"])
     assert over.exit_code == 1
     assert "does not fit" in over.output
+
+
+LARGE_FD = BudgetCase(10, 0, 120, 250, data_bitrate=5_000_000, axis_nodes=(5, 5, 5))
+
+
+def test_the_same_hand_on_classic_can_has_a_node_for_each_drive():
+    classic = on_classic_can(LARGE_FD)
+    assert classic == BudgetCase(10, 15, 120, 250)
+
+
+def fits(case):
+    return budget(case).verdict == "fits"
+
+
+@pytest.mark.parametrize("case", [on_classic_can(LARGE_FD), BudgetCase(10, 9, 120)], ids=["large", "small"])
+def test_the_largest_tick_rate_of_a_hand_fits_and_a_faster_one_does_not(case):
+    rate_Hz = largest_tick_rate(case)
+    assert fits(replace(case, tick_Hz=0.999 * rate_Hz))
+    assert not fits(replace(case, tick_Hz=1.001 * rate_Hz))
+
+
+def test_a_long_burst_bounds_the_tick_rate():
+    """Ten frames of 135 bits of each kind in one tick: 4 TPDOs take 5.4 ms, and SYNC 55 us."""
+    case = BudgetCase(10, 0, 30)
+    assert largest_tick_rate(case) == pytest.approx(1e6 / (10 * 4 * 135 + 55))
+    assert not fits(replace(case, tick_Hz=190))
+
+
+def test_the_most_drives_of_a_hand_fit_and_one_more_does_not():
+    case = BudgetCase(10, 9, 120)
+    count = most_drives(case)
+    assert fits(replace(case, joints=count)) and not fits(replace(case, joints=count + 1))
+    assert most_drives(on_classic_can(LARGE_FD)) is None
+
+
+def test_further_classic_frames_fill_a_can_fd_bus_to_the_limit():
+    room = further_classic_frames(budget(LARGE_FD))
+    load_percent = budget(LARGE_FD).worst_percent + 100 * room * DAVIS[8] / 1e6
+    assert load_percent == pytest.approx(80.0, abs=0.02)
+
+
+@pytest.mark.long
+def test_a_can_fd_budget_says_what_classic_can_carries():
+    options = ["budget", "--fingertips", "10", "--fps", "120", "--fd", "--drives"]
+    large = CliRunner().invoke(bus, [*options, "15", "--tick", "250", "--axes", "5"])
+    text = " ".join(large.output.split())
+    classic = budget(BudgetCase(10, 15, 120, 250))
+    assert f"A bus of classic CAN with the same hand: {classic.mean_percent:.1f} % mean" in text
+    assert "does not fit. It fits with drives at 30 Hz, the rest as above." in text
+    text = " ".join(CliRunner().invoke(bus, [*options, "9"]).output.split())
+    assert "with drives at 55 Hz, or with 5 drives at 100 Hz, or with cameras at 101 FPS" in text
+    assert "classic CAN" not in CliRunner().invoke(bus, ["budget"]).output
