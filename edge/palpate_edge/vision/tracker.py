@@ -8,6 +8,9 @@ beads by topology (correspondence.py).
 Each of the two happens at most once for any frame: no frame costs much more than most do. After a jump the
 next frame is searched at once, since single frames in a row jump every time.
 A bead that stays hidden causes no search: only the loss of further beads does.
+
+Doubtful labels of beads that jumped are never the start of the next frame, since a skin that stands still
+would confirm labels a row off. Frames start from the reference until one is without doubt.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict
 MAX_FAINT_AT_REST = 0.05  # of the beads, at their places in the reference; with more the press is deep
 MAX_LOST_AFTER_JUMP = 0.02  # a shift by one row loses the beads of one side
 MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
+MAX_DOUBT_AFTER_JUMP = 0.03  # the same where beads jumped: labels a row off would become the history
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
 MIN_STRENGTH = 0.7  # grey levels
 MAX_FIT_STEP = 0.25  # of a bead diameter, from the centroid to the centre of symmetry
@@ -123,7 +127,8 @@ class Tracker:
             self.counters.beads_lost += len(beads.lost)
             predicted_px = self._neighbourhood.predict(beads.position_px, beads.found, beads.lost)
             beads.position_px[beads.lost] = predicted_px
-        if beads.doubt > MAX_DOUBT or beads.found_count < len(beads.lost):
+        max_doubt = MAX_DOUBT_AFTER_JUMP if self._jumped else MAX_DOUBT
+        if beads.doubt > max_doubt or beads.found_count < len(beads.lost):
             self.reset()
         else:
             self._last_px, self._last_lost = beads.position_px, len(beads.lost)

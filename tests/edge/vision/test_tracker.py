@@ -128,6 +128,45 @@ def test_after_a_jump_frames_are_searched_until_the_skin_stands_still(skin):
     assert np.diff(searches).tolist() == [1, 1, 1, 1, 0]
 
 
+@pytest.mark.parametrize("share", [0.9, -0.9, 1.0])
+def test_labels_a_row_off_stay_in_doubt_while_the_skin_stands_still(skin, share):
+    """A jump by nearly a spacing gives labels a row off; only the border beads that are left over show it."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    tracker.follow(draw(grid()))
+    places = sheared(grid(), share * SPACING_PX)
+    for seed in range(6):
+        beads = tracker.follow(draw(places, seed=seed))
+        error = np.linalg.norm(beads.position_px - places, axis=1)
+        assert error[beads.found].max() > 0.5 * SPACING_PX
+        assert beads.doubt > 0.03
+    places = sheared(grid(), 0.4 * SPACING_PX)
+    beads = tracker.follow(draw(places))
+    assert beads.found.all()
+    assert np.linalg.norm(beads.position_px - places, axis=1).max() < 0.3
+    assert beads.doubt == 0.0
+
+
+def test_labels_followed_without_a_jump_are_kept_through_doubt(skin):
+    """Hidden beads beside specks as strong as beads are doubtful; the labels before were not."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    for share in np.linspace(0, 0.8, 9):
+        places = sheared(grid(), share * SPACING_PX)
+        tracker.follow(draw(places))
+    hidden = tuple(range(0, 49, 6))
+    specks = places[list(hidden)] + 0.5 * SPACING_PX
+    picture = draw(np.concatenate([places, specks]), hidden)
+    doubts = []
+    for _ in range(3):
+        beads = tracker.follow(picture)
+        assert np.linalg.norm(beads.position_px - places, axis=1)[beads.found].max() < 0.3
+        doubts.append(beads.doubt)
+    assert doubts[0] > 0.03
+    assert doubts[1:] == [0.0, 0.0]
+    assert tracker.counters.searches == 1
+
+
 def test_no_frame_is_searched_twice_and_no_bead_measured_often(skin, monkeypatch):
     """Whatever a frame shows: a jump, another jump, specks and hidden beads, darkness."""
     reference, draw = skin
