@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,36 @@ def test_a_silent_host_is_noticed_by_mode_and_by_deadline(
     before = len(missed)
     wait_for(lambda: modes[-1][1].data == "no host" and len(missed) > before, "the silence")
     serve_until(host, statuses[0], lambda: modes[-1][1].data == statuses[0].mode.value)
+
+
+@pytest.mark.ros
+def test_a_silent_host_is_published_within_200_ms(
+    bridge, host, listener: Listener, tmp_path, statuses
+) -> None:
+    """From the last tick to DDS's time stamp of the mode `no host`; the bridge is in the real-time class.
+
+    The median of five, since the host here is an ordinary process, whose last tick may be late.
+    """
+    from std_msgs.msg import String
+
+    bridge(HAND, tmp_path / "host.sock", "--real-time")
+    modes: list[tuple[str, int]] = []
+    listener.node.create_subscription(
+        String,
+        "mode",
+        lambda message, info: modes.append((message.data, info["source_timestamp"] // 1000)),
+        10,
+    )
+    silences_ms = []
+    for _ in range(5):
+        modes.clear()
+        serve_until(host, statuses[0], lambda: statuses[0].mode.value in dict(modes))
+        last_us = time.time_ns() // 1000
+        host.serve(refuse, replace(statuses[0], time_us=last_us))
+        wait_for(lambda: modes[-1][0] == "no host", "the silence")
+        silences_ms.append((modes[-1][1] - last_us) / 1000)
+    print("silent host published after, ms:", *(f"{one:.0f}" for one in silences_ms))
+    assert sorted(silences_ms)[2] <= 200.0
 
 
 @pytest.mark.ros
