@@ -13,18 +13,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from lerobot.teleoperators import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_palpate.configs import PalpateGamepadConfig
 from lerobot_robot_palpate.driven_orientation import DrivenOrientation
 from lerobot_robot_palpate.hand import ORIENTATION
 from lerobot_robot_palpate.joystick import Joystick
+from lerobot_robot_palpate.object_teleoperator import ObjectTeleoperator
 
 
-class PalpateGamepad(Teleoperator):
+class PalpateGamepad(ObjectTeleoperator):
     """A gamepad of Linux."""
 
     config_class = PalpateGamepadConfig
@@ -40,32 +39,14 @@ class PalpateGamepad(Teleoperator):
         self._joystick: Joystick | None = None
 
     @property
-    def action_features(self) -> dict[str, Any]:
-        return dict.fromkeys(ORIENTATION, float)
-
-    @property
-    def feedback_features(self) -> dict[str, Any]:
-        return {}
-
-    @property
     def is_connected(self) -> bool:
         return self._joystick is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        return True
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:  # noqa: ARG002 - LeRobot's signature
         """Open the gamepad. Raises PalpateHandError when there is none."""
         self._joystick = Joystick(Path(self.config.device))
         self._last_s = self._now_s()
-
-    def calibrate(self) -> None:
-        """Do nothing: the kernel calibrates the axes."""
-
-    def configure(self) -> None:
-        """Do nothing."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:
@@ -81,9 +62,6 @@ class PalpateGamepad(Teleoperator):
         rpy_deg = self._orientation.advance(shares, now_s - self._last_s, is_back=is_back)
         self._last_s = now_s
         return dict(zip(ORIENTATION, rpy_deg, strict=True))
-
-    def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Do nothing: the joystick API has no force."""
 
     def disconnect(self) -> None:
         if self._joystick is not None:

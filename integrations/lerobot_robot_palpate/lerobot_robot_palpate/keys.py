@@ -21,6 +21,7 @@ from lerobot_robot_palpate.configs import PalpateKeysConfig
 from lerobot_robot_palpate.control_socket import PalpateHandError
 from lerobot_robot_palpate.driven_orientation import DrivenOrientation
 from lerobot_robot_palpate.hand import ORIENTATION
+from lerobot_robot_palpate.object_teleoperator import ObjectTeleoperator
 
 TURNS = {"d": (0, 1), "a": (0, -1), "w": (1, 1), "s": (1, -1), "q": (2, 1), "e": (2, -1)}
 """Key -> element of roll, pitch, yaw, and its sign."""
@@ -42,7 +43,7 @@ class KeyedOrientation:
         return self._driven.advance(shares, elapsed_s, is_back=BACK in held)
 
 
-class PalpateKeys(KeyboardTeleop):
+class PalpateKeys(ObjectTeleoperator, KeyboardTeleop):
     """Keyboard of an X11 session, Windows or macOS, as LeRobot's own keyboard teleoperator reads it."""
 
     config_class = PalpateKeysConfig
@@ -61,14 +62,6 @@ class PalpateKeys(KeyboardTeleop):
                 "no keyboard: palpate_keys needs an X11 session, Windows or macOS;"
                 " without one, use --teleop.type=palpate_turns"
             )
-
-    @property
-    def action_features(self) -> dict[str, Any]:
-        return dict.fromkeys(ORIENTATION, float)
-
-    @property
-    def is_calibrated(self) -> bool:
-        return True
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:

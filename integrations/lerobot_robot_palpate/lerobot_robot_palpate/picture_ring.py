@@ -12,6 +12,7 @@ import threading
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +48,7 @@ class PictureRing:
             )
         self.shape = (height, width, 3)
         self._path, self._stored = path, (height, width, channels)
+        self._to_rgb = cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB
         self._slot_bytes = -(-(HEADER_BYTES + height * width * channels) // PAGE) * PAGE
         self._barrier = threading.Lock()
         self._count, self._at_s = -1, time.monotonic()
@@ -76,7 +78,7 @@ class PictureRing:
         with self._barrier:  # orders the copy after the stamp on every processor
             size = int(np.prod(self._stored))
             pixels = np.frombuffer(self._map, np.uint8, size, at + HEADER_BYTES).reshape(self._stored)
-            picture = np.broadcast_to(pixels[..., ::-1], self.shape).copy()
+            picture = np.asarray(cv2.cvtColor(pixels, self._to_rgb), np.uint8)
         if stamp != 2 * number + 2 or WORD.unpack_from(self._map, at)[0] != stamp:
             return None
         return picture

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from lerobot.teleoperators import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_palpate.configs import PalpateTurnsConfig
 from lerobot_robot_palpate.hand import ORIENTATION
+from lerobot_robot_palpate.object_teleoperator import ObjectTeleoperator
 
 
 def programme_deg(
@@ -39,7 +38,7 @@ def programme_deg(
             return float(roll), float(pitch), float(yaw)
 
 
-class PalpateTurns(Teleoperator):
+class PalpateTurns(ObjectTeleoperator):
     """Sends the targets of its configuration one after the other, from the first action on."""
 
     config_class = PalpateTurnsConfig
@@ -54,30 +53,12 @@ class PalpateTurns(Teleoperator):
         self._begin_s: float | None = None
 
     @property
-    def action_features(self) -> dict[str, Any]:
-        return dict.fromkeys(ORIENTATION, float)
-
-    @property
-    def feedback_features(self) -> dict[str, Any]:
-        return {}
-
-    @property
     def is_connected(self) -> bool:
         return self._is_connected
-
-    @property
-    def is_calibrated(self) -> bool:
-        return True
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:  # noqa: ARG002 - LeRobot's signature
         self._is_connected, self._begin_s = True, None
-
-    def calibrate(self) -> None:
-        """Do nothing."""
-
-    def configure(self) -> None:
-        """Do nothing."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:
@@ -88,9 +69,6 @@ class PalpateTurns(Teleoperator):
         config = self.config
         rpy_deg = programme_deg(config.targets_deg, config.speed_deg_s, config.pause_s, now_s - self._begin_s)
         return dict(zip(ORIENTATION, rpy_deg, strict=True))
-
-    def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Do nothing: a programme feels nothing."""
 
     def disconnect(self) -> None:
         self._is_connected = False
