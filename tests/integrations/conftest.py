@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from tests.lerobot_plugin import plugin_modules
 from tests.twin_in_real_time import PATIENCE_S, mode, twin_in_real_time, wait_for
 
 from palpate_host.common.command import Command, CommandError
@@ -24,9 +23,9 @@ from palpate_twin.demo.run_folder import RunFolder
 
 PROJECT = Path(__file__).resolve().parents[2]
 HAND = PROJECT / "host/palpate_host/models/table4.toml"
-PLUGIN = PROJECT / "integrations/lerobot_robot_palpate/lerobot_robot_palpate"
 LEROBOT = PROJECT / ".venv-lerobot" / "bin"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+REAL_TIME = ("chrt", "--fifo", "10") if os.geteuid() == 0 else ()
 
 
 @pytest.fixture(scope="session")
@@ -49,10 +48,20 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunFolder]:
 
 
 class Serving:
-    """A control socket that a thread serves; `commands` are the accepted ones."""
+    """A control socket that a thread serves; `commands` are the accepted ones.
 
-    def __init__(self, path: Path, status: HostStatus, refusal: str = "") -> None:
+    tick: calculates a tick's status from the last one and the number of commands; by default they are equal.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        status: HostStatus,
+        refusal: str = "",
+        tick: Callable[[HostStatus, int], HostStatus] = lambda status, _: status,
+    ) -> None:
         self.path, self.commands = path, list[Command]()
+        self._tick = tick
         self._refusal, self._ended = refusal, threading.Event()
         self._socket = OperatorSocket(path)
         self._thread = threading.Thread(target=self._run, args=(status,))
@@ -61,6 +70,7 @@ class Serving:
     def _run(self, status: HostStatus) -> None:
         while not self._ended.wait(0.002):
             self._socket.serve(self._execute, status)
+            status = self._tick(status, len(self.commands))
 
     def _execute(self, command: Command) -> None:
         if self._refusal:
@@ -74,23 +84,23 @@ class Serving:
 
 
 @pytest.fixture
-def plugin(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], ModuleType]]:
+def plugin() -> Iterator[Callable[[str], ModuleType]]:
     """``plugin(name)``: a module of the plug-in, without its package's own imports of LeRobot."""
-    package = ModuleType("lerobot_robot_palpate")
-    package.__path__ = [str(PLUGIN)]
-    monkeypatch.setitem(sys.modules, package.__name__, package)
-    yield lambda name: importlib.import_module(f"{package.__name__}.{name}")
-    for name in [name for name in sys.modules if name.startswith(f"{package.__name__}.")]:
-        del sys.modules[name]
+    with plugin_modules() as module:
+        yield module
 
 
 @pytest.fixture(scope="session")
 def lerobot(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
-    """``lerobot(program, *arguments)``: run a program of LeRobot's environment and return its output."""
+    """``lerobot(program, *arguments, **environment)``: run a program of LeRobot and return its output.
+
+    It runs in the real-time class where this process may start it there, as docs/integrations.md recommends
+    beside other programs.
+    """
     if not (LEROBOT / "lerobot-record").exists():
         pytest.skip("LeRobot is not installed: make lerobot-test")
     home = tmp_path_factory.mktemp("home")
-    environment = {
+    common = {
         **{name: value for name, value in os.environ.items() if name not in DISPLAYS},
         "HF_HUB_OFFLINE": "1",
         "HF_HOME": str(home),
@@ -98,10 +108,10 @@ def lerobot(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
         "OMP_NUM_THREADS": "1",
     }
 
-    def run(program: str, *arguments: object) -> str:
+    def run(program: str, *arguments: object, **environment: str) -> str:
         done = subprocess.run(
-            [LEROBOT / program, *map(str, arguments)],
-            env=environment,
+            [*REAL_TIME, LEROBOT / program, *map(str, arguments)],
+            env=common | environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

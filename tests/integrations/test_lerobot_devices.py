@@ -125,9 +125,9 @@ def test_an_action_is_a_turn_from_the_orientation_at_the_start(found, hosts) -> 
     assert seen["sent"]["object.roll_deg"] == 6.0
 
 
-def test_a_frame_waits_for_two_ticks_at_most(found) -> None:
-    """The host responds to a request once a tick; at 100 Hz a third one would cost 10 ms of each frame."""
-    assert found["obeys"]["asked"] == ["status", "rotate"]
+def test_a_frame_waits_for_one_tick_at_most(found) -> None:
+    """The host responds to a request once a tick; at 100 Hz a second one would cost 10 ms of each frame."""
+    assert found["obeys"]["asked"] == ["rotate"]
 
 
 def test_a_refused_action_is_an_error_with_the_hosts_reason(found) -> None:

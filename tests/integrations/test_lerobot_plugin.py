@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -55,6 +57,34 @@ def test_no_host_and_a_host_that_ends_are_errors_with_the_next_step(plugin, tmp_
         host.close()
         with pytest.raises(module.PalpateHandError, match=r"closed the connection|has ended"):
             client.ask("status")
+
+
+def test_the_stream_gives_the_newest_tick_and_after_a_turn_one_with_its_effect(
+    plugin, tmp_path: Path, status
+) -> None:
+    """`turned` counts the turns that were executed before the tick, as the host's R_d does."""
+    module = plugin("control_socket")
+
+    def tick(last: HostStatus, commands: int) -> HostStatus:
+        return replace(last, time_us=last.time_us + 1, turned=float(commands))
+
+    host = Serving(tmp_path / "s", replace(status, turned=0.0), tick=tick)
+    with (
+        closing(host),
+        closing(plugin("status_stream").StatusStream(tmp_path / "s", 10.0)) as stream,
+        closing(module.HostConnection(tmp_path / "s", 10.0)) as client,
+    ):
+        for number in range(1, 21):
+            response = client.ask("rotate", rpy_deg=[1.0, 0.0, 0.0], ramp_s=0.0)
+            stream.pass_by(response)
+            assert stream.newest()["turned"] == number
+        seen = client.ask("status")["time_us"]
+        time.sleep(0.1)
+        assert stream.newest()["time_us"] > seen, "what was sent during the pause is not read again"
+        host.close()
+        with pytest.raises(module.PalpateHandError, match=r"closed the connection|has ended"):
+            while stream.newest():
+                time.sleep(0.01)
 
 
 @pytest.mark.parametrize("variable", ["PALPATE_CONTROL", "XDG_RUNTIME_DIR", None])

@@ -6,6 +6,8 @@ import json
 import os
 import socket
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,31 +57,49 @@ class HostConnection:
         Raises PalpateHandError with the host's reason when it refuses.
         """
         request = json.dumps({"command": command, **arguments})
-        try:
+        with self._reported():
             self._socket.sendall(request.encode() + b"\n")
-            response = json.loads(self._line())
+        return status_of(self.line())
+
+    def line(self) -> bytes:
+        """Wait for the next line. Raises PalpateHandError when none comes."""
+        with self._reported():
+            while b"\n" not in self._received:
+                data = self._socket.recv(RECEIVE_BYTES)
+                if not data or len(self._received) > LONGEST_RESPONSE:
+                    raise PalpateHandError(f"the host on {self._path} has closed the connection: see its log")
+                self._received += data
+        line, _, self._received = self._received.partition(b"\n")
+        return line
+
+    def interrupt(self) -> None:
+        """End a `line` that another thread waits for."""
+        with suppress(OSError):  # the host has ended
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Disconnect; a second call does nothing."""
+        self._socket.close()
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Raise errors of the socket as PalpateHandError."""
+        try:
+            yield
         except TimeoutError as error:
             raise PalpateHandError(f"the host on {self._path} does not respond: see its log") from error
         except OSError as error:
             raise PalpateHandError(
                 f"the host on {self._path} has ended ({error.strerror}): see its log"
             ) from error
-        if response.get("error"):
-            raise PalpateHandError(response["error"])
-        status = response.get("status")
-        if status is None:
-            raise PalpateHandError("the host has not ticked yet: try again")
-        return dict(status)
 
-    def close(self) -> None:
-        """Disconnect; a second call does nothing."""
-        self._socket.close()
 
-    def _line(self) -> bytes:
-        while b"\n" not in self._received:
-            data = self._socket.recv(RECEIVE_BYTES)
-            if not data or len(self._received) > LONGEST_RESPONSE:
-                raise PalpateHandError(f"the host on {self._path} has closed the connection: see its log")
-            self._received += data
-        line, _, self._received = self._received.partition(b"\n")
-        return line
+def status_of(line: bytes) -> HostState:
+    """Return the status in a response. Raises PalpateHandError with the host's reason for a refusal."""
+    response = json.loads(line)
+    if response.get("error"):
+        raise PalpateHandError(response["error"])
+    status = response.get("status")
+    if status is None:
+        raise PalpateHandError("the host has not ticked yet: try again")
+    return dict(status)

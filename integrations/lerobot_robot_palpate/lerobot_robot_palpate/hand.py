@@ -27,6 +27,7 @@ from lerobot_robot_palpate.control_socket import (
 from lerobot_robot_palpate.observations import contact_values, joint_values
 from lerobot_robot_palpate.picture_ring import PictureRing
 from lerobot_robot_palpate.rotations import RPY, Matrix, angle_deg, from_rpy_deg, to_rpy_deg
+from lerobot_robot_palpate.status_stream import StatusStream
 
 ORIENTATION = tuple(f"object.{name}" for name in RPY)
 POLL_S = 0.02
@@ -47,6 +48,7 @@ class PalpateHand(Robot):
         self.cameras = {finger: PictureRing(Path(path)) for finger, path in config.rings.items()}
         self._path = Path(config.control_socket) if config.control_socket else default_control_socket()
         self._host: HostConnection | None = None
+        self._statuses: StatusStream | None = None
         self._zero: Matrix = np.eye(3)
         self._sent: tuple[float, ...] | None = None
         self._observed: HostState | None = None
@@ -98,6 +100,7 @@ class PalpateHand(Robot):
             if host.ask("status")["R_d"] is None:
                 host.ask("rotate", rpy_deg=[0.0, 0.0, 0.0], ramp_s=0.0)
             status = self._wait(host, _is_at_rest, "come to rest")
+            self._statuses = StatusStream(self._path, self.config.timeout_s)
         except BaseException:
             host.close()
             raise
@@ -109,8 +112,8 @@ class PalpateHand(Robot):
 
         Raises PalpateHandError in FAULT and STOP, with the host's reason, and when a value is not known.
         """
-        assert self._host is not None
-        status = self._host.ask("status")
+        assert self._statuses is not None
+        status = self._statuses.newest()
         _check_running(status)
         if status["R_c"] is None:
             raise PalpateHandError(
@@ -125,14 +128,14 @@ class PalpateHand(Robot):
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Turn the object to an orientation at `speed_deg_s`; a new target replaces the one under way.
 
-        The host responds once a tick, so the first action after an observation takes its status. Returns the
-        action. Raises PalpateHandError, with the host's reason, when the host refuses the turn.
+        The first action after an observation takes its status. Returns the action. Raises PalpateHandError,
+        with the host's reason, when the host refuses the turn.
         """
-        assert self._host is not None
+        assert self._host is not None and self._statuses is not None
         target = tuple(float(action[name]) for name in ORIENTATION)
         if not all(map(math.isfinite, target)):
             raise PalpateHandError(f"action {target} is not a number of degrees")
-        status, self._observed = self._observed or self._host.ask("status"), None
+        status, self._observed = self._observed or self._statuses.newest(), None
         _check_running(status)
         if status["R_d"] is None:
             raise PalpateHandError(f"the host has dropped its target in mode {status['mode']}: connect again")
@@ -140,16 +143,19 @@ class PalpateHand(Robot):
         angle = angle_deg(turn)
         is_under_way = target == self._sent and (status["turned"] or 0.0) < 1.0
         if angle > SMALLEST_TURN_DEG and not is_under_way:
-            self._host.ask("rotate", rpy_deg=to_rpy_deg(turn), ramp_s=angle / self.config.speed_deg_s)
+            ramp_s = angle / self.config.speed_deg_s
+            response = self._host.ask("rotate", rpy_deg=to_rpy_deg(turn), ramp_s=ramp_s)
+            self._statuses.pass_by(response)
             self._sent = target
         return dict(zip(ORIENTATION, target, strict=True))
 
     @check_if_not_connected
     def disconnect(self) -> None:
         """Disconnect. The host finishes the turn under way and holds on, or opens the hand with `release`."""
-        assert self._host is not None
+        assert self._host is not None and self._statuses is not None
         host, self._host = self._host, None
         try:
+            self._statuses.close()
             if self.config.release:
                 host.ask("release")
         finally:
