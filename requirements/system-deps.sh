@@ -3,7 +3,7 @@
 set -eu
 packages="tshark user-mode-linux kmod iproute2 can-utils qemu-system-x86 mmdebstrap e2fsprogs systemd
   gcc g++ gcc-avr avr-libc avrdude libelf-dev openssh-client qemu-user-static qemu-user
-  chromium chromium-driver valgrind openscad"
+  chromium chromium-driver valgrind openscad xvfb"
 if [ "$(id -u)" -eq 0 ]; then sudo=""; else sudo="sudo"; fi
 missing=""
 for package in $packages; do

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.integrations.conftest import LEROBOT, REAL_TIME
+from tests.integrations.joystick_events import INITIAL_STATE, LEFT_X, axis
 from tests.integrations.lerobot_readers import load, view
 from tests.twin_in_real_time import PATIENCE_S
 
@@ -32,10 +39,51 @@ VIDEO = (
 )
 """Options of LeRobot that take the least processor time, as docs/integrations.md gives them."""
 LARGEST_ERROR_DEG, SMALLEST_TURN_DEG = 1.0, 5.0
+SMALLEST_RATE = 0.9
+"""Share of FPS, in the real-time class."""
 TELEOPERATED_DEG = -8.0
 """Roll, back towards the start."""
 SETTLED_DEG = 0.05
 """A true turn in a second below which the object rests."""
+
+
+PRESS = """
+import sys, time
+from Xlib import X, XK, display
+from Xlib.ext import xtest
+
+screen = display.Display(sys.argv[1])
+key = screen.keysym_to_keycode(XK.string_to_keysym(sys.argv[2]))
+while True:
+    xtest.fake_input(screen, X.KeyPress, key)
+    screen.sync()
+    time.sleep(0.2)
+"""
+"""Presses a key again and again as a keyboard that repeats."""
+
+
+@contextmanager
+def pressed_key(key: str) -> Iterator[str]:
+    """Yield the name of an X display on which a key is held."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("xvfb is missing: make system-deps")
+    server = ("Xvfb", "-displayfd", "1", "-screen", "0", "64x64x24", "-nolisten", "tcp")
+    with ended(server, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as x_server:
+        assert x_server.stdout is not None
+        name = f":{x_server.stdout.readline().strip()}"
+        with ended((str(LEROBOT / "python"), "-c", PRESS, name, key)) as person:
+            yield name
+            assert person.poll() is None
+
+
+@contextmanager
+def ended(command: tuple[str, ...], **options: Any) -> Iterator[subprocess.Popen[Any]]:
+    """Run a process until the end of the block."""
+    with subprocess.Popen(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
 
 
 def robot(twin: RunFolder) -> list[str]:
@@ -104,7 +152,10 @@ def recorded(lerobot, twin: RunFolder, start: Rest, tmp_path_factory) -> tuple[P
 
 def test_the_recorder_writes_three_episodes_that_the_loader_reads(recorded, twin: RunFolder) -> None:
     _, found = recorded
-    print(f"recorder: {found['frames'] / EPISODES / EPISODE_S:.1f} frames/s of {FPS}")
+    rate_fps = found["frames"] / EPISODES / EPISODE_S
+    print(f"recorder: {rate_fps:.1f} frames/s of {FPS}")
+    if REAL_TIME:
+        assert rate_fps > SMALLEST_RATE * FPS
     assert found["episodes"] == EPISODES and found["robot_type"] == "palpate_hand"
     assert set(found["episode_index"]) == set(range(EPISODES))
     assert found["action_names"] == ["object.roll_deg", "object.pitch_deg", "object.yaw_deg"]
@@ -162,19 +213,46 @@ def test_a_replayed_episode_ends_where_the_recorded_run_ended(
     assert true_deg < LARGEST_ERROR_DEG
 
 
+def teleoperate(lerobot, twin: RunFolder, *options: str, **environment: str) -> tuple[Array, Array]:
+    """Run LeRobot's teleoperation; return the turns of the desired and of the true object, deg."""
+    before = rest(twin)
+    time_s = f"--teleop_time_s={EPISODE_S}"
+    lerobot("lerobot-teleoperate", *robot(twin), *options, time_s, f"--fps={FPS}", **environment)
+    after = rest(twin)
+    desired = rotation.to_rpy_deg(after.desired @ before.desired.T)
+    return np.array(desired), np.array(rotation.to_rpy_deg(after.true @ before.true.T))
+
+
 def test_teleoperation_turns_the_object_without_a_recording(lerobot, twin: RunFolder, recorded) -> None:
     """To the programme's target, where the host holds the object when LeRobot ends."""
-    before = rest(twin)
-    lerobot(
-        "lerobot-teleoperate",
-        *robot(twin),
-        "--teleop.type=palpate_turns",
-        f"--teleop.targets_deg={[[TELEOPERATED_DEG, 0.0, 0.0]]}",
-        "--teleop.pause_s=1000",
-        f"--teleop_time_s={EPISODE_S}",
-        f"--fps={FPS}",
+    targets = f"--teleop.targets_deg={[[TELEOPERATED_DEG, 0.0, 0.0]]}"
+    desired_deg, true_deg = teleoperate(
+        lerobot, twin, "--teleop.type=palpate_turns", targets, "--teleop.pause_s=1000"
     )
-    after = rest(twin)
-    desired_deg = rotation.to_rpy_deg(after.desired @ before.desired.T)
     assert desired_deg == pytest.approx((TELEOPERATED_DEG, 0.0, 0.0), abs=0.05)
-    assert rotation.to_rpy_deg(after.true @ before.true.T)[0] < -SMALLEST_TURN_DEG
+    assert true_deg[0] < -SMALLEST_TURN_DEG
+
+
+def test_a_gamepads_stick_turns_the_object_to_the_limit(
+    lerobot, twin: RunFolder, recorded, tmp_path: Path
+) -> None:
+    """The left stick is held to the right: the kernel's bytes in a FIFO that stays open."""
+    device = tmp_path / "js0"
+    os.mkfifo(device)
+    with device.open("r+b", buffering=0) as kernel:
+        kernel.write(INITIAL_STATE + axis(LEFT_X, 32767))
+        options = (f"--teleop.device={device}", f"--teleop.limit_deg={-TELEOPERATED_DEG}")
+        desired_deg, true_deg = teleoperate(lerobot, twin, "--teleop.type=palpate_gamepad", *options)
+    assert desired_deg == pytest.approx((-TELEOPERATED_DEG, 0.0, 0.0), abs=0.05)
+    assert true_deg[0] > SMALLEST_TURN_DEG
+
+
+def test_a_held_key_turns_the_object_to_the_limit(lerobot, twin: RunFolder, recorded) -> None:
+    """The key a on an X server without a screen."""
+    with pressed_key("a") as display:
+        limit = f"--teleop.limit_deg={-TELEOPERATED_DEG}"
+        desired_deg, true_deg = teleoperate(
+            lerobot, twin, "--teleop.type=palpate_keys", limit, DISPLAY=display
+        )
+    assert desired_deg == pytest.approx((TELEOPERATED_DEG, 0.0, 0.0), abs=0.05)
+    assert true_deg[0] < -SMALLEST_TURN_DEG

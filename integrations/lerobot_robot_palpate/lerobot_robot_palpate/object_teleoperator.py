@@ -1,4 +1,4 @@
-"""What the teleoperators have in common: an action is the object's orientation, and there is no feedback."""
+"""Base class of the plug-in's teleoperators: an action is the object's orientation, without feedback."""
 
 from __future__ import annotations
 
