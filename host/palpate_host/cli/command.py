@@ -8,7 +8,20 @@ from pathlib import Path
 import click
 import msgspec
 
-from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_edge.common.errors import ConfigError
+from palpate_host.common.command import (
+    FEWEST_CORNERS,
+    MOST_CORNERS,
+    Command,
+    CommandError,
+    Grasp,
+    Move,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.common.mode import STOPPED
 from palpate_host.common.status import LATE_BINS_US, HostStatus
 from palpate_host.operator.client import OperatorClient
@@ -105,6 +118,48 @@ def move(
       palpate-host command move 0 0 10 --turn 0 0 15 --ramp 2
     """
     _send(path, Move((x, y, z), rpy_deg, ramp_s))
+
+
+@command.command(context_settings={"ignore_unknown_options": True})
+@click.argument("roll", type=ANGLE)
+@click.argument("pitch", type=ANGLE)
+@click.argument("yaw", type=ANGLE)
+@click.option(
+    "--corners",
+    "corners_path",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    required=True,
+    help="Text file with the object's corners in mm, in the hand's frame: x y z in each line.",
+)
+@click.pass_obj
+def reorient(path: Path, roll: float, pitch: float, yaw: float, corners_path: Path) -> None:
+    """Turn the held object far by ROLL PITCH YAW degrees: fingers lift in turn and take hold again.
+
+    The axes are the hand's. Needs control.law = "pose" and four fingers. The turn is planned first, while the
+    hand holds; `status` has a warning with the reason where it cannot be planned.
+
+    \b
+    Example:
+      palpate-host command reorient 0 0 90 --corners object.txt
+    """
+    _send(path, Reorient((roll, pitch, yaw), read_corners(corners_path)))
+
+
+def read_corners(path: Path) -> tuple[tuple[float, float, float], ...]:
+    """Read the corners (k, 3) of an object in mm. Raises ConfigError, with the line, for anything else."""
+    corners = []
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        words = line.split("#", 1)[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            x, y, z = (float(word) for word in words)
+        except ValueError:
+            raise ConfigError(f"{path}, line {number}: {line.strip()!r} is not three numbers x y z") from None
+        corners.append((x, y, z))
+    if not FEWEST_CORNERS <= len(corners) <= MOST_CORNERS:
+        raise ConfigError(f"{path}: {len(corners)} corners; an object has {FEWEST_CORNERS} to {MOST_CORNERS}")
+    return tuple(corners)
 
 
 @command.command()

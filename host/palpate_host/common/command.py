@@ -10,6 +10,7 @@ from palpate_edge.common.errors import PalpateError
 
 Angle = Annotated[float, msgspec.Meta(ge=-180, le=180)]
 Length = Annotated[float, msgspec.Meta(ge=-1000, le=1000)]
+FEWEST_CORNERS, MOST_CORNERS = 4, 64
 RampSeconds = Annotated[float, msgspec.Meta(ge=0, le=600)]
 
 
@@ -49,6 +50,20 @@ class Move(_Command, frozen=True):
     ramp_s: RampSeconds | None = None
 
 
+class Reorient(_Command, frozen=True):
+    """Turn the held object by any angle: fingers lift in turn and take hold again (docs/holding.md).
+
+    Only under control.law = "pose", with four fingers and more. rpy_deg: as for `Rotate`. corners_mm: of the
+    convex object, in the hand's frame, where it is now; it turns about the centre of its volume.
+    """
+
+    rpy_deg: tuple[Angle, Angle, Angle]
+    corners_mm: Annotated[
+        tuple[tuple[Length, Length, Length], ...],
+        msgspec.Meta(min_length=FEWEST_CORNERS, max_length=MOST_CORNERS),
+    ]
+
+
 class Release(_Command, frozen=True):
     """Open for control.release_ms, then let the joints go."""
 
@@ -61,4 +76,4 @@ class Recover(_Command, frozen=True):
     """Leave FAULT or STOP: reset the nodes, restart from INIT without movement."""
 
 
-Command = Grasp | Rotate | Move | Release | Stop | Recover
+Command = Grasp | Rotate | Move | Reorient | Release | Stop | Recover

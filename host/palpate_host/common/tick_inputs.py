@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from palpate_host.common.command import Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Grasp, Move, Recover, Release, Reorient, Rotate, Stop
+from palpate_host.common.gait_plan import GaitPlan
 
 
 class _Event(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="command"):
@@ -35,7 +36,16 @@ class BusRestored(_Event, frozen=True, tag="bus-restored"):
     at_us: int
 
 
-HostEvent = Grasp | Rotate | Move | Release | Stop | Recover | End | BusLost | BusRestored
+class Planned(_Event, frozen=True, tag="planned"):
+    """The planner has answered `Reorient`. plan: None where it refuses, for the reason in problem."""
+
+    plan: GaitPlan | None
+    problem: str = ""
+
+
+HostEvent = (
+    Grasp | Rotate | Move | Reorient | Release | Stop | Recover | End | BusLost | BusRestored | Planned
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -143,7 +143,8 @@ class PoseLawConfig(Strict, frozen=True):
     position_stiffness_N_m, orientation_stiffness_Nm_rad: upper limits, which slow ticks reduce.
     position_damping_Ns_m, orientation_damping_Nms_rad: added to that of the joints. integral_per_s: rate at
     which a steady load is learned. friction: ratio of tangential to normal force that the grip provides for.
-    most_grip_N: largest normal force of a tip that is commanded. relax_s: time constant with which the grip relaxes.
+    most_grip_N: largest normal force of a tip that is commanded. relax_s: time constant with which the grip
+    relaxes.
     contact_time_s: time constant with which contact normals correct the orientation. doubt_deg: a normal
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
     smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.

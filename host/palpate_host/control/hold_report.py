@@ -8,6 +8,7 @@ from dataclasses import replace
 from palpate_edge.common.arrays import Array
 from palpate_host.common.status import HoldStatus
 from palpate_host.config.hand_config import PoseLawConfig
+from palpate_host.control.gait.gait import GaitPhase
 from palpate_host.control.manipulation import Manipulation
 
 FAR = 2.0
@@ -28,6 +29,13 @@ def hold_status(control: Manipulation) -> HoldStatus:
         grip_N=None,
         turn_waits=control.turn_waits,
     )
+    gait = control.gait
+    if control.reorientation.request is not None:
+        status = replace(status, gait="planning")
+    elif control.reorientation.problem:
+        status = replace(status, gait="refused", gait_reason=control.reorientation.problem)
+    elif gait is not None:
+        status = replace(status, gait=gait.phase.value, gait_reason=gait.reason, lifted=gait.away)
     if law is None or found is None:
         return status
     return replace(
@@ -50,6 +58,22 @@ def hold_fault(control: Manipulation, config: PoseLawConfig) -> str:
     return f"the object is far {_beyond(config)}: take it out, then palpate-host command recover"
 
 
+def gait_text(control: Manipulation, names: Sequence[str]) -> str:
+    """Return what a turn by finger gaiting is doing; empty without one."""
+    gait = control.gait
+    if control.reorientation.request is not None:
+        return "holding: a turn by finger gaiting is being planned"
+    if gait is None:
+        return ""
+    lifted = "" if gait.away is None else f"{names[gait.away]} is lifted"
+    if gait.phase is GaitPhase.STOPPED:
+        way_out = f"; {lifted}: palpate-host command grasp closes it" if lifted else ""
+        return gait.reason + way_out
+    if gait.phase is GaitPhase.DONE:
+        return "turned by finger gaiting: every finger in contact"
+    return f"turning by finger gaiting: {gait.phase.value}" + (f", {lifted}" if lifted else "")
+
+
 def hold_warning(control: Manipulation, config: PoseLawConfig, names: Sequence[str]) -> str:
     """Return what is unusual about the hold, empty without anything.
 
@@ -60,6 +84,8 @@ def hold_warning(control: Manipulation, config: PoseLawConfig, names: Sequence[s
     if lowered:
         waits = ", and the turn waits where friction holds" if control.turn_waits else ""
         found.append(f"{', '.join(lowered)}: slipped, so less friction is assumed{waits}")
+    if control.reorientation.problem:
+        found.append(control.reorientation.problem)
     if law is not None and law.object is not None:
         if not law.is_load_known:
             found.append("weight unknown: the load on the object is being learned")

@@ -9,6 +9,7 @@ the end of the ramp: the last degrees need the most friction, and the slower the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
+from palpate_host.common.gait_plan import GaitPlan
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.tip_contact import TipContact
@@ -30,7 +32,7 @@ from palpate_host.control.control_law import (
     target_step,
 )
 from palpate_host.control.gait.gait import Gait
-from palpate_host.control.gait.gait_plan import GaitPlan
+from palpate_host.control.gait.reorientation import Reorientation
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
 from palpate_host.control.pose_law import PoseLaw
@@ -41,6 +43,7 @@ TRIM_LIMIT_RAD = math.radians(15.0)
 """Limit of the integral: Eq. (14) leaves an error of a few degrees, a larger one is a jammed object."""
 HELD = (Mode.GRASP, Mode.MANIPULATE, Mode.BLIND)
 """Modes in which the pose law may hold an object."""
+NOT_HELD = "the turn by finger gaiting ended: the object is held no more"
 RELEASE_RATIO = 0.25
 """Opening force over grasp force."""
 
@@ -50,7 +53,7 @@ class Manipulation:
 
     def __init__(self, config: HandConfig) -> None:
         self.gains = gains_of(config)
-        control = config.control
+        self._control = control = config.control
         self.orientation = ObjectOrientation(
             len(config.fingers), control.reference_frames, control.contact_filter_s
         )
@@ -75,18 +78,17 @@ class Manipulation:
         self._squeezed_until_us = 0
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
-        self.gait: Gait | None = None
+        self._pose: HandPose | None = None
+        self.reorientation = Reorientation()
 
     def turn(self, rpy_deg: tuple[float, float, float], ramp_s: float) -> None:
         """Start a turn from the last desired orientation, or from the measured one when there is none.
 
-        Raises CommandError, and changes nothing, while a turn by finger gaiting is under way.
+        Raises CommandError, and changes nothing, while a turn by finger gaiting is planned or under way, and
+        while a finger is lifted after one was stopped.
         """
-        if self.gait is not None and not self.gait.is_over:
-            raise CommandError(
-                "the turn is refused: one by finger gaiting is under way; wait until it is over"
-            )
-        self.gait = None
+        self.reorientation.check_free("the turn")
+        self._end_gait()
         self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
         self._ramp_s, self._turned_s = ramp_s, 0.0
         self._start = self.R_d
@@ -108,6 +110,36 @@ class Manipulation:
         self.turn(rpy_deg, ramp_s)
         self.pose_law.shift(shift_m)
 
+    def request_turn(
+        self, rpy_deg: tuple[float, float, float], corners_mm: Sequence[tuple[float, float, float]]
+    ) -> None:
+        """Request the plan of a turn by finger gaiting; the object is held meanwhile.
+
+        corners_mm: of the convex object in the hand's frame. Raises CommandError, and changes nothing, where
+        the hand cannot turn an object so, or not now.
+        """
+        law, pose = self.pose_law, self._pose
+        if law is None or law.object is None or pose is None:
+            raise CommandError("reorient is refused: it needs control.law = 'pose' and a held object")
+        if self.R_d is not None and self.turned < 1.0:
+            raise CommandError("reorient is refused: the object is being turned; wait until it is there")
+        was_gaiting = self.gait is not None
+        self.reorientation.ask(law, pose.q_rad, self.gains, rpy_deg, corners_mm)
+        if was_gaiting:
+            self._forget_normals()
+        self._turn_rad, self._ramp_s, self._turned_s = np.zeros(3), 0.0, 0.0
+        self._start = self.R_d
+
+    def take_plan(self, plan: GaitPlan | None, problem: str) -> None:
+        """Take the answer to `request_turn`: start the turn, or note why not."""
+        if self.pose_law is not None:
+            self.reorientation.take_plan(self.pose_law, self.gains, plan, problem)
+
+    @property
+    def gait(self) -> Gait | None:
+        """The turn by finger gaiting that is under way, or was the last one; None before and after it."""
+        return self.reorientation.gait
+
     def start_gait(self, plan: GaitPlan) -> None:
         """Start a planned turn of the held object by finger gaiting, from the last desired orientation.
 
@@ -115,12 +147,34 @@ class Manipulation:
         """
         if self.pose_law is None or self.pose_law.object is None:
             raise CommandError("gait is refused: it needs control.law = 'pose' and a held object")
-        if self.gait is not None and not self.gait.is_over:
+        if self.reorientation.is_under_way:
             raise CommandError("gait is refused: another one is under way; wait until it is over")
-        self.gait = Gait(plan, self.pose_law, self.gains)
+        self.reorientation.gait = Gait(plan, self.pose_law, self.gains)
+
+    def _end_gait(self, problem: str = "") -> None:
+        """End a turn by finger gaiting, done or not; problem: why, if it is not."""
+        was_gaiting = self.gait is not None
+        self.reorientation.end(problem)
+        if was_gaiting:
+            self._forget_normals()
+
+    def _forget_normals(self) -> None:
+        """Collect the contacts' references again: fingers have taken hold of other faces."""
+        control = self._control
+        fingers = len(self.friction)
+        self.orientation = ObjectOrientation(fingers, control.reference_frames, control.contact_filter_s)
 
     def stop_turning(self) -> None:
-        """Forget the desired orientation: the next turn starts from the measured one."""
+        """Forget the desired orientation: the next turn starts from the measured one.
+
+        A turn by gaiting ends here; where a finger is lifted, all fingers close on the object again.
+        """
+        is_lifted, was_gaiting = self.reorientation.lifted is not None, self.gait is not None
+        self._end_gait()
+        if self.pose_law is not None and was_gaiting:
+            self.pose_law.end_gait()
+            if is_lifted:
+                self.pose_law.drop()
         self.R_d = self.R_d_vir = self._start = None
         self._trim_rad = np.zeros(3)
         if self.pose_law is not None:
@@ -158,7 +212,8 @@ class Manipulation:
             self.gait.note_contact(finger, contact.in_contact)
         self._note_friction(finger, contact)
         if not contact.in_contact or contact.position_mm is None:
-            self.orientation.without_contact(finger, contact.exposed_at_us)
+            if self.gait is None:
+                self.orientation.without_contact(finger, contact.exposed_at_us)
             if self.pose_law is not None:
                 self.pose_law.release(finger)
             return
@@ -166,7 +221,8 @@ class Manipulation:
         if normal is not None:
             R_vir_then = virtual_frame(exposure_pose.tip_centre_m)
             normal_in_vir = R_vir_then.T @ normal
-            self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
+            if self.gait is None:  # it follows no finger that takes hold of another face
+                self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
             if self.pose_law is not None:
                 self.pose_law.add_contact(finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us)
 
@@ -211,7 +267,10 @@ class Manipulation:
                 u = self._pose_torque_Nm(self.pose_law, mode, pose, qdot_rad_s, R_vir, dt_s)
                 return limit_torque_Nm(u, pose.q_rad, self.gains)
             self.pose_law.drop()
-            self._law_M = self.gait = None
+            self._law_M = None
+            if self.reorientation.is_under_way or self.gait is not None:
+                was_done = not self.reorientation.is_under_way
+                self._end_gait("" if was_done else NOT_HELD)
         if mode not in MOVING:
             return np.zeros(len(qdot_rad_s))
         if mode is Mode.RELEASE:
@@ -254,13 +313,14 @@ class Manipulation:
         self, law: PoseLaw, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array, dt_s: float
     ) -> Array:
         law.advance(pose, dt_s)
+        self._pose = pose
         assert law.object is not None
         friction = [self._pose_config.friction] * len(self.friction)
         if self._pose_config.slip_reflex:
             friction = [one.friction for one in self.friction]
         self._law_M = R_vir.T.dot(law.object.R)
         if self.gait is not None:
-            lifted_Nm = self.gait.advance(law, pose, dt_s)
+            lifted_Nm = self.gait.advance(law, pose, dt_s, rests=mode is not Mode.MANIPULATE)
             self.R_d = law.R_d
             return law.torque_Nm(pose, qdot_rad_s, friction, dt_s) + lifted_Nm
         if mode is Mode.MANIPULATE:

@@ -61,6 +61,8 @@ class PoseLaw:
         self._exposed_us = [0] * fingers
         self._object: VirtualObject | None = None
         self.stiffness: Stiffness | None = None
+        self._stiffness_from = self._stiffness_to = None  # type: Stiffness | None
+        self._change_s = self._changed_s = 0.0
         self.place_d_m = self.R_d = None  # type: Array | None
         self._origin_m, self._origin_R = np.zeros(3), np.eye(3)
         self._from_m: Array | None = None
@@ -168,10 +170,40 @@ class PoseLaw:
         self.place_d_m = place_m
         self.shift(np.zeros(3))
 
-    def renew_stiffness(self, pose: HandPose, dt_s: float) -> None:
-        """Compute the stable stiffness for the present pose and the fingers that hold the object."""
+    def renew_stiffness(self, pose: HandPose, dt_s: float, over_s: float = 0.0) -> None:
+        """Compute the stable stiffness for the present pose and the fingers that hold the object.
+
+        over_s: time over which it changes. A stiffness that rises at once pulls the more by what is missing.
+        """
         assert self._object is not None
-        self.stiffness = stable_stiffness(self._config, pose, self._object.grip, self._gains.B_Nms_rad, dt_s)
+        found = self._object
+        self._stiffness_from, self._change_s, self._changed_s = self.stiffness, over_s, 0.0
+        self._stiffness_to = stable_stiffness(
+            self._config, pose, found.grip, self._gains.B_Nms_rad, dt_s, found.place_m
+        )
+        if over_s == 0.0:
+            self.stiffness = self._stiffness_to
+
+    def turn_target(self, R_d: Array) -> None:
+        """Set the desired orientation; the workspace is about it from now on."""
+        self.R_d = self._origin_R = R_d
+
+    def _follow_stiffness(self, dt_s: float) -> Stiffness:
+        """Return the stiffness of this tick, on its way to the one computed last."""
+        goal = self._stiffness_to
+        assert goal is not None
+        if self.stiffness is goal:
+            return goal
+        self._changed_s += dt_s
+        share = 1.0 if self._changed_s >= self._change_s else self._changed_s / self._change_s
+        self.stiffness = (self._stiffness_from or goal).towards(goal, share)
+        return self.stiffness
+
+    def end_gait(self) -> None:
+        """Hold with every finger alike, and no firmer than usual."""
+        self.is_firm = False
+        if self._object is not None:
+            self._object.set_share(np.ones(len(self._seen)))
 
     def hold_here(self) -> None:
         """Take the present pose as the target."""
@@ -229,8 +261,9 @@ class PoseLaw:
 
     def torque_Nm(self, pose: HandPose, qdot_rad_s: Array, friction: Sequence[float], dt_s: float) -> Array:
         """Return u (nq,) before the limits. The object must be held. friction: of each tip."""
-        found, gains, config = self._object, self.stiffness, self._config
-        assert found is not None and gains is not None
+        found, config = self._object, self._config
+        assert found is not None
+        gains = self._follow_stiffness(dt_s)
         assert self.place_d_m is not None and self.R_d is not None
         grip = found.grip
         fresh = dt_s / (dt_s + VELOCITY_FILTER_S)

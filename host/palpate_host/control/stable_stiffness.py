@@ -4,6 +4,10 @@ The joints' damping B resists the object with the 6 x 6 matrix D = G (J_x B^-1 J
 delay T such a hand is the loop K e^(-sT)/(D s), unstable from K T/D = pi/2 on. The stiffness along each axis
 of D is therefore limited to K T/D = STABLE_SHARE with T = DELAY_TICKS ticks (gain margin 3.1, phase margin
 61 degrees), and D_p and D_o are reduced with the square of the same share.
+
+The 3 x 3 blocks of D for place and orientation are taken alone. Four equal fingers leave a margin of 1.6 for
+both together; with a lifted finger the blocks are coupled more. For contacts with shares both stiffnesses
+are therefore reduced until the largest eigenvalue of D^-1 K T leaves COUPLED_MARGIN.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from palpate_host.control.virtual_object import Grip
 DELAY_TICKS = 2.0
 """From the sample of the joint angles to the middle of the tick in which the torque acts, and half a tick."""
 STABLE_SHARE = 0.5
+COUPLED_MARGIN = 2.0
 INTEGRAL_SHARE = 0.3
 """Largest rate of the integral along an axis over that of its error, K/D."""
 
@@ -42,20 +47,70 @@ class Stiffness:
     margin_p: float
     margin_o: float
 
+    def towards(self, other: Stiffness, share: float) -> Stiffness:
+        """Return these gains after this share, 0 to 1, of the way to others; the margins are the others'."""
+        if share >= 1.0:
+            return other
+        mine, theirs = (
+            (one.K_p_N_m, one.D_p_Ns_m, one.K_o_Nm_rad, one.D_o_Nms_rad, one.I_p_N_ms, one.I_o_Nm_rads)
+            for one in (self, other)
+        )
+        mixed = [(1.0 - share) * a + share * b for a, b in zip(mine, theirs, strict=True)]
+        return Stiffness(*mixed, margin_p=other.margin_p, margin_o=other.margin_o)
+
 
 def stable_stiffness(
-    config: PoseLawConfig, pose: HandPose, grip: Grip, B_Nms_rad: Array, dt_s: float
+    config: PoseLawConfig,
+    pose: HandPose,
+    grip: Grip,
+    B_Nms_rad: Array,
+    dt_s: float,
+    place_m: Array | None = None,
 ) -> Stiffness:
-    """Return the configured gains, limited along each axis of the joints' damping at this pose."""
+    """Return the configured gains, limited along each axis of the joints' damping at this pose.
+
+    place_m: (3,) the point of the object that the stiffness pulls; None: the contacts' centroid.
+    """
     D = object_damping(pose, grip, B_Nms_rad)
+    found = _stiffness(config, D, dt_s, 1.0)
+    if grip.share is None:
+        return found
+    margin = coupled_margin(found, D, grip.centroid_m if place_m is None else place_m, grip, dt_s)
+    return found if margin >= COUPLED_MARGIN else _stiffness(config, D, dt_s, margin / COUPLED_MARGIN)
+
+
+def coupled_margin(found: Stiffness, D: Array, place_m: Array, grip: Grip, dt_s: float) -> float:
+    """Return how many times larger both stiffnesses together could be before the loop is unstable.
+
+    D (6, 6): of `object_damping`, about the contacts' centroid. place_m: (3,) where the stiffness pulls.
+    """
+    x, y, z = (place_m - grip.centroid_m).tolist()
+    to_place = np.eye(6)
+    to_place[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    K = np.zeros((6, 6))
+    K[:3, :3], K[3:, 3:] = found.K_p_N_m, found.K_o_Nm_rad
+    rates = np.linalg.eigvals(np.linalg.pinv(to_place @ D @ to_place.T, rcond=1e-9) @ K)
+    return 0.5 * math.pi / float(rates.real.max() * DELAY_TICKS * dt_s)
+
+
+def _stiffness(config: PoseLawConfig, D: Array, dt_s: float, share: float) -> Stiffness:
+    """Return the gains that D (6, 6) allows; share: of the stiffness."""
     most_per_s = config.integral_per_s
-    place = _limited(D[:3, :3], config.position_stiffness_N_m, config.position_damping_Ns_m, most_per_s, dt_s)
+    place = _limited(
+        D[:3, :3],
+        config.position_stiffness_N_m,
+        config.position_damping_Ns_m,
+        most_per_s,
+        dt_s,
+        share,
+    )
     turn = _limited(
         D[3:, 3:],
         config.orientation_stiffness_Nm_rad,
         config.orientation_damping_Nms_rad,
         most_per_s,
         dt_s,
+        share,
     )
     return Stiffness(
         K_p_N_m=place.K,
@@ -77,7 +132,7 @@ class _Limited(NamedTuple):
 
 
 def _limited(
-    resisting: Array, stiffness: float, damping: float, integral_per_s: float, dt_s: float
+    resisting: Array, stiffness: float, damping: float, integral_per_s: float, dt_s: float, share: float
 ) -> _Limited:
     """Return stiffness and damping (3, 3), limited along each axis of the joints' damping `resisting` (3, 3).
 
@@ -86,7 +141,7 @@ def _limited(
     """
     delay_s = DELAY_TICKS * dt_s
     per_axis, axes = np.linalg.eigh(resisting)
-    K = np.minimum(stiffness, STABLE_SHARE * per_axis / delay_s)
+    K = share * np.minimum(stiffness, STABLE_SHARE * per_axis / delay_s)
     rates = K / per_axis
     return _Limited(
         K=(axes * K) @ axes.T,

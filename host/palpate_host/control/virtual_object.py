@@ -77,7 +77,7 @@ class VirtualObject:
         self.velocity_m_s, self.spin_rad_s = np.zeros(3), np.zeros(3)
         self.residual_deg, self.doubted = 0.0, 0
         self._doubt_rad = math.radians(doubt_deg)
-        self._share: Array | None = None
+        self._share = self._shared = None  # type: Array | None
         self._kept_q = np.tile(pose.q_rad, (KEPT, 1))
         self._kept_R = np.tile(R, (KEPT, 1, 1))
         self._next, self._since_kept_s = 0, 0.0
@@ -131,7 +131,11 @@ class VirtualObject:
 
     def set_share(self, share: Array) -> None:
         """Set the share (n,) of each contact in the grip and in the estimate; 0 for a lifted finger."""
+        if share is self._shared:
+            return
+        self._shared = share
         self._share = None if np.all(share == 1.0) else share
+        self.grip = grip_of(self._centre_m, self.grip.normal, self._radius_m, self._share)
 
     @property
     def radius_m(self) -> Array:

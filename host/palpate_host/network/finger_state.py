@@ -64,8 +64,8 @@ class FingerRecord:
         if contact.in_contact:
             self._touched_at_us = contact.exposed_at_us
 
-    def health(self, now_us: int, heartbeat_timed_out: bool) -> FingerHealth:
-        """Return the finger's state for the supervisor."""
+    def health(self, now_us: int, heartbeat_timed_out: bool, *, is_lifted: bool = False) -> FingerHealth:
+        """Return the finger's state for the supervisor. is_lifted: by a gait."""
         last = self._last
         return FingerHealth(
             name=self.name,
@@ -75,6 +75,7 @@ class FingerRecord:
             contact_age_us=_age(now_us, self._touched_at_us),
             in_contact=self._last is not None and self._last.in_contact,
             heartbeat_timed_out=heartbeat_timed_out,
+            is_lifted=is_lifted,
             unverified="" if self.boot.is_verified else self.boot.problem or f"reading {self.boot.name}",
         )
 

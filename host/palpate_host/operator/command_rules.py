@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import (
+    Command,
+    CommandError,
+    Grasp,
+    Move,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.common.mode import MOVING, STOPPED, Mode
 from palpate_host.safety.supervisor import Decision, Goal
 
@@ -25,7 +35,7 @@ def check_allowed(
                 raise _refusal("recover", decision, "the bus is lost, the host reopens it by itself")
             if not is_off:
                 raise _refusal("recover", decision, "the drives are still stopping, try again")
-        case Rotate() | Move():
+        case Rotate() | Move() | Reorient():
             if mode not in MOVING or goal is Goal.NOTHING:
                 raise _refusal(type(command).__name__.lower(), decision, "grasp first")
         case Grasp() | Release():

@@ -9,7 +9,17 @@ from __future__ import annotations
 import msgspec
 
 from palpate_edge.common.config_file import json_fault
-from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import (
+    Command,
+    CommandError,
+    Grasp,
+    Move,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.common.status import HostStatus
 
 LONGEST_REQUEST = 4096
@@ -34,7 +44,9 @@ class Answer(msgspec.Struct, frozen=True, omit_defaults=True):
     status: HostStatus | None = None
 
 
-_requests = msgspec.json.Decoder(Grasp | Rotate | Move | Release | Stop | Recover | Status | Stream)
+_requests = msgspec.json.Decoder(
+    Grasp | Rotate | Move | Reorient | Release | Stop | Recover | Status | Stream
+)
 _answers = msgspec.json.Decoder(Answer)
 _encoder = msgspec.json.Encoder()
 

@@ -7,11 +7,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from palpate_edge.common.errors import PalpateError
-from palpate_host.common.command import Command, CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import (
+    Command,
+    CommandError,
+    Grasp,
+    Move,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.common.mode import MOVING, STOPPED, Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.client import NoHostError, OperatorClient
@@ -21,6 +31,8 @@ from palpate_host.operator.server import default_control_socket
 POLL_S = 0.02
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
+GAIT_ENDS = ("", "refused", "stopped", "done")
+"""What `HoldStatus.gait` is when a turn by finger gaiting is over."""
 ACCEPTING = (Mode.READY, *MOVING, *STOPPED)
 
 
@@ -112,6 +124,32 @@ class Hand:
         self._send(Move((x, y, z), (roll, pitch, yaw), ramp_s))
         sent_us = self.status().time_us  # of a tick that may be earlier than the command
         return self.wait_for(lambda s: s.time_us > sent_us and (s.turned or 0.0) >= 1.0, timeout_s, "move")
+
+    def reorient(
+        self,
+        rpy_deg: tuple[float, float, float],
+        corners_mm: Sequence[tuple[float, float, float]],
+        timeout_s: float = 180.0,
+    ) -> HostStatus:
+        """Turn the object by any angle about the hand's fixed axes; fingers lift in turn and take hold again.
+
+        Only under control.law = "pose", with four fingers and more. corners_mm: of the convex object, in the
+        hand's frame, where it is now. Returns when the turn is done. CommandError, with the reason, when it
+        cannot be planned or is stopped on the way; the hand then goes on holding.
+        """
+        roll, pitch, yaw = (float(angle) for angle in rpy_deg)
+        corners = tuple((float(x), float(y), float(z)) for x, y, z in corners_mm)
+        self._send(Reorient((roll, pitch, yaw), corners))
+        sent_us = self.status().time_us  # of a tick that may be earlier than the command
+        status = self.wait_for(
+            lambda s: s.time_us > sent_us and s.hold is not None and s.hold.gait in GAIT_ENDS,
+            timeout_s,
+            "turn the object",
+        )
+        assert status.hold is not None
+        if status.hold.gait != "done":
+            raise CommandError(status.hold.gait_reason or "the turn ended: the object is held no more")
+        return status
 
     def release(self, timeout_s: float = 10.0) -> HostStatus:
         """Open the hand and return to READY, with torque 0."""

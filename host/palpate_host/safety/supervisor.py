@@ -4,7 +4,8 @@
 
 Pure: the time is an argument. The tiers of staleness: a contact older than `warn_us` is reported; older than
 `freeze_us`, or lost, it freezes the desired frame; older than `hold_us` it leaves only the grasp; a fingertip
-without a valid frame for `stop_us` is a fault. A held object that fewer than two fingers have touched for
+without a valid frame for `stop_us` is a fault. A finger that a gait has lifted touches nothing: of it the age
+of its frames counts in place of its contact's. A held object that fewer than two fingers have touched for
 `lost_us` is lost, which is a fault too. Only the operator's `Recover` leads out of FAULT and STOP
 (host_core.py). The limits hold in every mode (control_law.py, runaway.py).
 """
@@ -52,7 +53,7 @@ class FingerHealth:
     """One fingertip: ages of its last valid frame and of its last contact, None when there was none.
 
     gives_no_place, gives_no_force: its calibration knows no contact places or no newtons. unverified: why
-    its contacts are not used, empty once its parameters have been read and agree.
+    its contacts are not used, empty once its parameters have been read and agree. is_lifted: by a gait.
     """
 
     name: str
@@ -63,6 +64,7 @@ class FingerHealth:
     gives_no_place: bool = False
     gives_no_force: bool = False
     unverified: str = ""
+    is_lifted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,8 @@ class Inputs:
     Eq. (12) does not exist. no_contact_frame: why the contacts give no R_c of Eq. (16). blind_by_choice: the
     configuration selects Tahara's law, which needs no fingertip. force_is_limited: limits.contact_force_N is
     finite, so every fingertip has to measure its force. left_out: fingers whose contacts contradict the
-    others. hold_warning: what is unusual about the hold (hold_report.py).
+    others. hold_warning: what is unusual about the hold (hold_report.py). gait: what a turn by finger gaiting
+    is doing.
     """
 
     now_us: int
@@ -93,6 +96,7 @@ class Inputs:
     force_is_limited: bool = True
     left_out: str = ""
     hold_warning: str = ""
+    gait: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +199,7 @@ def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, st
         return (Mode.BLIND if was_turning else waits_in), frozen
     if not was_turning and inputs.now_us - last.since_us < tiers.settle_us:
         return waits_in, "grasp settling"
-    return Mode.MANIPULATE, "every finger in contact"
+    return Mode.MANIPULATE, inputs.gait or "every finger in contact"
 
 
 _GRASPED = "holding: palpate-host command rotate turns the object"
@@ -225,16 +229,18 @@ def _object_lost(last: Decision, inputs: Inputs, tiers: Tiers) -> str:
         finger.contact_age_us is not None and finger.contact_age_us <= grasped_for_us
         for finger in inputs.fingers
     )
+    lifted = sum(finger.is_lifted for finger in inputs.fingers)
     empty = [
         finger
         for finger in inputs.fingers
-        if not finger.in_contact
+        if not finger.is_lifted
+        and not finger.in_contact
         and finger.contact_age_us is not None
         and finger.contact_age_us >= tiers.lost_us
         and finger.frame_age_us is not None
         and finger.frame_age_us <= tiers.warn_us
     ]
-    if not is_held or len(inputs.fingers) - len(empty) >= 2:
+    if not is_held or len(inputs.fingers) - lifted - len(empty) >= 2:
         return ""
     names = ", ".join(finger.name for finger in empty)
     return f"the object is lost: no contact of {names} for {tiers.lost_us // 1000} ms"
@@ -245,6 +251,9 @@ def _grasp_reason(finger: FingerHealth, tiers: Tiers) -> str:
         return f"{finger.name}: heartbeat lost"
     if finger.unverified:
         return finger.unverified
+    if finger.is_lifted:
+        is_old = finger.frame_age_us is None or finger.frame_age_us > tiers.hold_us
+        return f"{finger.name}: lifted, no frame for more than {tiers.hold_us // 1000} ms" if is_old else ""
     if finger.contact_age_us is None or finger.contact_age_us > tiers.hold_us:
         return f"{finger.name}: no contact for more than {tiers.hold_us // 1000} ms"
     return ""
@@ -261,6 +270,9 @@ def _force_not_known(inputs: Inputs) -> str:
 def _freeze_reason(finger: FingerHealth, tiers: Tiers) -> str:
     if finger.gives_no_place:
         return f"{finger.name}: {NO_PLACE}"
+    if finger.is_lifted:
+        is_old = finger.frame_age_us is None or finger.frame_age_us > tiers.freeze_us
+        return f"{finger.name}: lifted, frame older than {tiers.freeze_us // 1000} ms" if is_old else ""
     if not finger.in_contact:
         return f"{finger.name}: no contact"
     if finger.contact_age_us is not None and finger.contact_age_us > tiers.freeze_us:
@@ -272,7 +284,9 @@ def _warning(inputs: Inputs, tiers: Tiers) -> str:
     old = [
         f"{finger.name}: contact {finger.contact_age_us // 1000} ms old"
         for finger in inputs.fingers
-        if finger.contact_age_us is not None and finger.contact_age_us > tiers.warn_us
+        if finger.contact_age_us is not None
+        and finger.contact_age_us > tiers.warn_us
+        and not finger.is_lifted
     ]
     doubtful = [f"{inputs.left_out}: contact does not fit the object, left out"] if inputs.left_out else []
     return "; ".join(old + doubtful + ([inputs.hold_warning] if inputs.hold_warning else []))

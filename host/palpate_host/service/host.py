@@ -32,6 +32,7 @@ from palpate_host.service.host_bus import HostBus
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.real_time import become_real_time
 from palpate_host.service.status_stream import StatusStream
+from palpate_host.service.turn_plans import TurnPlans
 
 BUS_NAME = "host"
 # Closing an adapter drops the frames in its queue: the last stop frames get this time to be sent.
@@ -111,7 +112,8 @@ def run(config_path: Path, options: Options) -> None:
         usual = f"on {config.bus.interface}"
         notifier.ready(usual)
         reports = BusReports(core, notifier, usual)
-        failure = _loop(core, bus, stream, control, options.duration_s, notifier, reports, now_us)
+        plans = stack.enter_context(closing(TurnPlans(config)))
+        failure = _loop(core, bus, stream, control, options.duration_s, notifier, reports, now_us, plans)
         notifier.stopping()
     if failure:
         raise BusError(failure)
@@ -133,6 +135,7 @@ def _loop(
     notifier: Notifier,
     reports: BusReports,
     now_us: Callable[[], int],
+    plans: TurnPlans,
 ) -> str:
     """Run the ticks; return the failure, empty after a requested stop.
 
@@ -145,6 +148,9 @@ def _loop(
         bus.send(now_us(), output.frames_out)
         if output.ticked and output.status is not None:
             control.serve(core.command, output.status)
+            planned = plans.update(core.turn_request)
+            if planned is not None:
+                core.planned(planned)
             if stream is not None:
                 stream.write(output.status)
             reports.ticked(output.status)

@@ -16,13 +16,22 @@ import numpy as np
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
-from palpate_host.common.command import Command, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import Command, Grasp, Move, Recover, Release, Reorient, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
-from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent, HostInput, TickInputs
+from palpate_host.common.tick_inputs import (
+    BusLost,
+    BusRestored,
+    End,
+    HostEvent,
+    HostInput,
+    Planned,
+    TickInputs,
+)
 from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
-from palpate_host.control.hold_report import hold_fault, hold_status, hold_warning
+from palpate_host.control.gait.turn_request import TurnRequest
+from palpate_host.control.hold_report import gait_text, hold_fault, hold_status, hold_warning
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import FrameError, check_numbering, virtual_frame
@@ -177,10 +186,24 @@ class HostCore:
                 self._control.move(xyz_mm, rpy_deg, self._config.target.ramp_s if ramp_s is None else ramp_s)
                 self._goal = Goal.TURN
                 self._target_rpy_deg = rpy_deg
+            case Reorient(rpy_deg=rpy_deg, corners_mm=corners_mm):
+                self._control.request_turn(rpy_deg, corners_mm)
+                self._goal = Goal.TURN
+                self._target_rpy_deg = rpy_deg
             case Release():
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
         self._note(command)
+
+    @property
+    def turn_request(self) -> TurnRequest | None:
+        """The turn by finger gaiting that waits for its plan; the caller makes it and calls `planned`."""
+        return self._control.reorientation.request
+
+    def planned(self, event: Planned) -> None:
+        """Take the plan of `turn_request`, or why there is none; without a request it has no effect."""
+        self._control.take_plan(event.plan, event.problem)
+        self._note(event)
 
     def _note(self, event: HostEvent) -> None:
         self._events.append(HostInput(self._taken, event))
@@ -288,6 +311,8 @@ class HostCore:
         last, nodes = self._decision, self._nodes
         orientation = self._control.orientation
         is_blind = self._config.control.mode is ControlMode.BLIND
+        control, names = self._control, [finger.name for finger in nodes.fingers]
+        follows = control.gait is not None or orientation.is_following
         inputs = Inputs(
             now_us=tick_us,
             stop=self._stop_reason,
@@ -299,17 +324,20 @@ class HostCore:
             homing=nodes.drives.homing.waiting,
             drives_waiting=nodes.drives.waiting(),
             no_virtual_frame=no_virtual_frame,
-            no_contact_frame="" if orientation.is_following else orientation.problem or "taking references",
+            no_contact_frame="" if follows else orientation.problem or "taking references",
             blind_by_choice=is_blind,
             goal=self._goal,
-            left_out=", ".join(nodes.fingers[number].name for number in orientation.left_out),
-            hold_warning=hold_warning(
-                self._control, self._config.pose_law, [finger.name for finger in nodes.fingers]
-            ),
+            left_out=", ".join(names[number] for number in orientation.left_out if control.gait is None),
+            hold_warning=hold_warning(control, self._config.pose_law, names),
+            gait=gait_text(control, names),
             force_is_limited=math.isfinite(self._config.limits.contact_force_N),
             fingers=[
-                finger.health(tick_us, nodes.network.heartbeat_timed_out(finger.node_id, tick_us))
-                for finger in nodes.fingers
+                finger.health(
+                    tick_us,
+                    nodes.network.heartbeat_timed_out(finger.node_id, tick_us),
+                    is_lifted=number == control.reorientation.lifted,
+                )
+                for number, finger in enumerate(nodes.fingers)
             ],
         )
         self._decision = decide(last, inputs, self._tiers)

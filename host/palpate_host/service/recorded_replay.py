@@ -14,7 +14,7 @@ from palpate_bus.decode.monitor_lines import line
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import PalpateError
-from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent
+from palpate_host.common.tick_inputs import BusLost, BusRestored, End, HostEvent, Planned
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.drive_settings import RPDO_ID
@@ -133,6 +133,8 @@ def _apply(log_path: Path, core: HostCore, event: HostEvent, tick: TickRecord) -
                 core.bus_lost(at_us, reason)
             case BusRestored(at_us=at_us):
                 core.bus_restored(at_us)
+            case Planned():
+                core.planned(event)
             case _:
                 core.command(event)
     except PalpateError as error:

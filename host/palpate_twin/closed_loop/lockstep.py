@@ -19,9 +19,12 @@ from palpate_edge.common.contact import Contact
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common import rotation
+from palpate_host.common.gait_plan import GaitRefusedError
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
+from palpate_host.common.tick_inputs import Planned
 from palpate_host.config.hand_config import HandConfig, StartMode
+from palpate_host.control.gait.turn_request import TurnRequest, plan_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import DriveNode
 from palpate_host.network.nmt_master import SYNC
@@ -36,6 +39,8 @@ FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
 """Time from a frame's exposure to its contact in the node: half the exposure, read-out and estimate."""
 FILM_PERIOD_US = 500_000
+PLAN_US = 1_000_000
+"""Time from a turn's request to its plan; a planner needs some seconds, which change nothing here."""
 WIRE_US = 130
 """Duration of a CAN frame of 8 bytes with stuff bits at 1 Mbit/s."""
 
@@ -87,6 +92,9 @@ class LockstepLoop:
         """
         check_bus_load(config)
         self._is_supported = has_weight
+        self._config = config
+        self._request: TurnRequest | None = None
+        self._planned_us = 0
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._contact_source = hand, contact_source
         self._on_frame, self._on_step, self._on_tick = on_frame, on_step, on_tick
@@ -139,6 +147,7 @@ class LockstepLoop:
                 self._send(now_us, sent.frames_out, from_host=False)
         output = self.host.process(now_us, to_host)
         self._send(now_us, output.frames_out, from_host=True)
+        self._plan(now_us)
         self.status = output.status
         if output.ticked and output.status is not None:
             self._on_tick(output.status)
@@ -155,6 +164,19 @@ class LockstepLoop:
         self._driven.step()
         self._now_us += round(engine.step_s * 1e6)
         return output.finished
+
+    def _plan(self, now_us: int) -> None:
+        """Plan a requested turn; the host gets the plan PLAN_US after its request."""
+        request = self.host.turn_request
+        if request is not self._request:
+            self._request, self._planned_us = request, now_us + PLAN_US
+        if request is None or now_us < self._planned_us:
+            return
+        try:
+            planned = Planned(plan_of(request, self._hand, self._config))
+        except GaitRefusedError as error:
+            planned = Planned(None, str(error))
+        self.host.planned(planned)
 
     def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
         """Transmit frames one after the other."""

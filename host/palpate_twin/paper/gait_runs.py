@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_host.control.gait.gait_plan import GaitRefusedError
+from palpate_host.common.gait_plan import GaitRefusedError
 from palpate_twin.paper.figure_data import AXES
 from palpate_twin.paper.gait_trial import GaitOutcome, run_gait
 from palpate_twin.paper.trial_parameters import Trial

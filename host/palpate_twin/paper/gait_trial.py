@@ -15,11 +15,11 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.gait_plan import GaitPlan
 from palpate_host.common.mode import Mode
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.gait.finger_reach import FingerReach, ObjectPath
 from palpate_host.control.gait.gait import GaitPhase
-from palpate_host.control.gait.gait_plan import GaitPlan
 from palpate_host.control.gait.object_shape import shape_of
 from palpate_host.control.gait.turn_planner import plan_turn
 from palpate_host.control.kinematics import HandKinematics, HandPose

@@ -8,7 +8,8 @@ from palpate_host.common import symmetric
 
 def parts(S):
     """The six numbers of a symmetric matrix, as the closed forms take them."""
-    return (*S[0], *S[1, 1:], S[2, 2])
+    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
+    return a, b, c, d, e, f
 
 
 def random_mobility(seed):

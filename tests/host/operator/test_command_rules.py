@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate_host.common.command import CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import CommandError, Grasp, Move, Recover, Release, Reorient, Rotate, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.supervisor import Decision, Goal
@@ -37,7 +37,8 @@ def test_grasp_and_release_wait_for_a_ready_hand(command, name):
 
 
 def test_only_a_hand_that_grasps_turns():
-    assert obeyed_in(TURN)[0] == obeyed_in(Move())[0] == MOVING
+    far = Reorient((0.0, 0.0, 90.0), ((0.0, 0.0, 0.0),) * 4)
+    assert obeyed_in(TURN)[0] == obeyed_in(Move())[0] == obeyed_in(far)[0] == MOVING
     modes, refusals = obeyed_in(TURN, goal=Goal.NOTHING)
     assert not modes and all(text.endswith("grasp first") for text in refusals.values())
 

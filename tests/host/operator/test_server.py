@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.common.command import CommandError, Grasp, Move, Recover, Release, Rotate, Stop
+from palpate_host.common.command import CommandError, Grasp, Move, Recover, Release, Reorient, Rotate, Stop
 from palpate_host.operator.client import NoHostError, OperatorClient
 from palpate_host.operator.protocol import (
     LONGEST_REQUEST,
@@ -75,6 +75,10 @@ def talk(server, plain, data, obeyed, status=None):
         (b'{"command":"grasp"}', Grasp()),
         (b'{"command":"rotate","rpy_deg":[30,0,-5.5]}', Rotate((30.0, 0.0, -5.5))),
         (b'{"command":"rotate","rpy_deg":[0,0,1],"ramp_s":2}', Rotate((0.0, 0.0, 1.0), 2.0)),
+        (
+            b'{"command":"reorient","rpy_deg":[0,0,90],"corners_mm":[[0,0,0],[1,0,0],[0,1,0],[0,0,1]]}',
+            Reorient((0.0, 0.0, 90.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        ),
         (b'{"command":"move","xyz_mm":[0,0,10]}', Move((0.0, 0.0, 10.0))),
         (
             b'{"command":"move","xyz_mm":[1,2,3],"rpy_deg":[0,0,5],"ramp_s":2}',

@@ -229,3 +229,63 @@ def test_a_grasp_that_has_not_closed_yet_has_lost_nothing():
 def test_a_blind_hand_loses_nothing():
     inputs = dataclasses.replace(GOOD, blind_by_choice=True, fingers=fingers(900, 900, 900))
     assert decide(at(Mode.BLIND), inputs, TIERS).mode is Mode.BLIND
+
+
+LIFTED = dataclasses.replace(
+    FRESH, name="finger-2", contact_age_us=9000, in_contact=False, is_lifted=True, frame_age_us=30
+)
+GAIT = "turning by finger gaiting: carry, finger-2 is lifted"
+
+
+def lifting(lifted=LIFTED, **changes):
+    """Four fingers turn an object by gaiting; finger-2 is lifted. changes: of finger-3."""
+    third = dataclasses.replace(FRESH, name="finger-3", **changes)
+    return dataclasses.replace(GOOD, fingers=(FRESH, lifted, third, FRESH), gait=GAIT)
+
+
+def test_a_lifted_finger_needs_no_contact_and_is_the_reason():
+    decision = decide(at(Mode.MANIPULATE), lifting(), TIERS)
+    assert (decision.mode, decision.reason, decision.warning) == (Mode.MANIPULATE, GAIT, "")
+
+
+@pytest.mark.parametrize(
+    ("frame_age_us", "mode", "reason"),
+    [
+        (200, Mode.MANIPULATE, GAIT),
+        (201, Mode.BLIND, "finger-2: lifted, frame older than 0 ms"),
+        (1001, Mode.HOLD, "finger-2: lifted, no frame for more than 1 ms"),
+        (3001, Mode.FAULT, "finger-2: no valid frame for more than 3 ms"),
+    ],
+)
+def test_the_frames_of_a_lifted_finger_have_tiers_of_their_own(frame_age_us, mode, reason):
+    inputs = lifting(dataclasses.replace(LIFTED, frame_age_us=frame_age_us))
+    decision = decide(at(Mode.MANIPULATE), inputs, TIERS)
+    assert (decision.mode, decision.reason) == (mode, reason)
+
+
+@pytest.mark.parametrize(
+    ("changes", "mode"),
+    [
+        ({"in_contact": False, "contact_age_us": 60}, Mode.BLIND),
+        ({"contact_age_us": 201, "frame_age_us": 201}, Mode.BLIND),
+        ({"in_contact": False, "contact_age_us": 1001}, Mode.HOLD),
+        ({"heartbeat_timed_out": True}, Mode.HOLD),
+        ({"unverified": "finger-3: reading"}, Mode.HOLD),
+        ({"contact_age_us": 3001, "frame_age_us": 3001}, Mode.FAULT),
+    ],
+)
+def test_doubt_about_a_finger_that_holds_while_another_is_lifted(changes, mode):
+    decision = decide(at(Mode.MANIPULATE), lifting(**changes), TIERS)
+    assert decision.mode is mode
+    assert "finger-3" in decision.reason
+
+
+def test_a_lifted_finger_does_not_count_as_holding():
+    """One of three fingers may lose the object while the fourth is lifted, not two."""
+    lost = {"in_contact": False, "contact_age_us": 250}
+    assert decide(at(Mode.BLIND), lifting(**lost), TIERS).mode is Mode.BLIND
+    two = lifting(**lost)
+    two = dataclasses.replace(two, fingers=(*two.fingers[:3], dataclasses.replace(FRESH, **lost)))
+    decision = decide(at(Mode.BLIND), two, TIERS)
+    assert decision.mode is Mode.FAULT
+    assert decision.reason.startswith("the object is lost")

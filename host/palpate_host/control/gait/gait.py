@@ -11,9 +11,10 @@ joints' damping fed forward,
 K limited as in stable_stiffness.py. The object's target stays meanwhile, and the pose law holds it with the
 fingers whose share is not 0.
 
-A gait stops, with a reason, when a finger that holds reports no contact in `LOST_FRAMES` frames, when a
-lifted tip is not free or finds no object, or when the object does not follow. It then takes the present pose
-as its target, and the fingers that hold go on holding.
+A gait rests while the supervisor is in doubt about a contact. It stops, with a reason, when a finger that
+holds reports no contact in `LOST_FRAMES` frames, when a lifted tip is not free or finds no object, or when
+the object does not follow. It then takes the present pose as its target, and the fingers that hold go on
+holding.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
+from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
 from palpate_host.control.control_law import Gains
-from palpate_host.control.gait.gait_plan import GaitPlan, Regrasp, TurnTo
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_law import PoseLaw
 from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE
@@ -61,12 +62,17 @@ class GaitPhase(enum.Enum):
 
 
 class Gait:
-    """The state of one turn by gaiting; call `advance` once a tick, before the pose law's torques."""
+    """The state of one turn by gaiting; call `advance` once a tick, before the pose law's torques.
+
+    phase, reason: why it was stopped. away: the finger, from 0, that does not hold the object, also after a
+    stop; None while all do. regrasped: how often a finger has taken hold again.
+    """
 
     def __init__(self, plan: GaitPlan, law: PoseLaw, gains: Gains) -> None:
         """Begin. The object must be held; its faces in the plan replace the measured references."""
         assert law.object is not None and law.R_d is not None
         self.phase, self.reason = GaitPhase.TURN, ""
+        self.away: int | None = None
         self.regrasped = 0
         self.R_d = self._R_start = law.R_d
         self._plan, self._gains = plan, gains
@@ -80,19 +86,16 @@ class Gait:
         self._depth_m = 0.0
         self._is_free = self._has_touched = False
         self._missed = [0] * len(plan.normals)
+        self._axis = np.array(plan.axis)
+        self._goal_share = self._share_after = self._share
+        self._normal = self._point_m = np.zeros(3)
         for finger, normal in enumerate(plan.normals):
-            law.object.take_face(finger, normal)
+            law.object.take_face(finger, np.array(normal))
 
     @property
     def is_over(self) -> bool:
         """True when the turn is done or was stopped."""
         return self.phase in (GaitPhase.DONE, GaitPhase.STOPPED)
-
-    @property
-    def away(self) -> int | None:
-        """The finger, from 0, that does not hold the object; None while all do."""
-        step = self._step
-        return step.finger if isinstance(step, Regrasp) and self.phase is not GaitPhase.UNLOAD else None
 
     @property
     def _step(self) -> TurnTo | Regrasp | None:
@@ -109,13 +112,25 @@ class Gait:
         elif self._is_free and self.phase is GaitPhase.APPROACH:
             self._has_touched = True
 
-    def advance(self, law: PoseLaw, pose: HandPose, dt_s: float) -> Array:
-        """Lead target and shares of the law on by one tick; return the torques (nq,) of the lifted finger."""
+    def advance(self, law: PoseLaw, pose: HandPose, dt_s: float, *, rests: bool = False) -> Array:
+        """Lead target and shares of the law on by one tick; return the torques (nq,) of the lifted finger.
+
+        rests: target, shares and the lifted tip's path stay where they are.
+        """
         if self._number < 0:
             self._next_step(law, pose, dt_s)
-        self._since_s += dt_s
         self._look_for_loss(law)
         before_m = self._tip_d_m
+        if not rests:
+            self._lead_on(law, pose, dt_s)
+        law.is_firm = not self.is_over
+        law.turn_target(self.R_d)
+        assert law.object is not None
+        law.object.set_share(self._share)
+        return self._tip_torque_Nm(pose, before_m, dt_s)
+
+    def _lead_on(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
+        self._since_s += dt_s
         act = {
             GaitPhase.TURN: self._turn,
             GaitPhase.UNLOAD: self._unload,
@@ -126,20 +141,20 @@ class Gait:
         }.get(self.phase)
         if act is not None:
             act(law, pose, dt_s)
-        law.R_d, law.is_firm = self.R_d, not self.is_over
-        assert law.object is not None
-        law.object.set_share(self._share)
-        return self._tip_torque_Nm(pose, before_m, dt_s)
 
     def _next_step(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
-        law.renew_stiffness(pose, dt_s)
+        law.renew_stiffness(pose, dt_s, SHIFT_S)
         self._number += 1
         self._share_from = self._share
         step = self._step
+        if step is not None:
+            self._goal_share = np.array(step.share)
         if isinstance(step, TurnTo):
             self._enter(GaitPhase.TURN, _SMOOTH * (step.angle_rad - self._angle_rad) / TURN_RAD_S)
         elif isinstance(step, Regrasp):
             assert law.object is not None
+            self._normal, self._point_m = np.array(step.normal), np.array(step.point_m)
+            self._share_after = np.array(step.share_after)
             self._depth_m = self._gains.tip_radius_m - float(law.object.radius_m[step.finger])
             self._enter(GaitPhase.UNLOAD, SHIFT_S)
         else:
@@ -148,7 +163,8 @@ class Gait:
     def _enter(self, phase: GaitPhase, duration_s: float) -> None:
         self.phase, self._since_s, self._duration_s = phase, 0.0, duration_s
 
-    def _stop(self, law: PoseLaw, reason: str) -> None:
+    def stop(self, law: PoseLaw, reason: str) -> None:
+        """Stop with this reason; the present pose is the target, and the fingers that hold go on holding."""
         self._enter(GaitPhase.STOPPED, 0.0)
         self.reason = f"gait stopped: {reason}"
         law.hold_here()
@@ -158,7 +174,7 @@ class Gait:
     def _look_for_loss(self, law: PoseLaw) -> None:
         for finger, missed in enumerate(self._missed):
             if missed >= LOST_FRAMES and finger != self.away and not self.is_over:
-                self._stop(law, f"finger {finger + 1} lost the object")
+                self.stop(law, f"finger {finger + 1} lost the object")
 
     @property
     def _progress(self) -> float:
@@ -175,9 +191,9 @@ class Gait:
     def _turn(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
         step = self._step
         assert isinstance(step, TurnTo) and law.object is not None
-        self._shift_share(step.share)
+        self._shift_share(self._goal_share)
         angle = self._angle_rad + self._progress * (step.angle_rad - self._angle_rad)
-        self.R_d = rotation.exp(angle * self._plan.axis) @ self._R_start
+        self.R_d = rotation.exp(angle * self._axis) @ self._R_start
         over_s = self._since_s - max(self._duration_s, SHIFT_S)
         if over_s < SETTLE_S:
             return
@@ -185,19 +201,21 @@ class Gait:
             self._angle_rad = step.angle_rad
             self._next_step(law, pose, dt_s)
         elif over_s > SETTLE_TIMEOUT_S:
-            self._stop(law, "the object does not follow the turn")
+            self.stop(law, "the object does not follow the turn")
 
     def _unload(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
         step = self._step
         assert isinstance(step, Regrasp) and law.object is not None
-        if self._shift_share(step.share) < 1.0:
+        if self._shift_share(self._goal_share) < 1.0:
             return
+        law.object.set_share(self._share)
         law.renew_stiffness(pose, dt_s)
         self._is_free = self._has_touched = False
+        self.away = step.finger
         R, place_m = law.object.R, law.object.place_m
         self._tip_d_m = self._from_m = pose.tip_centre_m[step.finger]
         self._to_m = self._from_m + step.clearance_m * law.object.grip.normal[step.finger]
-        self._touch_m = place_m + R @ (step.point_m + self._gains.tip_radius_m * step.normal)
+        self._touch_m = place_m + R @ (self._point_m + self._gains.tip_radius_m * self._normal)
         self._enter(GaitPhase.LIFT, _SMOOTH * step.clearance_m / LIFT_M_S)
 
     def _lift(self, law: PoseLaw, _pose: HandPose, _dt_s: float) -> None:
@@ -207,7 +225,7 @@ class Gait:
         if self._progress < 1.0:
             return
         self._from_m = self._to_m
-        self._to_m = self._touch_m + step.clearance_m * (law.object.R @ step.normal)
+        self._to_m = self._touch_m + step.clearance_m * (law.object.R @ self._normal)
         self._enter(GaitPhase.CARRY, _SMOOTH * rotation.norm(self._to_m - self._from_m) / CARRY_M_S)
 
     def _carry(self, law: PoseLaw, _pose: HandPose, _dt_s: float) -> None:
@@ -217,10 +235,10 @@ class Gait:
         if self._progress < 1.0:
             return
         if self._is_free:
-            law.object.take_face(step.finger, step.normal)
+            law.object.take_face(step.finger, self._normal)
             self._enter(GaitPhase.APPROACH, (step.clearance_m + OVERTRAVEL_M) / APPROACH_M_S)
         elif self._since_s > self._duration_s + FREE_TIMEOUT_S:
-            self._stop(law, f"finger {step.finger + 1} still reports contact after it was lifted")
+            self.stop(law, f"finger {step.finger + 1} still reports contact after it was lifted")
 
     def _approach(self, law: PoseLaw, pose: HandPose, _dt_s: float) -> None:
         step = self._step
@@ -229,21 +247,21 @@ class Gait:
             assert self._tip_d_m is not None
             self._share_from, self._from_m = self._share, self._tip_d_m
             centre_m = pose.tip_centre_m[step.finger]
-            self._to_m = centre_m - self._depth_m * (law.object.R @ step.normal)
+            self._to_m = centre_m - self._depth_m * (law.object.R @ self._normal)
             self._enter(GaitPhase.LOAD, SHIFT_S)
             return
         if self._since_s > self._duration_s:
-            self._stop(law, f"finger {step.finger + 1} found no object where it should take hold")
+            self.stop(law, f"finger {step.finger + 1} found no object where it should take hold")
             return
-        self._tip_d_m = self._to_m - self._since_s * APPROACH_M_S * (law.object.R @ step.normal)
+        self._tip_d_m = self._to_m - self._since_s * APPROACH_M_S * (law.object.R @ self._normal)
 
     def _load(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
         step = self._step
         assert isinstance(step, Regrasp)
         self._tip_d_m = self._from_m + self._progress * (self._to_m - self._from_m)
-        if self._shift_share(step.share_after) < 1.0:
+        if self._shift_share(self._share_after) < 1.0:
             return
-        self._tip_d_m = None
+        self._tip_d_m = self.away = None
         self.regrasped += 1
         self._missed[step.finger] = 0
         self._next_step(law, pose, dt_s)

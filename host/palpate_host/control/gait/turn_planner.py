@@ -22,8 +22,15 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.gait_plan import (
+    GaitPlan,
+    GaitRefusal,
+    GaitRefusedError,
+    Regrasp,
+    TurnTo,
+    fingers_refused,
+)
 from palpate_host.control.gait.finger_reach import FingerReach, ObjectPath, Touch
-from palpate_host.control.gait.gait_plan import GaitPlan, GaitRefusal, GaitRefusedError, Regrasp, TurnTo
 from palpate_host.control.gait.grip_shares import best_shares
 from palpate_host.control.gait.object_shape import ObjectShape, ShapeFace
 
@@ -68,11 +75,7 @@ def plan_turn(
     Raises GaitRefusedError when the hand cannot.
     """
     if reach.fingers <= FEWEST_HOLDING:
-        raise GaitRefusedError(
-            GaitRefusal.FINGERS,
-            f"the turn is refused: a hand of {reach.fingers} fingers holds with too few while one lifts; turn"
-            " within the fingers' reach, or use a hand of four",
-        )
+        raise fingers_refused(reach.fingers)
     refused: GaitRefusedError | None = None
     for steepest in STEEPEST:
         try:
@@ -94,7 +97,7 @@ class _Planner:
     def plan(self, q_rad: Array, angle_rad: float) -> GaitPlan:
         """Return the plan, or raise GaitRefusedError."""
         touches = self._first_touches(q_rad)
-        normals = np.array([touch.face.normal for touch in touches])
+        normals = tuple(_vector(touch.face.normal) for touch in touches)
         steps: list[TurnTo | Regrasp] = []
         now = 0.0
         while True:
@@ -111,10 +114,10 @@ class _Planner:
                     self._enough,
                 )
                 touches = self._at(ways, until)
-                steps.append(TurnTo(until, share, needed))
+                steps.append(TurnTo(until, _floats(share), needed))
                 now = until
             if now >= angle_rad - 1e-9:
-                return GaitPlan(self._path.axis, angle_rad, normals, tuple(steps))
+                return GaitPlan(_vector(self._path.axis), angle_rad, normals, tuple(steps))
             going = min(WORTH_TURNING_RAD, angle_rad - now)
             tired = [finger for finger, end in enumerate(ends) if end < now + going - 1e-9]
             options = {finger: self._options(finger, touches[finger], now, angle_rad) for finger in tired}
@@ -224,7 +227,13 @@ class _Planner:
             after = [touch if other == finger else one for other, one in enumerate(touches)]
             share_after, _ = best_shares([self._grasp(after, now)], [True] * len(after), self._enough)
             regrasp = Regrasp(
-                finger, touch.face.normal, touch.point_m, clearance_m, share, share_after, needed
+                finger=finger,
+                normal=_vector(touch.face.normal),
+                point_m=_vector(touch.point_m),
+                clearance_m=clearance_m,
+                share=_floats(share),
+                share_after=_floats(share_after),
+                friction=needed,
             )
             rest = self._search(after, [one for one in left if one != finger], options, now, worst)
             if rest is not None:
@@ -292,6 +301,15 @@ class _Planner:
             f"the turn is refused: at {math.degrees(now):.0f} deg finger {finger + 1} finds no way to a new"
             " place that clears the object and the other tips: turn less, or about another axis",
         )
+
+
+def _floats(values: Array) -> tuple[float, ...]:
+    return tuple(values.tolist())
+
+
+def _vector(v: Array) -> tuple[float, float, float]:
+    x, y, z = v.tolist()
+    return x, y, z
 
 
 def _centre(touch: Touch, radius_m: float) -> Array:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.host.control.gait.gait_hand import loaded, path, planned, reach, shape, start_rad
 
+from palpate_host.common.gait_plan import GaitRefusal, GaitRefusedError, Regrasp, TurnTo
 from palpate_host.control.gait.finger_reach import FingerReach
-from palpate_host.control.gait.gait_plan import GaitRefusal, GaitRefusedError, Regrasp, TurnTo
 from palpate_host.control.gait.turn_planner import plan_turn
 
 

@@ -1,12 +1,14 @@
-"""The plan of a large turn by finger gaiting, and why one is refused."""
+"""The plan of a large turn by finger gaiting, and why one is refused; plain data, an input of the host."""
 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
 
-from palpate_edge.common.arrays import Array
+import msgspec
+
 from palpate_host.common.command import CommandError
+
+Vector = tuple[float, float, float]
 
 
 class GaitRefusal(enum.Enum):
@@ -26,17 +28,24 @@ class GaitRefusedError(CommandError):
         self.reason = reason
 
 
-@dataclass(frozen=True, slots=True)
-class TurnTo:
+def fingers_refused(fingers: int) -> GaitRefusedError:
+    """Return the refusal of a hand with too few fingers."""
+    return GaitRefusedError(
+        GaitRefusal.FINGERS,
+        f"the turn is refused: a hand of {fingers} fingers holds with too few while one lifts; turn"
+        " within the fingers' reach, or use a hand of four",
+    )
+
+
+class TurnTo(msgspec.Struct, frozen=True, tag="turn"):
     """Turn the object to an angle, with shares (n,) of the contacts. friction: what the grip alone needs."""
 
     angle_rad: float
-    share: Array
+    share: tuple[float, ...]
     friction: float
 
 
-@dataclass(frozen=True, slots=True)
-class Regrasp:
+class Regrasp(msgspec.Struct, frozen=True, tag="regrasp"):
     """Let one finger take hold again.
 
     finger: from 0. normal, point_m: (3,) of the new contact in the object's frame, from its place.
@@ -45,24 +54,23 @@ class Regrasp:
     """
 
     finger: int
-    normal: Array
-    point_m: Array
+    normal: Vector
+    point_m: Vector
     clearance_m: float
-    share: Array
-    share_after: Array
+    share: tuple[float, ...]
+    share_after: tuple[float, ...]
     friction: float
 
 
-@dataclass(frozen=True, slots=True)
-class GaitPlan:
+class GaitPlan(msgspec.Struct, frozen=True):
     """A turn of `angle_rad` about `axis` (3,), in steps.
 
     normals: (n, 3) of the faces that the tips touch at first, in the object's frame.
     """
 
-    axis: Array
+    axis: Vector
     angle_rad: float
-    normals: Array
+    normals: tuple[Vector, ...]
     steps: tuple[TurnTo | Regrasp, ...]
 
     @property
