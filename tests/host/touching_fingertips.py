@@ -12,6 +12,7 @@ from pathlib import Path
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.contact import Contact
 from palpate_edge.common.signals import stop_event
+from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, MethodCode
 from palpate_host.config import hand_config
@@ -59,7 +60,10 @@ def main(config_path: Path, names: list[str]) -> None:
                     tip.publish(felt(sequence, now_us - LATENCY_US), LATENCY_US)
             frames = [frame for _, frame in received]
             for tip in tips:
-                bus.send(tip.process(now_us, frames).frames_out)
+                output = tip.process(now_us, frames)
+                bus.send(output.frames_out)
+                if any(isinstance(event, StoreRequested) for event in output.events):
+                    tip.slave.store_finished(True)
             received = bus.receive(0.005)
 
 

@@ -22,6 +22,7 @@ from palpate_edge.common.errors import BusError
 SDO_TIMEOUT_S = 1.0
 _SEND_TRIES = 50
 _SEND_AGAIN_S = 0.002
+_INITIATIONS = (1, 2)  # client command specifiers of CiA 301: initiate download, initiate upload
 
 
 class PatientNetwork(canopen.Network):
@@ -40,6 +41,30 @@ class PatientNetwork(canopen.Network):
                 time.sleep(_SEND_AGAIN_S)
             else:
                 return
+
+
+class SharedSdoClient(SdoClient):
+    """SDO client beside others of the same server, such as a running host that reads the node.
+
+    A response to the initiation of a transfer is taken only if it names the object that was requested.
+    """
+
+    _requested: bytes | None = None
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Take a response; one with another object is ignored while a transfer is initiated."""
+        if self._requested in (None, bytes(data[1:4])):
+            super().on_response(can_id, data, timestamp)
+
+    def request_response(self, sdo_request: bytearray) -> bytes:
+        """Send a request and return the response; raises as the base class."""
+        is_initiation = sdo_request[0] >> 5 in _INITIATIONS
+        self._requested = bytes(sdo_request[1:4]) if is_initiation else None
+        try:
+            response: bytes = super().request_response(sdo_request)
+        finally:
+            self._requested = None
+        return response
 
 
 @contextmanager
@@ -71,7 +96,9 @@ def master(config: BusConfig, name: str) -> Iterator[canopen.Network]:
 
 def sdo_client(network: canopen.Network, node_id: int, timeout_s: float) -> SdoClient:
     """Return a client of the node's default SDO server."""
-    client: SdoClient = network.add_node(node_id, canopen.ObjectDictionary()).sdo
+    client = SharedSdoClient(0x600 + node_id, 0x580 + node_id, canopen.ObjectDictionary())
+    client.network = network
+    network.subscribe(client.tx_cobid, client.on_response)
     client.RESPONSE_TIMEOUT = timeout_s
     return client
 

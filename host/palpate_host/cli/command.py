@@ -8,10 +8,13 @@ from pathlib import Path
 import click
 import msgspec
 
-from palpate_edge.common.errors import ConfigError
+from palpate_bus.cli.bus_options import NODE
+from palpate_edge.common.atomic_write import atomic_text
+from palpate_edge.common.errors import ConfigError, reason_of
 from palpate_host.common.command import (
     FEWEST_CORNERS,
     MOST_CORNERS,
+    Accepted,
     Command,
     CommandError,
     Grasp,
@@ -24,10 +27,18 @@ from palpate_host.common.command import (
 )
 from palpate_host.common.mode import STOPPED
 from palpate_host.common.status import LATE_BINS_US, HostStatus
+from palpate_host.config.finger_key import with_finger_key
 from palpate_host.operator.client import OperatorClient
 from palpate_host.operator.protocol import Status
 from palpate_host.operator.server import default_control_socket
 
+MEANING = {
+    "calibration": "Its contacts follow this calibration, and new recordings are bound to it.",
+    "software": "Its contacts are computed by another version, so their accuracy may differ. Identity and PDO"
+    " mapping still have to agree with the host's EDS.",
+    "serial": "It is another device; fingers.calibration, if hand.toml has it, is compared next.",
+}
+"""What an accepted difference means, by its key."""
 ANGLE = click.FloatRange(-180, 180)
 LENGTH = click.FloatRange(-1000, 1000)
 RAMP = click.option(
@@ -196,6 +207,45 @@ def recover(path: Path) -> None:
       palpate-host command recover
     """
     _send(path, Recover())
+
+
+@command.command()
+@click.argument("node", type=NODE, metavar="NODE")
+@click.pass_obj
+def accept(path: Path, node: int) -> None:
+    """Use another fingertip than hand.toml names.
+
+    For a hand that waits in the mode check because the fingertip has another calibration, software version
+    or serial number. The command prints what is accepted, the hand continues at once, and hand.toml gets the
+    value for the next start. A different PDO mapping cannot be accepted.
+
+    \b
+    Example:
+      palpate-host command accept 0x10
+    """
+    with OperatorClient(path) as client:
+        answer = client.accept(node)
+    accepted = answer.accepted
+    if accepted is None:
+        return
+    click.echo(f"{accepted.finger}: accepted {accepted.key} {accepted.value}, not {accepted.instead_of}.")
+    click.echo(MEANING[accepted.key])
+    _write(Path(answer.config), accepted)
+
+
+def _write(config: Path, accepted: Accepted) -> None:
+    """Write what was accepted into hand.toml."""
+    try:
+        text = config.read_text(encoding="utf-8")
+    except OSError as exc:
+        raise ConfigError(
+            f"{config} cannot be read ({reason_of(exc)}): until it has fingers.{accepted.key} of"
+            f" {accepted.finger}, each start of the host waits again"
+        ) from exc
+    changed = with_finger_key(config, text, accepted.finger, accepted.key, accepted.value)
+    with atomic_text(config, ConfigError) as file:
+        file.write(changed)
+    click.echo(f"{config}: fingers.{accepted.key} is written.")
 
 
 @command.command()

@@ -76,4 +76,25 @@ class Recover(_Command, frozen=True):
     """Leave FAULT or STOP: reset the nodes, restart from INIT without movement."""
 
 
-Command = Grasp | Rotate | Move | Reorient | Release | Stop | Recover
+class Accept(_Command, frozen=True):
+    """Use a fingertip whose calibration, software or serial number differs from what hand.toml names.
+
+    The difference that is the reason of the mode CHECK now; another difference needs another `Accept`.
+    """
+
+    node_id: Annotated[int, msgspec.Meta(ge=1, le=127)]
+
+
+Command = Grasp | Rotate | Move | Reorient | Release | Stop | Recover | Accept
+
+
+class Accepted(msgspec.Struct, frozen=True):
+    """The difference that `Accept` took: fingers[].`key` of the finger `finger` is now `value`.
+
+    key: ``calibration``, ``software`` or ``serial``. instead_of: the value that was expected.
+    """
+
+    finger: str
+    key: str
+    value: str | int
+    instead_of: str | int

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from palpate_host.common.command import Grasp, Move, Recover, Release, Reorient, Rotate, Stop
+from palpate_host.common.command import Accept, Grasp, Move, Recover, Release, Reorient, Rotate, Stop
 from palpate_host.common.gait_plan import GaitPlan
 
 
@@ -44,7 +44,18 @@ class Planned(_Event, frozen=True, tag="planned"):
 
 
 HostEvent = (
-    Grasp | Rotate | Move | Reorient | Release | Stop | Recover | End | BusLost | BusRestored | Planned
+    Grasp
+    | Rotate
+    | Move
+    | Reorient
+    | Release
+    | Stop
+    | Recover
+    | Accept
+    | End
+    | BusLost
+    | BusRestored
+    | Planned
 )
 
 

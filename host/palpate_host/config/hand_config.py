@@ -85,8 +85,8 @@ class JointConfig(Strict, frozen=True):
 class FingerConfig(Strict, frozen=True):
     """A finger: its fingertip's node and its joints from the base outwards.
 
-    calibration, serial: 2001h and 1018h:04 of its fingertip; another fingertip is refused. Recordings are
-    bound to the calibration.
+    calibration, serial, software: 2001h, 1018h:04 and 100Ah of its fingertip; another fingertip is refused.
+    Without software it needs the version of the host's EDS. Recordings are bound to the calibration.
     """
 
     name: Name
@@ -94,6 +94,7 @@ class FingerConfig(Strict, frozen=True):
     joints: Annotated[tuple[JointConfig, ...], msgspec.Meta(min_length=1)]
     calibration: CalibrationHash | None = None
     serial: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)] | None = None
+    software: Text | None = None
 
 
 class ControlConfig(Strict, frozen=True):

@@ -51,12 +51,20 @@ class Stiffness:
         """Return these gains after this share, 0 to 1, of the way to others; the margins are the others'."""
         if share >= 1.0:
             return other
-        mine, theirs = (
-            (one.K_p_N_m, one.D_p_Ns_m, one.K_o_Nm_rad, one.D_o_Nms_rad, one.I_p_N_ms, one.I_o_Nm_rads)
-            for one in (self, other)
+
+        def mixed(own: Array, others: Array) -> Array:
+            return (1.0 - share) * own + share * others
+
+        return Stiffness(
+            K_p_N_m=mixed(self.K_p_N_m, other.K_p_N_m),
+            D_p_Ns_m=mixed(self.D_p_Ns_m, other.D_p_Ns_m),
+            K_o_Nm_rad=mixed(self.K_o_Nm_rad, other.K_o_Nm_rad),
+            D_o_Nms_rad=mixed(self.D_o_Nms_rad, other.D_o_Nms_rad),
+            I_p_N_ms=mixed(self.I_p_N_ms, other.I_p_N_ms),
+            I_o_Nm_rads=mixed(self.I_o_Nm_rads, other.I_o_Nm_rads),
+            margin_p=other.margin_p,
+            margin_o=other.margin_o,
         )
-        mixed = [(1.0 - share) * a + share * b for a, b in zip(mine, theirs, strict=True)]
-        return Stiffness(*mixed, margin_p=other.margin_p, margin_o=other.margin_o)
 
 
 def stable_stiffness(

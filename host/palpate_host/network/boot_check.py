@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.sdo_abort import AbortCode
@@ -48,17 +49,34 @@ class BootCheck:
         self.node_id = node_id
         self.reply_id = SDO_REPLY_ID + node_id
         self.name = name
-        contract = tuple(wanted)
-        self._signature = signature_of(contract) if signs and contract else ()
+        self._signs = signs
+        self._set_contract(tuple(wanted))
+        self.restart()
+
+    def _set_contract(self, contract: tuple[Wanted, ...]) -> None:
+        self._contract = contract
+        self._signature = signature_of(contract) if self._signs and contract else ()
         saves = (Wanted(SAVE_COMMUNICATION, SAVES_ON_COMMAND, "", SAVES_ON_COMMAND),)
         self._before = (*self._signature, *saves) if self._signature else ()
         self._wanted = (*self._before, *contract)
+
+    def accept(self) -> tuple[Wanted, str | int] | None:
+        """Expect the value that was found in place of the one that differs, and read the node again.
+
+        Return the former expectation and the value; None when nothing differs that hand.toml may name.
+        """
+        if self._difference is None or not self._difference[0].key_in_hand:
+            return None
+        wanted, value = accepted = self._difference
+        self._set_contract(tuple(replace(w, value=value) if w is wanted else w for w in self._contract))
         self.restart()
+        return accepted
 
     def restart(self) -> None:
         """Begin again: the node has booted, or its parameters may have changed."""
         self.is_verified = not self._wanted
         self.problem = ""
+        self._difference: tuple[Wanted, str | int] | None = None
         self._again_us: int | None = None  # set by a difference, at the tick that finds it
         if not self.is_verified:
             self._begin()
@@ -125,6 +143,7 @@ class BootCheck:
             problem = wanted.problem(upload.data)
         if problem:
             self.problem, self._differs = f"{self.name}: {problem}", True
+            self._difference = None if upload.data is None else (wanted, wanted.found(upload.data))
             return
         if wanted.is_disabled(upload.data):
             self._disabled_pdo = wanted.pdo

@@ -27,17 +27,23 @@ class FingerRecord:
         poses: bool = True,
         serial: int | None = None,
         calibration: str | None = None,
+        software: str | None = None,
         data_bitrate: int | None = None,
         verifies: bool = True,
     ) -> None:
-        """poses: see :class:`Fingertip`. serial, calibration: of the fingertip that hand.toml names.
+        """poses: see :class:`Fingertip`. serial, calibration, software: what hand.toml expects.
 
         data_bitrate: that of a CAN FD bus. verifies: read the fingertip before its contacts are used.
         """
         self.node_id = node_id
         self.tip = Fingertip(node_id, name, poses=poses, fd=data_bitrate is not None)
         contract = fingertip_contract(
-            node_id, poses=poses, serial=serial, calibration=calibration, data_bitrate=data_bitrate
+            node_id,
+            poses=poses,
+            serial=serial,
+            calibration=calibration,
+            software=software,
+            data_bitrate=data_bitrate,
         )
         who = f"fingertip of {name} (node 0x{node_id:02X})"
         self.boot = BootCheck(node_id, who, contract if verifies else (), signs=True)

@@ -30,22 +30,27 @@ def fingertip_contract(
     poses: bool = True,
     serial: int | None = None,
     calibration: str | None = None,
+    software: str | None = None,
     data_bitrate: int | None = None,
 ) -> Iterator[Wanted]:
     """Yield the objects of a fingertip in the order of reading.
 
     poses: the host takes the TPDOs of poses; see :class:`palpate_host.network.fingertips.Fingertip`. serial,
-    calibration: 1018h:04 and 2001h, compared if hand.toml has them. data_bitrate: that of a CAN FD bus.
+    calibration: 1018h:04 and 2001h, compared if hand.toml has them. software: 100Ah by hand.toml, None for
+    the version of the EDS. data_bitrate: that of a CAN FD bus.
     """
     od = load_eds(FINGERTIP_EDS, node_id)
     yield from identity_of(od, "correct fingertip_node; palpate-host bus scan lists the nodes")
+    accept = f"use this one: palpate-host command accept 0x{node_id:02X}"
     if serial is not None:
-        yield Wanted(SERIAL, serial, "connect that fingertip, or correct fingers.serial")
-    version = str(od.entry(*SOFTWARE).default)
-    yield Wanted(SOFTWARE, version, f"install palpate {version} on its board, or its version here")
+        remedy = f"connect that fingertip, or {accept}"
+        yield Wanted(SERIAL, serial, remedy, key_in_hand="serial")
+    version = str(od.entry(*SOFTWARE).default) if software is None else software
+    remedy = f"install palpate {version} on its board, or {accept}"
+    yield Wanted(SOFTWARE, version, remedy, key_in_hand="software")
     if calibration is not None:
-        remedy = "start it with that calibration, or correct fingers.calibration"
-        yield Wanted(CALIBRATION, calibration, remedy)
+        remedy = f"start it with that calibration, or {accept}"
+        yield Wanted(CALIBRATION, calibration, remedy, key_in_hand="calibration")
     remedy = f"palpate-host bus sdo restore 0x{node_id:02X}"
     if data_bitrate is None:
         yield from _classic_contact(od, poses, remedy)

@@ -47,6 +47,7 @@ class Wanted:
     """One object with its value. mask: the bits of a number that count. remedy: what to do if it differs.
 
     pdo: the PDO that the object describes, empty for none. also: another number that is as good.
+    key_in_hand: of fingers[] in hand.toml, which an operator may set to another value; empty where none may.
     """
 
     key: ObjectKey
@@ -56,6 +57,13 @@ class Wanted:
     need: Need = Need.VALUE
     pdo: str = ""
     also: int | None = None
+    key_in_hand: str = ""
+
+    def found(self, data: bytes) -> str | int:
+        """Return the object's bytes as a value of this kind."""
+        if isinstance(self.value, str):
+            return data.decode("latin-1").rstrip("\0")
+        return int.from_bytes(data, "little")
 
     def problem(self, data: bytes | None) -> str:
         """Return how the object's bytes differ, empty if they do not. data: None for a missing object."""
@@ -63,13 +71,9 @@ class Wanted:
         if data is None:
             missing = "" if self.need is Need.OPTIONAL_ID else f"{name} is missing, expected {self._wanted()}"
             return missing and f"{missing}: {self.remedy}"
-        if isinstance(self.value, str):
-            text = data.decode("latin-1").rstrip("\0")
-            found, differs = repr(text), text != self.value
-        else:
-            number = int.from_bytes(data, "little")
-            found, differs = f"0x{number:X}", self._differs(number)
-        return f"{name} is {found}, expected {self._wanted()}: {self.remedy}" if differs else ""
+        found = self.found(data)
+        differs = found != self.value if isinstance(found, str) else self._differs(found)
+        return f"{name} is {_text(found)}, expected {self._wanted()}: {self.remedy}" if differs else ""
 
     def is_disabled(self, data: bytes | None) -> bool:
         """Return whether this is the COB-ID of a PDO that the node does not use."""
@@ -78,13 +82,17 @@ class Wanted:
         return data is None or bool(int.from_bytes(data, "little") & NOT_VALID)
 
     def _wanted(self) -> str:
-        return repr(self.value) if isinstance(self.value, str) else f"0x{self.value:X}"
+        return _text(self.value)
 
     def _differs(self, number: int) -> bool:
         assert isinstance(self.value, int)
         if self.need is not Need.VALUE and number & NOT_VALID:
             return self.need is Need.REQUIRED_ID
         return number != self.also and bool((number ^ self.value) & self.mask)
+
+
+def _text(value: str | int) -> str:
+    return repr(value) if isinstance(value, str) else f"0x{value:X}"
 
 
 def identity_of(od: ObjectDictionary, remedy: str) -> Iterator[Wanted]:

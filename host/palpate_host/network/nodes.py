@@ -14,6 +14,7 @@ from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.emcy import is_temperature
 from palpate_edge.node.emergencies import Emergency
+from palpate_host.common.command import Accepted, CommandError
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.status import Counters
 from palpate_host.common.tip_contact import TipContact
@@ -76,6 +77,7 @@ class Nodes:
                 poses=finger.fingertip_node + POSE_NODE_OFFSET not in config.node_names,
                 serial=finger.serial,
                 calibration=finger.calibration,
+                software=finger.software,
                 data_bitrate=config.bus.data_bitrate,
                 verifies=verifies,
             )
@@ -190,6 +192,22 @@ class Nodes:
             self._booted(node_id)
         for finger in self.fingers:
             finger.forget()
+
+    def accept(self, node_id: int) -> Accepted:
+        """Use a fingertip as it is; return the difference that is accepted.
+
+        Raises CommandError for another node, and when nothing differs that may be accepted.
+        """
+        finger = self._finger_of_node.get(node_id)
+        difference = None if finger is None else finger.boot.accept()
+        if finger is None or difference is None:
+            problem = self._boot.problem(node_id) or "no difference was found"
+            raise CommandError(
+                f"node 0x{node_id:02X}: only another calibration, software or serial number of a fingertip"
+                f" can be accepted: {problem}"
+            )
+        wanted, value = difference
+        return Accepted(finger.name, wanted.key_in_hand, value, wanted.value)
 
     def _forget_joints(self) -> None:
         self._history = JointHistory(self._config.control.tick_Hz)

@@ -8,7 +8,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate_host.common.command import CommandError
+from palpate_host.common.command import Accept, CommandError
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.protocol import Answer, Lines, Request, Stream, decode_answer, encode
 
@@ -44,6 +44,13 @@ class OperatorClient:
     def ask(self, request: Request) -> HostStatus | None:
         """Send a request and return the status in the response; CommandError with the host's reason when it
         refuses."""
+        return self._answer_to(request).status
+
+    def accept(self, node_id: int) -> Answer:
+        """Send `Accept` and return the response, with what was accepted; CommandError as `ask`."""
+        return self._answer_to(Accept(node_id))
+
+    def _answer_to(self, request: Request) -> Answer:
         with contextlib.suppress(BrokenPipeError):  # the host may refuse the connection before the request
             self._connection.sendall(encode(request))
         return self._checked(self._next())
@@ -52,7 +59,7 @@ class OperatorClient:
         """Yield every tick's status until the connection is closed; it then serves no other request."""
         self.ask(Stream())
         while True:
-            status = self._checked(self._next())
+            status = self._checked(self._next()).status
             if status is not None:
                 yield status
 
@@ -66,7 +73,7 @@ class OperatorClient:
             poller.register(self._connection, select.POLLIN)
             if not poller.poll(1000 * timeout_s):
                 return None
-        return self._checked(self._next())
+        return self._checked(self._next()).status
 
     def close(self) -> None:
         self._connection.close()
@@ -95,7 +102,7 @@ class OperatorClient:
         return decode_answer(self._waiting.pop(0))
 
     @staticmethod
-    def _checked(answer: Answer) -> HostStatus | None:
+    def _checked(answer: Answer) -> Answer:
         if answer.error:
             raise CommandError(answer.error)
-        return answer.status
+        return answer

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from palpate_host.common.command import (
+    Accept,
     Command,
     CommandError,
     Grasp,
@@ -35,6 +36,9 @@ def check_allowed(
                 raise _refusal("recover", decision, "the bus is lost, the host reopens it by itself")
             if not is_off:
                 raise _refusal("recover", decision, "the drives are still stopping, try again")
+        case Accept():
+            if mode is not Mode.CHECK:
+                raise _refusal("accept", decision, "only the mode check has a difference to accept")
         case Rotate() | Move() | Reorient():
             if mode not in MOVING or goal is Goal.NOTHING:
                 raise _refusal(type(command).__name__.lower(), decision, "grasp first")

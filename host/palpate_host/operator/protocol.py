@@ -10,6 +10,8 @@ import msgspec
 
 from palpate_edge.common.config_file import json_fault
 from palpate_host.common.command import (
+    Accept,
+    Accepted,
     Command,
     CommandError,
     Grasp,
@@ -38,14 +40,19 @@ Request = Command | Status | Stream
 
 
 class Answer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The response to one request. error: why it was refused, or empty. status: of the last tick."""
+    """The response to one request. error: why it was refused, or empty. status: of the last tick.
+
+    accepted, config: to `Accept`, what was accepted, and the hand.toml of the host.
+    """
 
     error: str = ""
     status: HostStatus | None = None
+    accepted: Accepted | None = None
+    config: str = ""
 
 
 _requests = msgspec.json.Decoder(
-    Grasp | Rotate | Move | Reorient | Release | Stop | Recover | Status | Stream
+    Grasp | Rotate | Move | Reorient | Release | Stop | Recover | Accept | Status | Stream
 )
 _answers = msgspec.json.Decoder(Answer)
 _encoder = msgspec.json.Encoder()

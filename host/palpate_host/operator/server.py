@@ -17,7 +17,7 @@ from pathlib import Path
 
 from palpate_edge.common.errors import ConfigError, PalpateError
 from palpate_edge.common.local_sockets.unix_socket import peer_of, remove_if_stale
-from palpate_host.common.command import Command, CommandError
+from palpate_host.common.command import Accepted, Command, CommandError
 from palpate_host.common.status import HostStatus
 from palpate_host.operator.protocol import (
     LONGEST_REQUEST,
@@ -37,7 +37,7 @@ RECEIVE_BYTES = 4096
 _SO_PEERGROUPS = 59  # asm-generic/socket.h; not in Python's socket module
 _GROUPS_BYTES = 1024  # the most that Python asks for: 256 groups of the peer
 
-Execute = Callable[[Command], None]
+Execute = Callable[[Command], Accepted | None]
 
 
 def default_control_socket() -> Path:
@@ -68,10 +68,11 @@ class _Client:
 class OperatorSocket:
     """The listening socket and its clients; call `serve` once a tick."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, config: Path | None = None) -> None:
         """Listen on `path`. Raises ConfigError when another host listens there, or the path cannot be
-        used."""
+        used. config: the host's hand.toml, for clients that change it."""
         self._path = path
+        self._config = "" if config is None else str(config.absolute())
         self._clients: dict[int, _Client] = {}
         self._selector = selectors.DefaultSelector()
         self._listener = _listen(path)
@@ -140,10 +141,22 @@ class OperatorSocket:
             self._drop(fd)
             return
         for line in lines:
-            client.unsent += encode(_answer(client, line, execute, status))
+            client.unsent += encode(self._answer(client, line, execute, status))
             if len(client.unsent) > MOST_UNSENT:
                 self._drop(fd)
                 return
+
+    def _answer(self, client: _Client, line: bytes, execute: Execute, status: HostStatus | None) -> Answer:
+        accepted = None
+        try:
+            request = decode_request(line)
+            if isinstance(request, Stream):
+                client.streams = True
+            elif not isinstance(request, Status):
+                accepted = execute(request)
+        except PalpateError as exc:
+            return Answer(str(exc))
+        return Answer(status=status, accepted=accepted, config="" if accepted is None else self._config)
 
     def _flush(self, fd: int, client: _Client) -> None:
         if not client.unsent:
@@ -162,18 +175,6 @@ class OperatorSocket:
         if client is not None:
             self._selector.unregister(client.connection)
             client.connection.close()
-
-
-def _answer(client: _Client, line: bytes, execute: Execute, status: HostStatus | None) -> Answer:
-    try:
-        request = decode_request(line)
-        if isinstance(request, Stream):
-            client.streams = True
-        elif not isinstance(request, Status):
-            execute(request)
-    except PalpateError as exc:
-        return Answer(str(exc))
-    return Answer(status=status)
 
 
 def may_command(connection: socket.socket) -> bool:

@@ -102,11 +102,15 @@ def meaning_of(od: ObjectDictionary) -> str:
 def effective_values(config: HandConfig) -> Values:
     """Return hand.toml's values with all defaults, without LEFT_OUT and without the path of model.mjcf.
 
-    A joint that is no axis of a node with several has no `axis`, as in logs from before that key.
+    A joint that is no axis of a node with several has no `axis`, and a fingertip with the software of the EDS
+    has no `software`, as in logs from before these keys.
     """
     values: Values = json.loads(msgspec.json.encode(config))
     for key in LEFT_OUT:
         values.pop(key, None)
+    for finger in values["fingers"]:
+        if finger["software"] is None:
+            del finger["software"]
     for joint in (joint for finger in values["fingers"] for joint in finger["joints"]):
         if joint["axis"] is None:
             del joint["axis"]

@@ -95,7 +95,9 @@ def _fingertip(config: HandConfig, finger: FingerConfig, device: Device, read: R
 
 def _not_as_named(finger: FingerConfig, device: Device, read: Read) -> Iterator[str]:
     """Yield differences in identity, software and calibration, for which a running host waits in CHECK."""
-    contract = fingertip_contract(device.node_id, serial=finger.serial, calibration=finger.calibration)
+    contract = fingertip_contract(
+        device.node_id, serial=finger.serial, calibration=finger.calibration, software=finger.software
+    )
     for wanted in contract:
         if not wanted.pdo:
             number = read(device.node_id, device, wanted.key)

@@ -102,7 +102,7 @@ def run(config_path: Path, options: Options) -> None:
         if options.status_target is not None:
             stream = stack.enter_context(closing(StatusStream(options.status_target)))
         path = options.control_socket or default_control_socket()
-        control = stack.enter_context(closing(OperatorSocket(path)))
+        control = stack.enter_context(closing(OperatorSocket(path, config_path)))
         bus = stack.enter_context(closing(_open(config, core)))
         notifier = stack.enter_context(closing(Notifier()))
         stack.enter_context(on_stop_signal(core.request_stop))

@@ -16,7 +16,18 @@ import numpy as np
 from palpate_edge.can_bus.bus_counters import BusCounters
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.arrays import Array
-from palpate_host.common.command import Command, Grasp, Move, Recover, Release, Reorient, Rotate, Stop
+from palpate_host.common.command import (
+    Accept,
+    Accepted,
+    Command,
+    Grasp,
+    Move,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
@@ -157,8 +168,8 @@ class HostCore:
         self._restored_us = now_us
         self._decision = replace(self._decision, warning="")
 
-    def command(self, command: Command) -> None:
-        """Carry out a command from the next tick on.
+    def command(self, command: Command) -> Accepted | None:
+        """Carry out a command from the next tick on. Return what `Accept` has accepted.
 
         Raises CommandError, with the step to take first, when the mode does not allow it.
         """
@@ -170,7 +181,10 @@ class HostCore:
             bus_lost=self._is_bus_lost,
             is_off=self._shutdown.is_off,
         )
+        accepted = None
         match command:
+            case Accept(node_id=node_id):
+                accepted = self._nodes.accept(node_id)
             case Stop():
                 self._stop_reason = self._stop_reason or OPERATOR_STOP
             case Recover():
@@ -194,6 +208,7 @@ class HostCore:
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
         self._note(command)
+        return accepted
 
     @property
     def turn_request(self) -> TurnRequest | None:

@@ -12,11 +12,14 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
 from palpate_edge.node.stored_parameters import StoredParameters
+from palpate_host.common.command import Accept, Accepted, CommandError
 from palpate_host.common.mode import Mode
+from palpate_host.network.configuration_signature import signature_of
 from palpate_host.network.fingertip_contract import fingertip_contract
 from palpate_host.service.replay import replay
 
 TIP = 0x10
+VERSION = str(load_eds(FINGERTIP_EDS, TIP).entry(0x100A).default)
 SWAPPED = {(0x1A00, 1): 0x7130_0210, (0x1A00, 2): 0x7130_0110}  # y before x, as long as before
 PLACE_MM = (5.0, -8.0, 28.5)
 READ_S = 0.6  # 47 ticks of 10 ms to read and sign a fingertip, and its first frame
@@ -156,6 +159,59 @@ def test_another_fingertip_than_hand_toml_names(bench, table_4, values, reason):
     status = rig.run(2.0)
     assert status.mode is (Mode.CHECK if reason else Mode.MANIPULATE)
     assert reason in status.reason
+
+
+@pytest.mark.parametrize(
+    ("values", "accepted"),
+    [
+        ({"calibration": "0" * 15 + "1"}, Accepted("finger-1", "calibration", "f" * 16, "0" * 15 + "1")),
+        ({"software": "0.0.9"}, Accepted("finger-1", "software", VERSION, "0.0.9")),
+        ({"serial": 0x2B}, Accepted("finger-1", "serial", 0x2A, 0x2B)),
+    ],
+    ids=["calibration", "software", "serial"],
+)
+def test_another_fingertip_is_used_after_it_was_accepted(bench, table_4, values, accepted):
+    """The other objects are still compared, and the signature is that of what was accepted."""
+    config, hand = table_4
+    rig = bench.VirtualBench(with_finger(config, **values), hand)
+    rig.tips[0] = tip_with({}, calibration="f" * 16, serial=0x2A)
+    status = rig.run(1.0)
+    assert status.mode is Mode.CHECK
+    assert status.reason.endswith("or use this one: palpate-host command accept 0x10")
+    assert rig.core.command(Accept(TIP)) == accepted
+    assert rig.run(1.5).mode is Mode.MANIPULATE
+    expected = (
+        {"serial": None, "calibration": None, "software": None} | values | {accepted.key: accepted.value}
+    )
+    date, _ = signature_of(fingertip_contract(TIP, **expected))
+    assert rig.tips[0].slave.read(SIGNATURE, 1) == date.value
+
+
+def test_a_swapped_map_is_not_accepted(rig):
+    rig.tips[0] = tip_with(SWAPPED)
+    rig.run(1.0)
+    with pytest.raises(
+        CommandError, match=r"only another calibration.*1A00h:01 .*palpate-host bus sdo restore"
+    ):
+        rig.core.command(Accept(TIP))
+    assert rig.run(2.0).mode is Mode.CHECK
+
+
+def test_drives_and_fingertips_without_a_difference_are_not_accepted(bench, table_4):
+    config, hand = table_4
+    rig = bench.VirtualBench(with_finger(config, software="0.0.9"), hand)
+    rig.run(1.0)
+    for node_id in (1, TIP + 1, 0x7E):
+        with pytest.raises(
+            CommandError, match=f"node 0x{node_id:02X}: only another .* no difference was found"
+        ):
+            rig.core.command(Accept(node_id))
+
+
+def test_a_moving_hand_accepts_nothing(rig):
+    rig.run(1.5)
+    with pytest.raises(CommandError, match=r"accept is refused in mode manipulate .*only the mode check"):
+        rig.core.command(Accept(TIP))
 
 
 def test_a_fingertip_that_boots_while_the_hand_turns_is_read_before_its_contacts_count(rig):
