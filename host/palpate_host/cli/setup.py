@@ -8,11 +8,13 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
 
 from palpate_bus.cli.bus_options import BUS_OPTIONS, NODE
+from palpate_bus.eds.cia402_axes import MAX_AXES
 from palpate_bus.master.scan import FoundNode, scan
 from palpate_bus.master.session import master, sdo_client
 from palpate_edge.can_bus.bus import BusConfig
@@ -25,7 +27,7 @@ from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service.hand_check import check_nodes, joint_angles, problem_count, table
 from palpate_host.service.host import core_of, hand_of
-from palpate_host.setup.found_nodes import sort_nodes
+from palpate_host.setup.found_nodes import DrivePlace, sort_nodes
 from palpate_host.setup.hand_file import hand_toml, with_model, with_nodes, with_torque_limits
 from palpate_host.setup.hand_text import fingers_text, top_view
 from palpate_host.setup.model_fingers import GivenRange, fingers_of_model
@@ -34,6 +36,21 @@ from palpate_host.setup.node_requests import NodeRequests
 DIFFERS = 1
 LISTEN_S = 1.2  # longer than a node's heartbeat time
 FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+class DriveParam(click.ParamType[DrivePlace]):
+    """A drive: a node id, or NODE:AXIS."""
+
+    name = "drive"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> DrivePlace:
+        node, _, axis = str(value).partition(":")
+        if axis and axis not in map(str, range(MAX_AXES)):
+            self.fail(f"{value!r}: axis {axis} is not one of 0 to {MAX_AXES - 1}", param, ctx)
+        return DrivePlace(NODE.convert(node, param, ctx), int(axis) if axis else None)
+
+
+DRIVE = DriveParam()
 
 
 @click.command()
@@ -56,7 +73,13 @@ FILE = click.Path(path_type=Path, dir_okay=False)
     help="JOINT MIN MAX: a joint's range in rad, in place of the model's; JOINT may be a pattern, 'J1_*'.",
 )
 @click.option("--fingertip", "fingertips", type=NODE, multiple=True, help="Once for each finger, in order.")
-@click.option("--drive", "drives", type=NODE, multiple=True, help="Once for each joint, in order.")
+@click.option(
+    "--drive",
+    "drives",
+    type=DRIVE,
+    multiple=True,
+    help="Once for each joint, in order; 0x01:2 is axis 2 of a node with several.",
+)
 @click.option("--picture", type=FILE, help="Drawing of the hand [default: OUTPUT with .svg].")
 @click.option("--yes", is_flag=True, help="Ask nothing: nodes in the order of their ids.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=0.3, show_default=True)
@@ -68,7 +91,7 @@ def setup(
     tips: tuple[str, ...],
     ranges: tuple[tuple[str, float, float], ...],
     fingertips: tuple[int, ...],
-    drives: tuple[int, ...],
+    drives: tuple[DrivePlace, ...],
     picture: Path | None,
     yes: bool,
     timeout_s: float,
@@ -79,10 +102,11 @@ def setup(
     """Write hand.toml from the nodes on the bus, and draw the hand.
 
     The bus is scanned; fingertips and drives are identified by their objects. Each fingertip can flash its
-    light, so that its finger can be given. The drive of a joint is found by turning the joint by hand. This
-    command moves nothing: no drive is enabled. Gains, limits and joint offsets come from the template; check
-    them before the hand moves. Links and ranges come from the template or from a URDF or MJCF file. Where
-    nodes have problems, the file is written only after a confirmation.
+    light, so that its finger can be given. The drive of a joint is found by turning the joint by hand; each
+    axis of a node with several is a drive. This command moves nothing: no drive is enabled. Gains, limits and
+    joint offsets come from the template; check them before the hand moves. Links and ranges come from the
+    template or from a URDF or MJCF file. Where nodes have problems, the file is written only after a
+    confirmation.
 
     \b
     Examples:
@@ -108,13 +132,13 @@ def setup(
         read = reader(clients)
         requests = NodeRequests(clients, nodes, read)
         requests.refuse_enabled()
-        tip_ids, drive_ids, directions = list(fingertips), list(drives), dict[int, int]()
+        tip_ids, chosen, directions = list(fingertips), list(drives), dict[DrivePlace, int]()
         if not tip_ids:
             tip_ids = _fingertips(nodes.fingertips, draft, requests, asks=not yes)
-        if not drive_ids:
-            drive_ids, directions = _drives(nodes.drives, draft, requests, asks=not yes)
+        if not chosen:
+            chosen, directions = _drives(draft, requests, asks=not yes)
         on_bus = msgspec.structs.replace(bus, data_bitrate=requests.data_bitrate(tip_ids))
-        config = with_nodes(draft, on_bus, tip_ids, drive_ids, directions)
+        config = with_nodes(draft, on_bus, tip_ids, chosen, directions)
         text = hand_toml(with_torque_limits(config, requests.torque_caps_Nm()))
         config = hand_config.parse(output, text)
         hand = hand_of(config)
@@ -158,10 +182,9 @@ def _fingertips(
 
 
 def _drives(
-    nodes: Sequence[FoundNode], draft: HandConfig, requests: NodeRequests, *, asks: bool
-) -> tuple[list[int], dict[int, int]]:
-    """Return the node ids of the drives, joint by joint, and the directions found."""
-    in_order = [node.node_id for node in nodes]
-    if not asks or len(nodes) != len(draft.joints):
-        return in_order, {}
-    return ask_drives(in_order, draft.joints, requests.angles_rad)
+    draft: HandConfig, requests: NodeRequests, *, asks: bool
+) -> tuple[list[DrivePlace], dict[DrivePlace, int]]:
+    """Return the drives, joint by joint, and the directions found."""
+    if not asks or len(requests.drives) != len(draft.joints):
+        return requests.drives, {}
+    return ask_drives(requests.drives, draft.joints, requests.angles_rad)

@@ -9,7 +9,7 @@ import click
 from palpate_bus.master.scan import FoundNode
 from palpate_edge.common.errors import BusError
 from palpate_host.config.hand_config import FingerConfig, JointConfig
-from palpate_host.setup.found_nodes import LEAST_TURN_RAD, turned_drive
+from palpate_host.setup.found_nodes import LEAST_TURN_RAD, DrivePlace, turned_drive
 
 OPERATIONAL = "operational"
 
@@ -49,36 +49,38 @@ def _flash(node: FoundNode, flash: Callable[[int], None]) -> None:
 
 
 def ask_drives(
-    nodes: Sequence[int], joints: Sequence[JointConfig], angles_rad: Callable[[], Mapping[int, float]]
-) -> tuple[list[int], dict[int, int]]:
-    """Return the node ids, one for each joint, and the directions found: each joint is turned by hand.
+    drives: Sequence[DrivePlace],
+    joints: Sequence[JointConfig],
+    angles_rad: Callable[[], Mapping[DrivePlace, float]],
+) -> tuple[list[DrivePlace], dict[DrivePlace, int]]:
+    """Return the drives, one for each joint, and the directions found: each joint is turned by hand.
 
-    angles_rad: reads the angle of each drive, by node id.
+    angles_rad: reads the angle of each drive.
     """
-    left = list(nodes)
-    directions: dict[int, int] = {}
+    left = list(drives)
+    directions: dict[DrivePlace, int] = {}
     if not click.confirm("find the drive of each joint? The drives stay off; you turn the joints by hand"):
         return left, directions
-    chosen: list[int] = []
+    chosen: list[DrivePlace] = []
     for joint in joints:
-        node, direction = _turned(joint.name, left, angles_rad)
-        click.echo(f"{joint.name}: drive {node}, direction {direction}")
-        directions[node] = direction
-        chosen.append(node)
-        left.remove(node)
+        place, direction = _turned(joint.name, left, angles_rad)
+        click.echo(f"{joint.name}: drive {place}, direction {direction}")
+        directions[place] = direction
+        chosen.append(place)
+        left.remove(place)
     return chosen, directions
 
 
 def _turned(
-    joint: str, left: Sequence[int], angles_rad: Callable[[], Mapping[int, float]]
-) -> tuple[int, int]:
+    joint: str, left: Sequence[DrivePlace], angles_rad: Callable[[], Mapping[DrivePlace, float]]
+) -> tuple[DrivePlace, int]:
     """Return the drive among `left` that a person turns, and its direction, 1 or -1."""
     question = f"turn {joint} in its positive direction, then press Enter"
     while True:
         before_rad = angles_rad()
         click.prompt(question, default="", show_default=False)
         after_rad = angles_rad()
-        turned = turned_drive({node: before_rad[node] for node in left if node in before_rad}, after_rad)
+        turned = turned_drive({place: before_rad[place] for place in left if place in before_rad}, after_rad)
         if turned is not None:
             return turned
         click.echo(f"no drive that is left has turned by {LEAST_TURN_RAD} rad")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate_bus.master.scan import FoundNode
 from palpate_edge.common.errors import BusError
@@ -14,6 +15,16 @@ from palpate_host.service.hand_check import DRIVE_PROFILE, FINGERTIP_PROFILE
 
 LEAST_TURN_RAD = 0.05
 """Smallest turn of a joint that identifies its drive; the play of a gear is smaller."""
+
+
+class DrivePlace(NamedTuple):
+    """A drive on the bus: its node, and its axis where the node has several."""
+
+    node_id: int
+    axis: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.node_id}" if self.axis is None else f"{self.node_id}:{self.axis}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +64,18 @@ def sort_nodes(found: Iterable[FoundNode], host_node: int) -> HandNodes:
     return HandNodes(tips, drives, tuple(one for one in nodes if one not in tips + drives))
 
 
-def turned_drive(before_rad: Mapping[int, float], after_rad: Mapping[int, float]) -> tuple[int, int] | None:
+def turned_drive(
+    before_rad: Mapping[DrivePlace, float], after_rad: Mapping[DrivePlace, float]
+) -> tuple[DrivePlace, int] | None:
     """Return the drive that turned most between two readings of the angles, and its direction, 1 or -1.
 
-    Both arguments map node id to angle. None when no drive turned by LEAST_TURN_RAD.
+    None when no drive turned by LEAST_TURN_RAD.
     """
-    turns_rad = {node: after_rad[node] - angle for node, angle in before_rad.items() if node in after_rad}
-    node = max(turns_rad, key=lambda one: abs(turns_rad[one]), default=None)
-    if node is None or abs(turns_rad[node]) < LEAST_TURN_RAD:
+    turns_rad = {place: after_rad[place] - angle for place, angle in before_rad.items() if place in after_rad}
+    place = max(turns_rad, key=lambda one: abs(turns_rad[one]), default=None)
+    if place is None or abs(turns_rad[place]) < LEAST_TURN_RAD:
         return None
-    return node, 1 if turns_rad[node] > 0 else -1
+    return place, 1 if turns_rad[place] > 0 else -1
 
 
 def _profile(node: FoundNode) -> int:

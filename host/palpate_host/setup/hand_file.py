@@ -12,6 +12,7 @@ import msgspec
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.hand_config import FingerConfig, HandConfig, JointConfig, ModelConfig, StartMode
+from palpate_host.setup.found_nodes import DrivePlace
 from palpate_host.setup.model_fingers import ModelFinger
 
 HEADING = "# Written by palpate-host setup. Every key: palpate-host docs configuration\n"
@@ -53,14 +54,13 @@ def with_nodes(
     config: HandConfig,
     bus: BusConfig,
     fingertips: Sequence[int],
-    drives: Sequence[int],
-    directions: Mapping[int, int],
+    drives: Sequence[DrivePlace],
+    directions: Mapping[DrivePlace, int],
 ) -> HandConfig:
     """Return the hand with these nodes, which waits for commands when it starts.
 
-    fingertips: node ids finger by finger. drives: node ids joint by joint. directions: a drive's node id ->
-    1 or -1; the others keep that of their joint. Raises ConfigError when there are not as many nodes as
-    fingers or joints.
+    fingertips: node ids finger by finger. drives: joint by joint. directions: drive -> 1 or -1; the
+    others keep that of their joint. Raises ConfigError when there are not as many nodes as fingers or joints.
     """
     _refuse_count("fingertips", len(fingertips), f"{len(config.fingers)} fingers", len(config.fingers))
     _refuse_count("drives", len(drives), f"{len(config.joints)} joints", len(config.joints))
@@ -69,19 +69,25 @@ def with_nodes(
     for finger, tip in zip(config.fingers, fingertips, strict=True):
         joints = []
         for joint in finger.joints:
-            node = next(remaining)
-            direction = directions.get(node, joint.direction)
-            joints.append(msgspec.structs.replace(joint, drive_node=node, direction=direction))
+            place = next(remaining)
+            changed = {"drive_node": place.node_id, "axis": place.axis}
+            changed["direction"] = directions.get(place, joint.direction)
+            joints.append(msgspec.structs.replace(joint, **changed))
         fingers.append(
             msgspec.structs.replace(
-                finger, fingertip_node=tip, joints=tuple(joints), calibration=None, serial=None
+                finger,
+                fingertip_node=tip,
+                joints=tuple(joints),
+                calibration=None,
+                serial=None,
+                software=None,
             )
         )
     return msgspec.structs.replace(config.starting(StartMode.COMMAND), bus=bus, fingers=tuple(fingers))
 
 
-def with_torque_limits(config: HandConfig, caps_Nm: Mapping[int, float]) -> HandConfig:
-    """Return the hand with no joint's torque limit above that of its drive. caps_Nm: node id -> limit."""
+def with_torque_limits(config: HandConfig, caps_Nm: Mapping[DrivePlace, float]) -> HandConfig:
+    """Return the hand with no joint's torque limit above that of its drive. caps_Nm: drive -> limit."""
     fingers = tuple(
         msgspec.structs.replace(finger, joints=tuple(_limited(joint, caps_Nm) for joint in finger.joints))
         for finger in config.fingers
@@ -94,8 +100,9 @@ def hand_toml(config: HandConfig) -> str:
     return HEADING + "".join(_lines(msgspec.to_builtins(config), ""))
 
 
-def _limited(joint: JointConfig, caps_Nm: Mapping[int, float]) -> JointConfig:
-    cap_Nm = math.floor(caps_Nm.get(joint.drive_node, 0.0) * TORQUE_STEPS) / TORQUE_STEPS
+def _limited(joint: JointConfig, caps_Nm: Mapping[DrivePlace, float]) -> JointConfig:
+    place = DrivePlace(joint.drive_node, joint.axis)
+    cap_Nm = math.floor(caps_Nm.get(place, 0.0) * TORQUE_STEPS) / TORQUE_STEPS
     if not 0 < cap_Nm < joint.torque_limit_Nm:
         return joint
     return msgspec.structs.replace(joint, torque_limit_Nm=cap_Nm)

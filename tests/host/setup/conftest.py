@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.host.axes_hand import with_axes
 
 from palpate_bus.hub.server import Hub
 from palpate_edge.can_bus.bus import BusConfig, open_bus
@@ -69,9 +70,9 @@ class HandOnHub:
                         self.led_levels.append((node_id, levels[node_id]))
                 received = [frame for _, frame in bus.receive(0.01)]
 
-    def hold(self, node_id: int, turn_rad: float) -> None:
+    def hold(self, node_id: int, turn_rad: float, axis: int = 0) -> None:
         """Turn a joint by hand and hold it there: its load pulls it to another angle."""
-        plant = self.drives[node_id].plant
+        plant = self.drives[node_id].motors[axis].plant
         held_rad = plant.parameters.grasp_rad + turn_rad
         plant.parameters = replace(plant.parameters, grasp_rad=held_rad)
         plant.position_rad = held_rad
@@ -124,5 +125,16 @@ def hand_on_fd_hub(
 ) -> Iterator[HandOnHub]:
     monkeypatch.chdir(tmp_path)
     hand = HandOnHub(tmp_path, table_4[0], data_bitrate=5_000_000)
+    yield hand
+    hand.close()
+
+
+@pytest.fixture
+def axes_on_fd_hub(
+    tmp_path: Path, table_4: tuple[HandConfig, object], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[HandOnHub]:
+    """The drives of each finger are three axes of one node."""
+    monkeypatch.chdir(tmp_path)
+    hand = HandOnHub(tmp_path, with_axes(table_4[0]), data_bitrate=5_000_000)
     yield hand
     hand.close()

@@ -12,6 +12,7 @@ from palpate_host.config import hand_config
 from palpate_host.config.packaged import MODELS
 from palpate_host.service.host import hand_of
 from palpate_host.service.host_core import HostCore
+from palpate_host.setup.found_nodes import DrivePlace
 from palpate_host.setup.hand_file import hand_toml, with_model, with_nodes
 from palpate_host.setup.model_fingers import GivenRange, fingers_of_model
 
@@ -105,5 +106,11 @@ def test_a_hand_waits_for_commands_whatever_its_template_does() -> None:
     stranger = hand_config.load(STRANGER / "hand.toml")
     assert stranger.run.start is hand_config.StartMode.AUTO
     drives = [joint.drive_node for joint in stranger.joints]
-    made = with_nodes(stranger, BusConfig(interface="palpate"), [0x20, 0x21, 0x22], drives, {})
+    made = with_nodes(
+        stranger,
+        BusConfig(interface="palpate"),
+        [0x20, 0x21, 0x22],
+        [DrivePlace(node) for node in drives],
+        {},
+    )
     assert made.run.start is hand_config.StartMode.COMMAND

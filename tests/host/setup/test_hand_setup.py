@@ -77,6 +77,50 @@ def test_fingertips_flash_and_joints_are_turned_by_hand(
     assert [(joint.drive_node, joint.direction) for joint in fingers[0].joints] == [(2, -1), (1, 1), (3, 1)]
 
 
+def places(path: Path) -> list[list[tuple[int, int | None, int]]]:
+    """Return node, axis and direction of the joints of each finger."""
+    fingers = hand_config.load(path).fingers
+    return [[(one.drive_node, one.axis, one.direction) for one in finger.joints] for finger in fingers]
+
+
+def test_axes_of_a_node_are_found(axes_on_fd_hub, tmp_path: Path) -> None:
+    """The torque limit of an axis lowers that of its joint."""
+    axes_on_fd_hub.drives[2].slave.write(0x6072 + 0x800, 0, 200)  # thousandths of 1.9 N m
+    done = axes_on_fd_hub.run("--yes")
+    assert done.exit_code == 0, done.output
+    assert done.output.count(" ok\n") == 12
+    assert places(tmp_path / "hand.toml") == [[(node, axis, 1) for axis in range(3)] for node in (1, 2, 3)]
+    limits = [joint.torque_limit_Nm for joint in hand_config.load(tmp_path / "hand.toml").joints]
+    assert limits[4] == pytest.approx(0.38, abs=0.005) and set(limits[:4] + limits[5:]) == {0.5}
+
+
+def test_axes_are_turned_by_hand(axes_on_fd_hub, tmp_path: Path) -> None:
+    """The person finds the first finger's axes in another order, one of them in reverse."""
+    found = [(1, 2, 1), (1, 0, -1), (1, 1, 1), *((node, axis, 1) for node in (3, 2) for axis in range(3))]
+
+    def person() -> Iterator[str]:
+        yield "n"
+        yield "y"
+        for node, axis, direction in found:
+            axes_on_fd_hub.hold(node, 0.2 * direction, axis)
+            yield ""
+        yield "y"
+
+    done = axes_on_fd_hub.run(answers=person())
+    assert done.exit_code == 0, done.output
+    assert "abduction_1: drive 1:2, direction 1" in done.output
+    assert places(tmp_path / "hand.toml") == [found[:3], found[3:6], found[6:]]
+
+
+def test_drives_are_given_as_node_and_axis(axes_on_fd_hub, tmp_path: Path) -> None:
+    given = [(3, 1), (3, 0), (3, 2), *((node, axis) for node in (1, 2) for axis in range(3))]
+    options = [word for node, axis in given for word in ("--drive", f"0x{node:02X}:{axis}")]
+    done = axes_on_fd_hub.run("--yes", *options)
+    assert done.exit_code == 0, done.output
+    assert places(tmp_path / "hand.toml")[0] == [(3, 1, 1), (3, 0, 1), (3, 2, 1)]
+    assert axes_on_fd_hub.run("--yes", "--drive", "1:8").exit_code == 2
+
+
 def test_a_model_with_more_joints_than_drives_is_refused(hand_on_hub, tmp_path: Path) -> None:
     (tmp_path / "hand.xml").write_bytes(STRANGER.read_bytes())
     with pytest.raises(ConfigError, match="9 drives for 12 joints: connect the others"):
