@@ -10,7 +10,7 @@ LEROBOT := .venv-lerobot
 LEROBOT_PYTHON ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12.*/bin/python3.12) python3.12)
 VM     := vm
 SUITES := bookworm trixie
-TIERS  := namespace hand killed foreign booted
+TIERS  := namespace hand killed foreign booted cuts
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 # pytest, with a file of the tests' durations for `make slowest`. Each worker has a core: further threads of the matrix
@@ -122,7 +122,8 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 	test -z "$$failed" || { echo "error: deploy-test failed in$$failed"; exit 1; }
 
 nightly: export PALPATE_KILLS = all
-nightly: deploy-test  ## deploy-test with site.yml killed after each of its tasks, on each of the boards (root; hours)
+nightly: export PALPATE_CUTS = 200
+nightly: deploy-test  ## deploy-test with site.yml killed after each of its tasks and 200 power cuts in an update (root; hours)
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage

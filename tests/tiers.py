@@ -108,6 +108,7 @@ OWN_ENVIRONMENT = ("ros", "dcfgen", "kicad", "lerobot", "canopennode")
 NOT_IN_CHECK = (
     *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *OWN_ENVIRONMENT),
     *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted"),
+    "deploy_cuts",
 )
 
 MARKERS = (

@@ -12,7 +12,14 @@ from deploy_rig.fingertip_board import SlowCamera, fingertip_board
 from deploy_rig.fingertip_board import slow_camera as slowed
 from deploy_rig.image import SUITES, board_image, missing, wheelhouse
 
-BY_NAME = ("deploy_booted", "deploy_foreign", "deploy_hand", "deploy_killed", "deploy_namespace")
+BY_NAME = (
+    "deploy_booted",
+    "deploy_cuts",
+    "deploy_foreign",
+    "deploy_hand",
+    "deploy_killed",
+    "deploy_namespace",
+)
 
 
 @pytest.hookimpl(trylast=True)

@@ -7,7 +7,6 @@ frames are recorded ones. The tests go on from each other, in this order.
 from __future__ import annotations
 
 import re
-import shutil
 import time
 
 import pytest
@@ -15,8 +14,7 @@ import pytest
 from deploy_rig.booted_board import PATIENCE_S, booted_board
 from deploy_rig.image import missing
 from deploy_rig.master import master_on
-from deploy_rig.namespace_board import namespace_board
-from deploy_rig.playbooks import Playbooks
+from deploy_rig.provisioned_card import provisioned_card
 from palpate_edge.can_bus.bus import BusConfig
 
 pytestmark = pytest.mark.deploy_booted
@@ -37,31 +35,8 @@ def board(bare_board, wheels, drawn_dataset, drawn_calibration_file, tmp_path_fa
     if (reason := missing(("qemu-system-x86_64", "qemu-system-x86"))) is not None:
         pytest.skip(reason)
     folder = tmp_path_factory.mktemp("booted")
-    with namespace_board(folder / "card", bare_board / "tree") as card:
-        shutil.copytree(drawn_dataset, card.outside / "presses")
-        card.run("cp", "-r", "/run/outside/presses", "/srv/presses")
-        variables = {
-            **card.ssh,
-            "release_wheelhouse": str(wheels),
-            "release_patience_s": 1,
-            "fingertip_calibration": str(drawn_calibration_file),
-            "fingertip_capture": {
-                "source": "recorded",
-                "path": "/srv/presses",
-                "loop": True,
-                "timeout_ms": 10_000,
-            },
-        }
-        played = Playbooks(folder, bare_board / "key", {"fingertips": {"finger-1": variables}}).play("site")
-        # All but its service, which has no CAN socket there.
-        assert played.tells("there is no previous release to roll back to"), played.said
-        print(f"provisioned: {played.changed} changed")
-        for name, text in HARDWARE.items():
-            (card.outside / "file").write_text(text)
-            card.run("install", "-D", "-m", "644", "/run/outside/file", name)
-        card.run("systemctl", "mask", "serial-getty@hvc0.service")
-        card.power_cut()
-        card.as_disk(folder / "disk")
+    camera = drawn_dataset, drawn_calibration_file
+    provisioned_card(folder, bare_board, wheels, camera, HARDWARE, "systemctl mask serial-getty@hvc0.service")
     begin_s = time.monotonic()
     with booted_board(bare_board, folder) as machine:
         print(f"boot: {time.monotonic() - begin_s:.0f} s")
@@ -101,10 +76,16 @@ def test_nothing_failed(board):
     assert board.run("systemctl --failed --no-legend") == ""
 
 
-def test_nothing_listens_but_ssh(board):
+def test_nothing_listens_but_ssh_and_the_name(board):
+    """avahi answers for NAME.local."""
     rows = board.run("ss --no-header --listening --tcp --udp --processes --numeric")
     assert rows
-    assert all('"sshd"' in row and re.search(r":22\s", row) for row in rows.splitlines()), rows
+    others = [row for row in rows.splitlines() if not ('"sshd"' in row and re.search(r":22\s", row))]
+    assert all('"avahi-daemon"' in row and row.startswith("udp") for row in others), rows
+
+
+def test_the_kernel_lets_the_buffer_of_a_can_socket_grow(board):
+    assert board.run("sysctl -n net.core.rmem_max") == "1048576"
 
 
 def test_can_goes_down_and_comes_back(board):
@@ -156,7 +137,7 @@ def test_power_cut_on_trial_goes_back(board):
     """The disk is what the machine had given out to it, no more."""
     old = board.run("readlink /opt/palpate/current").removeprefix("releases/")
     board.run(f"cp -a /opt/palpate/releases/{old} /opt/palpate/releases/another && sync")
-    board.run("(/opt/palpate/bin/palpate-release switch another >/dev/null 2>&1 &)")
+    board.run("(/opt/palpate/bin/palpate-release --interrupt switch another >/dev/null 2>&1 &)")
     board.wait_for(lambda: board.run("readlink /opt/palpate/current") == "releases/another")
     board.power_cut()
     board.boot()

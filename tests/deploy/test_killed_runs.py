@@ -1,13 +1,17 @@
 """site.yml killed (signal 9) after any of its tasks, on a board of today and on one of an earlier version.
 
 One further run must end with the state of a run that was not killed, as deploy_rig/card_state.py reads it.
-PALPATE_KILLS is the number of kills, drawn by PALPATE_SEED, or "all" (hours).
+PALPATE_KILLS is the number of kills, drawn by PALPATE_SEED; or "11-20", the 11th to the 20th of that draw, so
+that the kills can be spread over several runs; or "all" (hours). The switch of releases is killed before each
+of its steps.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from deploy_rig.card_state import card_state
+from deploy_rig.card_state import card_state, running_release
 from deploy_rig.fingertip_board import FingertipBoard, SlowCamera, fingertip_board, release_of
 from deploy_rig.image import changed_wheelhouse
 
@@ -85,21 +89,32 @@ def boot(
 
 
 @pytest.fixture(scope="module")
-def starts(
+def older(
     boot: Callable[..., Any],
     wheels: Path,
     packaged_card: tuple[Path, ...],
     tmp_path_factory: pytest.TempPathFactory,
-) -> list[Start]:
-    """A bare board with apt's packages, and a provisioned one of an earlier version."""
-    cards = tmp_path_factory.mktemp("cards")
+) -> tuple[Path, ...]:
+    """The layers of a provisioned board of an earlier version."""
+    cards = tmp_path_factory.mktemp("older")
     with boot(*packaged_card) as board:
         board.machine.run("touch", "/root/.ssh/before")
         board.play("site", release_wheelhouse=str(wheels), **BEFORE).well()
         board.machine.run("sh", "-c", AGE)
         board.machine.run("sh", "-c", PREVIOUS)
-        older = board.machine.keep_card(cards / "older")
-    layers = {"bare": packaged_card, "older": (older, *packaged_card)}
+        return board.machine.keep_card(cards / "older"), *packaged_card
+
+
+@pytest.fixture(scope="module")
+def starts(
+    boot: Callable[..., Any],
+    older: tuple[Path, ...],
+    packaged_card: tuple[Path, ...],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> list[Start]:
+    """A bare board with apt's packages, and a provisioned one of an earlier version."""
+    cards = tmp_path_factory.mktemp("cards")
+    layers = {"bare": packaged_card, "older": older}
     return [start(boot, name, *of_it, cards=cards) for name, of_it in layers.items()]
 
 
@@ -119,7 +134,10 @@ def drawn(starts: list[Start]) -> list[Case]:
     """Return the kills of this run."""
     every = [Case(start, number) for start in starts for number in range(1, len(start.tasks) + 1)]
     random.Random(SEED).shuffle(every)
-    return every if KILLS == "all" else every[: int(KILLS)]
+    if KILLS == "all":
+        return every
+    first, _, last = KILLS.rpartition("-")
+    return every[int(first or 1) - 1 : int(last)]
 
 
 def differences(board: FingertipBoard, case: Case) -> list[str]:
@@ -161,3 +179,29 @@ def test_a_run_killed_after_any_task_is_made_good_by_the_next(
         wrong += [f"{case}: {fault}"] if fault else []
     print(f"killed after {len(cases)} of {sum(len(start.tasks) for start in starts)} tasks (seed {SEED})")
     assert wrong == []
+
+
+def test_a_switch_killed_before_any_of_its_steps_is_made_good_by_the_next(
+    boot: Callable[..., Any], older: tuple[Path, ...]
+) -> None:
+    """To the previous release and back, killed one step later each time."""
+    killer, switch = Path(__file__).parent / "deploy_rig/killed_switch.py", ("--interrupt", "switch")
+    with boot(*older) as board:
+        shutil.copy(killer, board.machine.outside)
+        board.master.contact_after(time.monotonic())
+        for step in itertools.count(1):
+            old = board.serving()
+            (new,) = set(board.machine.run("ls", "/opt/palpate/releases").split()) - {old}
+            words = ("/usr/bin/python3", f"/run/outside/{killer.name}", str(step), *switch, new)
+            status = board.machine.begin(*words).wait()
+            if status == 0:
+                break
+            assert status in (-signal.SIGKILL, 128 + signal.SIGKILL)
+            print(f"killed before step {step}: {board.serving()} is active", flush=True)
+            board.machine.run("/opt/palpate/bin/palpate-release", *switch, new)
+            previous = Path(board.machine.run("readlink", "/opt/palpate/previous")).name
+            assert (board.serving(), previous, running_release(board)) == (new, old, new)
+            assert board.machine.run("ls", "/opt/palpate/trial", check=False) == ""
+            board.master.contact_after(time.monotonic())
+        print(f"killed before each of {step - 1} steps")
+        assert step > 10

@@ -52,10 +52,14 @@ def card_state(board: FingertipBoard) -> dict[str, str]:
         state[f"{unit} has read its files"] = str(_has_read(board, unit, files))
     state["watchdog"] = board.machine.run("systemctl", "show", "--value", "--property=RuntimeWatchdogUSec")
     state["ssh"] = _logins(board)
-    pid = board.shown("MainPID")
-    maps = board.machine.run("cat", f"/proc/{pid}/maps", check=False)
-    state["running release"] = ", ".join(sorted(set(re.findall(r"/opt/palpate/releases/([^/]+)/", maps))))
+    state["running release"] = running_release(board)
     return state
+
+
+def running_release(board: FingertipBoard) -> str:
+    """Return the release whose libraries the fingertip's process has mapped."""
+    maps = board.machine.run("cat", f"/proc/{board.shown('MainPID')}/maps", check=False)
+    return ", ".join(sorted(set(re.findall(r"/opt/palpate/releases/([^/]+)/", maps))))
 
 
 def _has_read(board: FingertipBoard, unit: str, files: tuple[str, ...]) -> bool:

@@ -32,7 +32,7 @@ class NamespaceBoard:
         self.written, self.outside = folder / "written", folder / "outside"
         for name in ("written", "work", "root", "outside"):
             (folder / name).mkdir()
-        self._cgroup = _cgroup2() / f"palpate-board-{os.getpid()}-{folder.name}"
+        self._cgroup = cgroup2() / f"palpate-board-{os.getpid()}-{folder.name}"
         self._first: subprocess.Popen[bytes] | None = None
         self._pid = 0
 
@@ -150,7 +150,7 @@ def namespace_board(
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _cgroup2() -> Path:
+def cgroup2() -> Path:
     for line in Path("/proc/mounts").read_text().splitlines():
         _, place, kind, *_ = line.split()
         if kind == "cgroup2":

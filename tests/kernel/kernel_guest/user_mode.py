@@ -53,7 +53,7 @@ def boot_command(folder: Path, init: Path, *libraries: Path) -> list[str]:
 
     libraries: preloaded in the guest's kernel.
     """
-    preloaded = [*libraries, *_wide_registers(folder)]
+    preloaded = [*libraries, *wide_registers(folder)]
     return [
         *(["env", f"LD_PRELOAD={':'.join(map(str, preloaded))}"] if preloaded else []),
         "linux.uml",
@@ -69,7 +69,7 @@ def _has_wide_registers() -> bool:
     return "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
 
 
-def _wide_registers(folder: Path) -> list[Path]:
+def wide_registers(folder: Path) -> list[Path]:
     """Return the library with which it starts on a processor with wide registers (wide_registers.c)."""
     if not _has_wide_registers():
         return []
