@@ -105,8 +105,10 @@ def _hub(socket: Path) -> Iterator[None]:
         assert hub.stderr is not None
         assert "listening" in hub.stderr.readline()
         socket.chmod(0o666)  # the board's user is another
-        yield
-        hub.terminate()
+        try:
+            yield
+        finally:
+            hub.terminate()
 
 
 def release_of(wheels: Path) -> str:
