@@ -1,7 +1,7 @@
-/* For user-mode Linux, preloaded: appends every write to the file DISK, and every flush of it, to the file WRITE_LOG.
+/* For user-mode Linux, preloaded: appends every write to the file DISK to the file WRITE_LOG.
  *
  * A record (write_log.py reads it): offset and length in bytes, nanoseconds of CLOCK_MONOTONIC, each 64 bits, then the
- * written bytes. A flush has the length 0. */
+ * written bytes. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -13,16 +13,12 @@
 #include <unistd.h>
 
 static ssize_t (*real_pwrite)(int, const void *, size_t, off64_t);
-static int (*real_fsync)(int);
-static int (*real_fdatasync)(int);
 static struct stat disk;
 static int out = -1;
 
 __attribute__((constructor)) static void begin(void)
 {
     *(void **)&real_pwrite = dlsym(RTLD_NEXT, "pwrite64");
-    *(void **)&real_fsync = dlsym(RTLD_NEXT, "fsync");
-    *(void **)&real_fdatasync = dlsym(RTLD_NEXT, "fdatasync");
     const char *const path = getenv("DISK"), *const log = getenv("WRITE_LOG");
     if (path && log && stat(path, &disk) == 0) out = open(log, O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0644);
 }
@@ -43,18 +39,4 @@ ssize_t pwrite64(int fd, const void *data, size_t length, off64_t offset)
     const ssize_t written = real_pwrite(fd, data, length, offset);
     if (written > 0) record(fd, offset, data, written);
     return written;
-}
-
-int fsync(int fd)
-{
-    const int result = real_fsync(fd);
-    record(fd, 0, NULL, 0);
-    return result;
-}
-
-int fdatasync(int fd)
-{
-    const int result = real_fdatasync(fd);
-    record(fd, 0, NULL, 0);
-    return result;
 }
