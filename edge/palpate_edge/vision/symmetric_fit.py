@@ -161,9 +161,7 @@ class SymmetricFit:
     def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array, Floats, Floats]:
         """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
         diameters, and explained and clipped (m,) of Fitted."""
-        column, row = self._steps[0][beads], self._steps[1][beads]
-        column += centre[:, :1].astype(np.float32)
-        row += centre[:, 1:].astype(np.float32)
+        column, row = self._steps.take(beads, axis=1) + centre.T.astype(np.float32)[..., None]
         edge = cv2.BORDER_REPLICATE
         samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
         pixels, clipped = self._channels_of(samples)
@@ -171,20 +169,20 @@ class SymmetricFit:
         kind = self._kind[beads]
         others = kind.nonzero()[0]
         if len(others):
-            kind = kind[others]
-            inside = pixels[others] * self._inside[kind]
-            pixels[others] = inside
-            products[others] = inside @ self._rows[kind]
+            kind, some = kind[others], pixels[others]
+            products[others] = some @ self._rows[kind]  # 0 where another bead is near
+            pixels[others] = some * self._inside[kind]
         covariance = np.vecdot(pixels[:, :, None], pixels[:, None])
         parts = products.transpose(1, 2, 0).copy()  # beads last: sums of few numbers for many beads at once
+        per_freedom = self._per_freedom[beads]
         profile, fitted = parts[:, :PROFILES], parts[:, 3 * PROFILES :]
         left = parts[:, PROFILES : 3 * PROFILES].reshape(len(parts), 2, PROFILES, -1)
         unexplained: Floats = covariance.transpose(1, 2, 0) - np.einsum("ikm,jkm->ijm", fitted, fitted)
         by_profile = np.einsum(
             "ikm,ikm->m", fitted[:, PLANE:], fitted[:, PLANE:]
         )  # orthogonal to the light's
-        left_over = np.einsum("iim->m", unexplained) + LEAST_VARIATION * len(parts) / self._per_freedom[beads]
-        unexplained *= self._per_freedom[beads]
+        left_over = np.einsum("iim->m", unexplained) + LEAST_VARIATION * len(parts) / per_freedom
+        unexplained *= per_freedom
         unexplained += self._noise
         weighted = np.einsum("ijm,jpm->ipm", _inverse(unexplained), profile)
         force_x, force_y = np.einsum("iapm,ipm->am", left, weighted)
