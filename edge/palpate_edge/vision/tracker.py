@@ -5,8 +5,10 @@ predict them. Such labels are accepted when no bead jumped and hardly more are m
 nearly all beads are there and move as one skin. Otherwise the blobs of the whole image are matched with the
 beads by topology (correspondence.py).
 
-Each of the two happens at most once for any frame: no frame costs much more than most do. After a jump the
-next frame is searched at once, since single frames in a row jump every time.
+Where the first windows show that the beads jumped away, the windows about the reference's places are read
+next: they show light touches. They are not read where they would not have shown the last frame that was
+searched. After a search that showed a jump no windows are read about the last places, since single frames in
+a row jump every time. The search happens at most once for any frame: no frame costs much more than most do.
 A bead that stays hidden causes no search: only the loss of further beads does.
 
 Doubtful labels of beads that jumped are never the start of the next frame, since a skin that stands still
@@ -83,7 +85,7 @@ class Tracker:
         """Forget the last frame: the next one starts from the reference."""
         self._last_px = self._reference.position_px.copy()
         self._last_lost, self._accepted_lost, self._is_reference = 0, 0, True
-        self._jumped = False
+        self._jumped, self._rest_shows = False, True
 
     def follow_image(self, image: Image, appearance: Appearance) -> Beads:
         """Return the beads of the next frame, (height, width, 3) or a grey one.
@@ -110,12 +112,14 @@ class Tracker:
             fit.load(image, binned=halvings > 0)
         self._windows.load(dark, binned=halvings > 0)
         self._windows.allow_glare(allowed=fit is not None)
-        labelling = None if self._jumped else self._in_windows()
+        labelling = self._in_windows()
         if labelling is None:
             beads = self._in_whole_image(dark, halvings)
             self._accepted_lost = len(beads.lost)
             self._jumped = self._labels.has_jumped((beads.position_px, beads.found), self._last_px)
+            self._rest_shows = self._is_shown_at_rest(beads)
         else:
+            self._jumped, self._rest_shows = False, True
             beads = Beads.from_positions(*labelling)
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
         if fit is not None:
@@ -169,26 +173,47 @@ class Tracker:
         )
 
     def _in_windows(self) -> Labelling | None:
-        """Find every bead near its last place; None where the labels may be wrong or many are missing."""
+        """Find every bead near its last place or, after a jump, near its place in the reference; None where
+        the labels may be wrong or many are missing."""
         count = len(self._last_px)
         max_lost = int(self._accepted_lost + MAX_LOST_SHARE * count)
-        max_faint = int(MAX_FAINT_AT_REST * count) if self._is_reference else max_lost
-        labelling = self._windows.find_beads(self._last_px, max_faint, int(MAX_LOST_AFTER_JUMP * count))
+        max_faint = int(MAX_FAINT_AT_REST * count)
+        max_faint_after_jump = int(MAX_LOST_AFTER_JUMP * count)
+        if not self._jumped:
+            labelling = self._windows.find_beads(
+                self._last_px, max_faint if self._is_reference else max_lost, max_faint_after_jump
+            )
+            if labelling is not None or self._is_reference:
+                return self._accepted(labelling, self._last_px, max_lost)
+        if not self._rest_shows:
+            return None
+        rest_px = self._reference.position_px
+        labelling = self._windows.find_beads(rest_px, max_faint, max_faint_after_jump)
+        return self._accepted(labelling, rest_px, max_lost)
+
+    def _accepted(self, labelling: Labelling | None, start_px: Array, max_lost: int) -> Labelling | None:
+        """Return the labelling of windows about `start_px` (n, 2), completed; None where it may be wrong."""
         if labelling is None:
             return None
+        count = len(start_px)
         if not labelling[1].all():
             missing = (~labelling[1]).nonzero()[0]
             if len(missing) > self._accepted_lost + MAX_RETRIED_SHARE * count:
                 return None
             self._retry(*labelling, missing)
-        labelling = self._labels.drop_doubles(labelling, self._last_px)
+        labelling = self._labels.drop_doubles(labelling, start_px)
         lost = count - np.count_nonzero(labelling[1])
         if lost > max_lost:
             return None
         moved_on = lost <= self._last_lost + MAX_LOST_AFTER_JUMP * count
-        if moved_on and not self._labels.has_jumped(labelling, self._last_px):
+        if moved_on and not self._labels.has_jumped(labelling, start_px):
             return labelling
         return labelling if self._is_plausible(labelling) else None
+
+    def _is_shown_at_rest(self, beads: Beads) -> bool:
+        """Return whether windows about the reference's places show such a frame."""
+        is_near = self._windows.reaches(self._reference.position_px, beads.position_px)
+        return len(beads.lost) <= MAX_LOST_AFTER_JUMP * len(beads.found) and bool(is_near.all())
 
     def _is_plausible(self, labelling: Labelling) -> bool:
         """Return whether nearly all beads were found and are displaced like their neighbours."""

@@ -96,11 +96,15 @@ class WindowSearch:
         found &= refined.converged
         found &= refined.area > self._min_area
         found &= refined.area < self._max_area
-        step = refined.position_px - expected_px
-        found &= np.vecdot(step, step) < MAX_STEP**2 * self._spacing_squared
+        found &= self.reaches(expected_px, refined.position_px)
         self._excess = self._excess_of(refined.unevenness)
         found &= self._excess < 0
         return refined.position_px, found
+
+    def reaches(self, expected_px: Array, position_px: Array) -> Mask:
+        """Return which beads (n,) expected at `expected_px` (n, 2) may be found at `position_px` (n, 2)."""
+        step = position_px - expected_px
+        return np.asarray(np.vecdot(step, step) < MAX_STEP**2 * self._spacing_squared)
 
     def _go_on(self, expected_px: Array, step: Array, step_squared: Array, moving: Indices) -> None:
         """Measure the `moving` beads (m,) again, that first windows about `expected_px` (n, 2) showed off

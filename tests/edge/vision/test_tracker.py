@@ -167,6 +167,18 @@ def test_labels_followed_without_a_jump_are_kept_through_doubt(skin):
     assert tracker.counters.searches == 1
 
 
+def test_light_touches_in_a_row_need_no_search(skin):
+    """Each jumps from the one before, none far from the reference: windows about its places show them."""
+    reference, draw = skin
+    tracker = Tracker(reference)
+    for way in (0.0, 40.0, 160.0, 280.0):
+        aside = 0.2 * SPACING_PX * np.array([np.cos(np.radians(way)), np.sin(np.radians(way))])
+        beads = tracker.follow(draw(grid() + aside))
+        assert beads.found.all()
+        assert np.linalg.norm(beads.position_px - grid() - aside, axis=1).max() < 0.3
+    assert tracker.counters.searches == 0
+
+
 def test_no_frame_is_searched_twice_and_no_bead_measured_often(skin, monkeypatch):
     """Whatever a frame shows: a jump, another jump, specks and hidden beads, darkness."""
     reference, draw = skin
