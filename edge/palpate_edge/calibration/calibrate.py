@@ -17,6 +17,7 @@ from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, JigErrors
 from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle, rotation_about_z
@@ -48,13 +49,14 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, regression, jig = b"", None, None
+    model, regression, jig, typical = b"", None, None, None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
         measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
+        typical = _typical_fields(dataset.sensor, dome, measured)
         model, regression = _train(
-            dataset.sensor, dome, measured, lambda done: progress(images + done, total)
+            dataset.sensor, dome, measured, typical, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
     off_px = measured.view.project(measured.registration.layout_mm) - measured.reference.position_px
@@ -74,6 +76,7 @@ def calibrate(
         fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
         fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
         bead_noise_px=measured.bead_noise_px,
+        typical=msgspec.UNSET if typical is None else typical,
     )
 
 
@@ -176,14 +179,37 @@ def _adjusted(
     return turned(measured, sensor, np.asarray(turn)), adjustment.stretched(dome), adjustment.errors
 
 
-def _reader(sensor: Sensor, measured: Measured) -> DisplacementReader:
+def _reader(sensor: Sensor, measured: Measured, typical: TypicalFields | None = None) -> DisplacementReader:
     return DisplacementReader(
-        measured.reference.position_px, measured.view, sensor.markers.radius_mm, measured.bead_noise_px
+        measured.reference.position_px,
+        measured.view,
+        sensor.markers.radius_mm,
+        measured.bead_noise_px,
+        typical,
     )
 
 
+def _typical_fields(sensor: Sensor, dome: DomeModel, measured: Measured) -> TypicalFields | None:
+    """Return the typical fields of the dome model's contacts and the sensor's own; None for exact beads."""
+    from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415 - extra `train`
+    from palpate_edge.calibration.training.typical_contacts import (  # noqa: PLC0415
+        LEAST_NOISE_PX,
+        typical_fields,
+    )
+
+    if measured.bead_noise_px < LEAST_NOISE_PX:
+        return None
+    reader = _reader(sensor, measured)
+    own = [reader.read(press.beads).values for press in training_presses(measured)]
+    return typical_fields(reader, np.array(own).reshape(-1, dome.fields.shape[1]), dome.fields)
+
+
 def _train(
-    sensor: Sensor, dome: DomeModel, measured: Measured, progress: Callable[[int], None]
+    sensor: Sensor,
+    dome: DomeModel,
+    measured: Measured,
+    typical: TypicalFields | None,
+    progress: Callable[[int], None],
 ) -> tuple[bytes, Regression]:
     """The correction model's ONNX file, and the regression in it."""
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
@@ -195,7 +221,7 @@ def _train(
     )
 
     radius_mm = sensor.markers.radius_mm
-    reader = _reader(sensor, measured)
+    reader = _reader(sensor, measured, typical)
     presses = training_presses(measured)
     regression = fit(
         make_samples(reader, presses) if presses else None,

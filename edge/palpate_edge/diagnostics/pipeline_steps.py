@@ -64,7 +64,9 @@ def take_steps(image: Image, calibration: Calibration, name: str) -> Steps:
         change=mesh.area_change(points),
         raw=raw,
         theta_rad=corrected_theta(calibration.paper, raw.theta_rad),
-        field=DisplacementReader(reference.position_px, view, radius_mm, calibration.noise_px).read(beads),
+        field=DisplacementReader(
+            reference.position_px, view, radius_mm, calibration.noise_px, calibration.typical_fields
+        ).read(beads),
         paper=paper,
         corrected=corrected,
     )

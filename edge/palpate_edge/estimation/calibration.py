@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Indices
+from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
 from palpate_edge.vision.appearance import Appearance, unlit_grey
@@ -103,7 +104,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model's, None without presses of known force (then no force is estimated); fit_sigma_px: see
     beads.Reference, unset where places are centroids; bead_noise_px: standard deviation of an exact bead's
     place along an axis; fit_channels, fit_light: see beads.Reference, unset for colour and for sloped light
-    (all four are unset in older files); checksum: over all other fields.
+    (all four are unset in older files); typical: by which the beads' displacement is smoothed before the
+    correction model, unset in older files, whose model is of displacements as measured; checksum: over all
+    other fields.
     """
 
     sensor: Sensor
@@ -121,6 +124,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fit_channels: FitChannels | msgspec.UnsetType = msgspec.UNSET
     fit_light: FitLight | msgspec.UnsetType = msgspec.UNSET
     bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
+    typical: TypicalFields | msgspec.UnsetType = msgspec.UNSET
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""
@@ -149,6 +153,11 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def noise_px(self) -> float:
         """Standard deviation of an exact bead's place along an axis, px; 0 in a file without it."""
         return self.bead_noise_px if isinstance(self.bead_noise_px, float) else 0.0
+
+    @property
+    def typical_fields(self) -> TypicalFields | None:
+        """Typical fields of the contacts; None in a file without them."""
+        return self.typical if isinstance(self.typical, TypicalFields) else None
 
     def ring_of(self) -> Indices:
         """Return the ring index of each bead, (n,)."""

@@ -5,9 +5,10 @@ of a press is a press. Bead places differ between sensors, and some beads are hi
 displacement is interpolated (Gaussian process, Matern 3/2 kernel on the sphere) and evaluated at fixed
 directions of a *canonical frame*: F rotated about z by the azimuth of the displacement's centre of gravity.
 
-A faint contact displaces the beads by little more than the errors of their places. The noise of the process
-is therefore that of the beads over the frame's own displacement: the field of a firm contact is interpolated,
-that of a faint one smoothed.
+A faint contact displaces the beads by little more than the errors of their places. With the typical fields of
+the sensor's contacts the displacement is first smoothed (field_smoothing/smoother.py). Without them the noise
+of the process is that of the beads over the frame's own displacement: the field of a firm contact is
+interpolated, that of a faint one smoothed.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array, Indices
+from palpate_edge.estimation.field_smoothing.smoother import FieldSmoother
+from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.beads import Beads
@@ -90,10 +93,15 @@ class DisplacementReader:
     """Interpolates one sensor's beads to canonical fields."""
 
     def __init__(
-        self, reference_px: Array, view: View, markers_radius_mm: float, noise_px: float = 0.0
+        self,
+        reference_px: Array,
+        view: View,
+        markers_radius_mm: float,
+        noise_px: float = 0.0,
+        typical: TypicalFields | None = None,
     ) -> None:
         """reference_px (n, 2): the untouched beads; view: the camera that sees them; noise_px: standard
-        deviation of a bead's place along an axis."""
+        deviation of a bead's place along an axis; typical: by which displacements are smoothed."""
         self._reference_px = reference_px
         self._beads = view.onto_sphere(reference_px, markers_radius_mm) / markers_radius_mm
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
@@ -102,6 +110,13 @@ class DisplacementReader:
         self._variances, self._modes = np.linalg.eigh(self._covariance)
         self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._beads_32 = self._beads.T.astype(np.float32)
+        self._smoother = None if typical is None else FieldSmoother(typical, noise_px)
+
+    @property
+    def geometry(self) -> tuple[Array, Array]:
+        """The beads' unit vectors (n, 3), and the displacement on the sphere, mm, for a pixel in x and in y,
+        (n, 3, 2)."""
+        return self._beads, self._mm_per_px
 
     def hidden(self, beads: Beads) -> HiddenBeads:
         """Return the beads that were not found or are inexact, and how well the others determine them."""
@@ -123,9 +138,11 @@ class DisplacementReader:
         :meth:`hidden` for these beads, if known.
         """
         pixels = beads.position_px - self._reference_px
-        displacement_mm = np.vecdot(self._mm_per_px, pixels[:, None])
         hidden = hidden or self.hidden(beads)
-        weights = self._kernel_weights(displacement_mm, beads)
+        if self._smoother is not None:
+            weights = self._inverse @ self._on_sphere_mm(self._smoother.smooth(pixels, beads))
+        else:
+            weights = self._kernel_weights(self._on_sphere_mm(pixels), beads)
         azimuth_rad = self._azimuth_rad(self._covariance @ weights) + turn_rad
         # float32: fields accurate to 1e-6 in a third of the time
         turn = rotation_about_z(azimuth_rad).astype(np.float32)
@@ -133,6 +150,10 @@ class DisplacementReader:
         field = covariance @ weights.astype(np.float32) @ turn
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
         return CanonicalField(values, azimuth_rad, hidden.blind_spot)
+
+    def _on_sphere_mm(self, displacement_px: Array) -> Array:
+        """Return displacements (n, 3) on the sphere of displacements (n, 2) in the image."""
+        return np.asarray(np.vecdot(self._mm_per_px, displacement_px[:, None]))
 
     def _kernel_weights(self, displacement_mm: Array, beads: Beads) -> Array:
         """Return the beads' weights (n, 3) in the Gaussian process of the displacement (n, 3)."""
@@ -177,6 +198,18 @@ def _matern(scaled: Some) -> Some:
     scaled += 1.0
     scaled /= decay
     return np.asarray(scaled)
+
+
+def interpolation(directions: Array, turn_rad: float) -> Array:
+    """Return the matrix (n, 3, 2 g) from canonical fields to the displacement at unit vectors (n, 3) of F.
+
+    turn_rad: azimuth of the canonical frame.
+    """
+    turn = rotation_about_z(turn_rad)
+    inverse = np.linalg.inv(kernel(_DIRECTIONS, _DIRECTIONS) + BEAD_NOISE * np.eye(len(_DIRECTIONS)))
+    weights = kernel(directions, _DIRECTIONS @ turn.T) @ inverse
+    parts = [weights[:, None, :] * (basis @ turn.T).T[None] for basis in (_MERIDIONAL, _AZIMUTHAL)]
+    return np.concatenate(parts, axis=2)
 
 
 def tangent_basis(directions: Array) -> tuple[Array, Array]:

@@ -139,7 +139,11 @@ class Estimator:
         self._drift = Drift(reference, threshold_px)
         self._classifier = TouchClassifier(reference, self._drift, threshold_px)
         self._reader = DisplacementReader(
-            reference.position_px, self._view, sensor.markers.radius_mm, calibration.noise_px
+            reference.position_px,
+            self._view,
+            sensor.markers.radius_mm,
+            calibration.noise_px,
+            calibration.typical_fields,
         )
         if self._model is not None:
             self._locator: Locator = CorrectedMethod(calibration, self._reader, self._model)

@@ -1,0 +1,69 @@
+"""Typical fields from canonical fields: turned to all azimuths, and those of a new sensor's contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate_edge.calibration.training.dome_model import load_dome_model
+from palpate_edge.calibration.training.typical_contacts import KEPT, typical_fields
+from palpate_edge.estimation.displacement_field import (
+    DisplacementReader,
+    canonical_directions,
+    interpolation,
+    tangent_basis,
+)
+from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
+
+RADIUS_MM = 26.5
+CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
+RINGS = ((0, 1), (15, 6), (30, 12), (45, 18), (60, 24), (75, 24))
+
+
+@pytest.fixture(scope="module")
+def reader():
+    beads_mm = bead_layout_mm(Markers(RADIUS_MM, 3.0, tuple(Ring(t, n, 7.0) for t, n in RINGS)))[0]
+    view = View(CAMERA, CameraPose())
+    return DisplacementReader(view.project(beads_mm), view, RADIUS_MM)
+
+
+def test_interpolation_gives_the_canonical_field_back_at_its_own_directions():
+    field = load_dome_model().fields[100]
+    turn_rad = 0.7
+    places = canonical_directions() @ rotation_about_z(turn_rad).T
+    moved = (interpolation(places, turn_rad) @ field) @ rotation_about_z(turn_rad)
+    back = np.concatenate([np.vecdot(axis, moved) for axis in tangent_basis(canonical_directions())])
+    assert np.linalg.norm(back - field) < 0.02 * np.linalg.norm(field)
+
+
+def test_typical_fields_are_orthonormal_and_leave_little_of_any_contact(reader):
+    dome = load_dome_model()
+    taught, other = dome.fields[:1200], dome.fields[1200:]
+    typical = typical_fields(reader, np.empty((0, taught.shape[1])), taught)
+    fields = typical.fields.array().astype(np.float64)
+    assert fields.shape == (2 * 85, KEPT)
+    assert fields.T @ fields == pytest.approx(np.eye(KEPT), abs=1e-5)
+    assert typical.variance.array().sum() + 170 * typical.remainder == pytest.approx(170, rel=0.01)
+    beads, mm_per_px = reader.geometry
+    left = []
+    for number, field in enumerate(other[::20]):
+        moved_mm = interpolation(beads, 0.3 * number) @ field
+        moved_px = np.vecdot(np.linalg.pinv(mm_per_px), moved_mm[:, None]).ravel()
+        rest_px = moved_px - fields @ (moved_px @ fields)
+        left.append((rest_px @ rest_px) / (moved_px @ moved_px))
+    assert np.mean(left) < 0.02
+
+
+def test_own_presses_add_their_fields(reader):
+    dome = load_dome_model().fields
+    own = np.zeros((200, dome.shape[1]))
+    own[:, 109 + 50] = 1.0  # a field that no contact of the dome model makes
+    beads, mm_per_px = reader.geometry
+    strange_px = np.vecdot(np.linalg.pinv(mm_per_px), (interpolation(beads, 0.0) @ own[0])[:, None]).ravel()
+    left = []
+    for presses in (own[:0], own):
+        fields = typical_fields(reader, presses, dome).fields.array()
+        rest_px = strange_px - fields @ (strange_px @ fields)
+        left.append((rest_px @ rest_px) / (strange_px @ strange_px))
+    assert left[1] < 0.5 * left[0]
