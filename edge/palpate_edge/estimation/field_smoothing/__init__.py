@@ -1,4 +1,4 @@
-"""Smoothing of a frame's bead displacements by what contacts typically do to the skin.
+"""Smoothing of a frame's bead displacements by the typical fields of contacts.
 
 Belongs here: the typical fields as the calibration file has them, and the likeliest field of one frame. May
 use: what estimation may use.

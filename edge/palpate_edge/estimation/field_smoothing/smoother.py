@@ -7,9 +7,9 @@ an axis, less the noise. With q_i the standard deviation of a bead's measured pl
 
     x = (B' W B + L^-1)^-1 B' W y,    likeliest displacement = B x + r W (y - B x).
 
-A firm contact on clear beads is kept as it is (v << r); of a faint one remains what contacts do. A hidden
-bead has W = 0: its displacement is that of the typical fields. (Rasmussen and Williams, Gaussian Processes
-for Machine Learning, 2006, eq. 2.25, in the form of eq. 2.11 for k functions.)
+A firm contact on clear beads is kept as it is (v << r); of a faint one only the typical fields remain. A
+hidden bead has W = 0: its displacement is that of the typical fields. (Rasmussen and Williams, Gaussian
+Processes for Machine Learning, 2006, eq. 2.25, in the form of eq. 2.11 for k functions.)
 """
 
 from __future__ import annotations

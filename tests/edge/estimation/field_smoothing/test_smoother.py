@@ -79,7 +79,7 @@ def test_a_faint_contact_is_smoothed_and_a_firm_one_kept(typical):
     assert np.sqrt(np.mean(np.square(kept))) < 0.2 * NOISE_PX
 
 
-def test_a_hidden_bead_moves_as_the_others_tell(typical):
+def test_a_hidden_bead_takes_the_displacement_of_the_typical_fields(typical):
     random = np.random.default_rng(7)
     true = contact_px(typical, 3.0, random)
     found = np.ones(BEADS, np.bool_)
