@@ -15,6 +15,7 @@ from palpate_edge.estimation.displacement_field import (
 )
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
+from palpate_edge.vision.beads import Beads
 
 RADIUS_MM = 26.5
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
@@ -67,3 +68,23 @@ def test_own_presses_add_their_fields(reader):
         rest_px = strange_px - fields @ (strange_px @ fields)
         left.append((rest_px @ rest_px) / (strange_px @ strange_px))
     assert left[1] < 0.5 * left[0]
+
+
+def test_a_faint_contact_on_noisy_beads_is_read_more_exactly(reader):
+    dome = load_dome_model().fields
+    typical = typical_fields(reader, dome[:0], dome[:1200])
+    beads, mm_per_px = reader.geometry
+    view, random = View(CAMERA, CameraPose()), np.random.default_rng(1)
+    rest_px = view.project(beads * RADIUS_MM)
+    plain, smoothing = (DisplacementReader(rest_px, view, RADIUS_MM, 0.1, some) for some in (None, typical))
+    errors = {plain: [], smoothing: []}
+    for number, field in enumerate(dome[1200::40]):
+        moved_mm = interpolation(beads, 0.3 * number) @ field
+        moved_px = np.vecdot(np.linalg.pinv(mm_per_px), moved_mm[:, None])
+        moved_px *= 0.3 / np.sqrt((moved_px**2).mean())
+        true = reader.read(Beads.from_positions(rest_px + moved_px, np.ones(85, np.bool_))).values
+        seen_px = rest_px + moved_px + 0.1 * random.standard_normal(moved_px.shape)
+        for some, found in errors.items():
+            values = some.read(Beads.from_positions(seen_px, np.ones(85, np.bool_))).values
+            found.append(np.linalg.norm(values - true) / np.linalg.norm(true))
+    assert np.median(errors[smoothing]) < 0.9 * np.median(errors[plain])
