@@ -81,7 +81,7 @@ class HoldStatus:
     frame; place95_mm, orientation95_deg: 95 % radii of it and of R_c. load_N: steady force that the law
     carries, in the hand's frame; is_load_known: False while it is being learned. place_error_mm: distance of
     place_mm from its present target. All of these are None, or False, unless the pose law holds the object.
-    gait: of a turn by finger gaiting, `planning`, `refused` or its phase (gait.py), empty without one;
+    gait: of a turn by finger gaiting, planning, refused or its phase (gait.py), empty without one;
     gait_reason: why it was refused or stopped; lifted: the finger, from 0, that does not hold.
     """
 

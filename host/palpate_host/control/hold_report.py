@@ -67,10 +67,10 @@ def gait_text(control: Manipulation, names: Sequence[str]) -> str:
         return ""
     lifted = "" if gait.away is None else f"{names[gait.away]} is lifted"
     if gait.phase is GaitPhase.STOPPED:
-        way_out = f"; {lifted}: palpate-host command grasp closes it" if lifted else ""
+        way_out = f"; {lifted}: palpate-host command grasp lets it take hold" if lifted else ""
         return gait.reason + way_out
     if gait.phase is GaitPhase.DONE:
-        return "turned by finger gaiting: every finger in contact"
+        return ""
     return f"turning by finger gaiting: {gait.phase.value}" + (f", {lifted}" if lifted else "")
 
 

@@ -124,7 +124,7 @@ class Manipulation:
         if self.R_d is not None and self.turned < 1.0:
             raise CommandError("reorient is refused: the object is being turned; wait until it is there")
         was_gaiting = self.gait is not None
-        self.reorientation.ask(law, pose.q_rad, self.gains, rpy_deg, corners_mm)
+        self.reorientation.ask(law, pose, self.gains, rpy_deg, corners_mm)
         if was_gaiting:
             self._forget_normals()
         self._turn_rad, self._ramp_s, self._turned_s = np.zeros(3), 0.0, 0.0
@@ -167,14 +167,14 @@ class Manipulation:
     def stop_turning(self) -> None:
         """Forget the desired orientation: the next turn starts from the measured one.
 
-        A turn by gaiting ends here; where a finger is lifted, all fingers close on the object again.
+        A turn by finger gaiting ends here; a lifted finger takes hold first.
         """
-        is_lifted, was_gaiting = self.reorientation.lifted is not None, self.gait is not None
-        self._end_gait()
-        if self.pose_law is not None and was_gaiting:
+        if self.pose_law is not None and self.gait is not None:
+            if self.reorientation.lifted is not None:
+                self.gait.close(self.pose_law)
+                return
             self.pose_law.end_gait()
-            if is_lifted:
-                self.pose_law.drop()
+        self._end_gait()
         self.R_d = self.R_d_vir = self._start = None
         self._trim_rad = np.zeros(3)
         if self.pose_law is not None:
@@ -320,7 +320,7 @@ class Manipulation:
             friction = [one.friction for one in self.friction]
         self._law_M = R_vir.T.dot(law.object.R)
         if self.gait is not None:
-            lifted_Nm = self.gait.advance(law, pose, dt_s, rests=mode is not Mode.MANIPULATE)
+            lifted_Nm = self.gait.advance(law, pose, dt_s, rests=mode is Mode.BLIND)
             self.R_d = law.R_d
             return law.torque_Nm(pose, qdot_rad_s, friction, dt_s) + lifted_Nm
         if mode is Mode.MANIPULATE:

@@ -51,17 +51,14 @@ class Stiffness:
         """Return these gains after this share, 0 to 1, of the way to others; the margins are the others'."""
         if share >= 1.0:
             return other
-
-        def mixed(own: Array, others: Array) -> Array:
-            return (1.0 - share) * own + share * others
-
+        rest = 1.0 - share
         return Stiffness(
-            K_p_N_m=mixed(self.K_p_N_m, other.K_p_N_m),
-            D_p_Ns_m=mixed(self.D_p_Ns_m, other.D_p_Ns_m),
-            K_o_Nm_rad=mixed(self.K_o_Nm_rad, other.K_o_Nm_rad),
-            D_o_Nms_rad=mixed(self.D_o_Nms_rad, other.D_o_Nms_rad),
-            I_p_N_ms=mixed(self.I_p_N_ms, other.I_p_N_ms),
-            I_o_Nm_rads=mixed(self.I_o_Nm_rads, other.I_o_Nm_rads),
+            K_p_N_m=rest * self.K_p_N_m + share * other.K_p_N_m,
+            D_p_Ns_m=rest * self.D_p_Ns_m + share * other.D_p_Ns_m,
+            K_o_Nm_rad=rest * self.K_o_Nm_rad + share * other.K_o_Nm_rad,
+            D_o_Nms_rad=rest * self.D_o_Nms_rad + share * other.D_o_Nms_rad,
+            I_p_N_ms=rest * self.I_p_N_ms + share * other.I_p_N_ms,
+            I_o_Nm_rads=rest * self.I_o_Nm_rads + share * other.I_o_Nm_rads,
             margin_p=other.margin_p,
             margin_o=other.margin_o,
         )

@@ -32,7 +32,7 @@ POLL_S = 0.02
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
 GAIT_ENDS = ("", "refused", "stopped", "done")
-"""What `HoldStatus.gait` is when a turn by finger gaiting is over."""
+"""The values of the status hold.gait when a turn by finger gaiting is over."""
 ACCEPTING = (Mode.READY, *MOVING, *STOPPED)
 
 

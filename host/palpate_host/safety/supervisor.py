@@ -194,7 +194,7 @@ def _by_contacts(last: Decision, inputs: Inputs, tiers: Tiers) -> tuple[Mode, st
         return waits_in, only_grasp
     frozen = _first(_freeze_reason, inputs.fingers, tiers) or inputs.no_contact_frame
     if inputs.goal is not Goal.TURN:
-        return Mode.GRASP, frozen or _GRASPED
+        return Mode.GRASP, frozen or inputs.gait or _GRASPED
     if frozen:
         return (Mode.BLIND if was_turning else waits_in), frozen
     if not was_turning and inputs.now_us - last.since_us < tiers.settle_us:

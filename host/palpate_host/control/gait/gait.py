@@ -86,6 +86,8 @@ class Gait:
         self._depth_m = 0.0
         self._is_free = self._has_touched = False
         self._missed = [0] * len(plan.normals)
+        self._before_stop = self.phase, 0.0, 0.0
+        self._closes = False
         self._axis = np.array(plan.axis)
         self._goal_share = self._share_after = self._share
         self._normal = self._point_m = np.zeros(3)
@@ -144,6 +146,10 @@ class Gait:
 
     def _next_step(self, law: PoseLaw, pose: HandPose, dt_s: float) -> None:
         law.renew_stiffness(pose, dt_s, SHIFT_S)
+        if self._closes:
+            self._enter(GaitPhase.STOPPED, 0.0)
+            self.reason = "gait stopped: ended by a command"
+            return
         self._number += 1
         self._share_from = self._share
         step = self._step
@@ -163,8 +169,19 @@ class Gait:
     def _enter(self, phase: GaitPhase, duration_s: float) -> None:
         self.phase, self._since_s, self._duration_s = phase, 0.0, duration_s
 
+    def close(self, law: PoseLaw) -> None:
+        """Give up the turn; a lifted finger takes hold at its new place first, also after a stop."""
+        if self.phase is GaitPhase.STOPPED:
+            self.phase, self._since_s, self._duration_s = self._before_stop
+        self.reason, self._missed = "", [0] * len(self._missed)
+        self._closes = True
+        law.hold_here()
+        assert law.R_d is not None
+        self.R_d = law.R_d
+
     def stop(self, law: PoseLaw, reason: str) -> None:
         """Stop with this reason; the present pose is the target, and the fingers that hold go on holding."""
+        self._before_stop = self.phase, self._since_s, self._duration_s
         self._enter(GaitPhase.STOPPED, 0.0)
         self.reason = f"gait stopped: {reason}"
         law.hold_here()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.gait_plan import GaitPlan, fingers_refused
@@ -15,9 +14,12 @@ from palpate_host.control.gait.gait import Gait
 from palpate_host.control.gait.object_shape import hull_of
 from palpate_host.control.gait.turn_planner import FEWEST_HOLDING
 from palpate_host.control.gait.turn_request import TurnRequest
+from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_law import PoseLaw
 
 LEAST_TURN_RAD = 1e-3
+TOUCHES_WITHIN_M = 0.005
+"""Largest distance of a tip that touches from the object as it was given."""
 PLANNED_WITHIN_M, PLANNED_WITHIN_DEG = 0.002, 2.0
 """Largest motion of the object while its turn is planned."""
 
@@ -45,7 +47,7 @@ class Reorientation:
         return self.request is not None or (self.gait is not None and not self.gait.is_over)
 
     def check_free(self, what: str) -> None:
-        """Raise CommandError, with `what` is refused, while a turn is under way or a finger is lifted."""
+        """Raise CommandError, naming the refused command, while a turn is under way or a finger is lifted."""
         if self.is_under_way:
             raise CommandError(
                 f"{what} is refused: a turn by finger gaiting is under way; wait until it is over, or grasp"
@@ -56,7 +58,7 @@ class Reorientation:
     def ask(
         self,
         law: PoseLaw,
-        q_rad: Array,
+        pose: HandPose,
         gains: Gains,
         rpy_deg: tuple[float, float, float],
         corners_mm: Sequence[tuple[float, float, float]],
@@ -78,10 +80,17 @@ class Reorientation:
             shape, centre_m = hull_of(1e-3 * np.array(corners_mm))
         except ValueError as error:
             raise CommandError(f"reorient is refused: {error}") from None
+        gaps_m = shape.gap_m(pose.tip_centre_m) - law.object.radius_m
+        farthest = int(np.argmax(np.abs(gaps_m)))
+        if abs(gaps_m[farthest]) > TOUCHES_WITHIN_M:
+            raise CommandError(
+                f"reorient is refused: by corners_mm the tip of finger {farthest + 1} is"
+                f" {1e3 * gaps_m[farthest]:.1f} mm from the object; give its corners where it is now"
+            )
         self.end()
         law.follow_point(centre_m)
         self.request = TurnRequest(
-            q_rad=q_rad,
+            q_rad=pose.q_rad,
             R=law.object.R,
             place_m=centre_m,
             shape=shape.moved(np.eye(3), -centre_m).moved(law.object.R.T, np.zeros(3)),
