@@ -1,8 +1,7 @@
 """An unattended run of 200 presses: a calibration from its labels against one from exact labels.
 
-A layout without rings leaves the roll of the camera about the apex open; labels of the rig turn with the
-camera. The exact labels and those of the test presses are then turned by the roll that the twin's camera
-has.
+A layout without rings leaves the camera's roll about the apex open, and the rig's labels turn with it. The
+exact labels and those of the test presses are then turned by the roll that the twin's camera has.
 """
 
 from __future__ import annotations
