@@ -71,7 +71,7 @@ def test_the_stream_gives_the_newest_tick_and_after_a_turn_one_with_its_effect(
     host = Serving(tmp_path / "s", replace(status, turned=0.0), tick=tick)
     with (
         closing(host),
-        closing(plugin("status_stream").StatusStream(tmp_path / "s", 10.0)) as stream,
+        closing(plugin("status_reader").StatusReader(tmp_path / "s", 10.0)) as stream,
         closing(module.HostConnection(tmp_path / "s", 10.0)) as client,
     ):
         for number in range(1, 21):

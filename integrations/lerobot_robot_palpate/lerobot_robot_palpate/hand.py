@@ -27,7 +27,7 @@ from lerobot_robot_palpate.control_socket import (
 from lerobot_robot_palpate.observations import contact_values, joint_values
 from lerobot_robot_palpate.picture_ring import PictureRing
 from lerobot_robot_palpate.rotations import RPY, Matrix, angle_deg, from_rpy_deg, to_rpy_deg
-from lerobot_robot_palpate.status_stream import StatusStream
+from lerobot_robot_palpate.status_reader import StatusReader
 
 ORIENTATION = tuple(f"object.{name}" for name in RPY)
 POLL_S = 0.02
@@ -48,7 +48,7 @@ class PalpateHand(Robot):
         self.cameras = {finger: PictureRing(Path(path)) for finger, path in config.rings.items()}
         self._path = Path(config.control_socket) if config.control_socket else default_control_socket()
         self._host: HostConnection | None = None
-        self._statuses: StatusStream | None = None
+        self._statuses: StatusReader | None = None
         self._zero: Matrix = np.eye(3)
         self._sent: tuple[float, ...] | None = None
         self._observed: HostState | None = None
@@ -100,7 +100,7 @@ class PalpateHand(Robot):
             if host.ask("status")["R_d"] is None:
                 host.ask("rotate", rpy_deg=[0.0, 0.0, 0.0], ramp_s=0.0)
             status = self._wait(host, _is_at_rest, "come to rest")
-            self._statuses = StatusStream(self._path, self.config.timeout_s)
+            self._statuses = StatusReader(self._path, self.config.timeout_s)
         except BaseException:
             host.close()
             raise

@@ -8,7 +8,7 @@ from pathlib import Path
 from lerobot_robot_palpate.control_socket import HostConnection, HostState, PalpateHandError, status_of
 
 
-class StatusStream:
+class StatusReader:
     """A connection that is sent the status of every tick. Only the newest one is kept."""
 
     def __init__(self, path: Path, timeout_s: float) -> None:
