@@ -1,4 +1,4 @@
-"""What pytest loads before a test runs in the virtual machine, whose processor has no AVX."""
+"""Test of what pytest loads before a test runs in the virtual machine, whose processor has no AVX."""
 
 from __future__ import annotations
 
