@@ -33,6 +33,7 @@ pytest_plugins = (
     "kernel_guest.links",
     "kernel_guest.cameras",
     "kernel_guest.usb_cameras",
+    "kernel_guest.hub_bridge",
     "kernel_guest.canopennode",
 )
 

@@ -80,7 +80,7 @@ def run_fingertip(
 ) -> Iterator[Callable[..., FingertipProcess]]:
     """Start a fingertip on a CAN interface. Its source is the drawn dataset in a loop, or `capture`.
 
-    node: section [node] of its configuration. bus: further lines of [bus].
+    node: section [node] of its configuration. bus: further lines of [bus]. driver: bus.interface.
     """
     with ExitStack() as stack:
 
@@ -91,6 +91,7 @@ def run_fingertip(
             name: str = "finger-1",
             node: str = "id = 16",
             bus: str = "",
+            driver: str = "socketcan",
         ) -> FingertipProcess:
             if calibration is None:
                 calibration = request.getfixturevalue("drawn_calibration_file")
@@ -100,7 +101,7 @@ def run_fingertip(
                 tmp_path,
                 name,
                 f'[capture]\n{capture}[estimator]\ncalibration = "{calibration}"\n'
-                f'[node]\n{node}\n[bus]\ninterface = "socketcan"\nchannel = "{interface}"\n{bus}',
+                f'[node]\n{node}\n[bus]\ninterface = "{driver}"\nchannel = "{interface}"\n{bus}',
             )
             stack.callback(fingertip.process.wait)
             stack.callback(fingertip.process.kill)

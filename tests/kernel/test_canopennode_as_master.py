@@ -1,4 +1,4 @@
-"""CANopenNode's ``canopend`` as master, by its command interface of CiA 309-3, of our fingertips on vcan0."""
+"""CANopenNode's ``canopend`` as master of our fingertips, by its commands of CiA 309-3; on vcan0 and hub."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ ATTEMPTS = 4  # a busy machine may respond too late
 
 
 @pytest.fixture
-def fingertip(vcan, listener, run_fingertip):
+def fingertip(own_bus, listener, run_fingertip):
     """A fingertip in PRE-OPERATIONAL."""
-    fingertip = run_fingertip(vcan.name)
+    fingertip = run_fingertip(own_bus.channel, driver=own_bus.interface)
     listener.wait_for(CanFrame(0x700 + TIP, b"\x7f"))
     return fingertip
 
@@ -75,10 +75,10 @@ def test_it_commands_every_state(master, listener):
 
 
 def test_its_sync_sends_the_synchronous_tpdo(master, listener):
-    """Transmission type 2: between two TPDOs there are two SYNCs, of 50 ms each."""
+    """Transmission type 2: between two TPDOs there are two SYNCs, of 200 ms each."""
     assert master.ask(f"{TIP} write 0x1800 2 u8 2") == "OK"
     assert master.ask(f"{TIP} start") == "OK"
-    assert master.ask(f"{MASTER} write 0x1006 0 u32 50000") == "OK"
+    assert master.ask(f"{MASTER} write 0x1006 0 u32 200000") == "OK"
     assert master.ask(f"{MASTER} write 0x1005 0 u32 0x40000080") == "OK"
     start = 0
     for _ in range(20):
@@ -89,7 +89,7 @@ def test_its_sync_sends_the_synchronous_tpdo(master, listener):
     assert order == [sync, sync, contact] * 19
 
 
-def test_each_notices_that_the_other_is_lost(master, fingertip, listener, wait_until, run_fingertip, vcan):
+def test_each_notices_that_the_other_is_lost(master, fingertip, listener, wait_until, run_fingertip, own_bus):
     assert master.ask(f"{MASTER} write 0x1016 1 u32 {TIP << 16 | 3000}") == "OK"
     assert master.ask(f"{MASTER} write 0x1017 0 u16 100") == "OK"
     assert master.ask(f"{TIP} write 0x1029 1 u8 0") == "OK"
@@ -110,16 +110,19 @@ def test_each_notices_that_the_other_is_lost(master, fingertip, listener, wait_u
     fingertip.process.kill()
     fingertip.process.wait()
     start = listener.wait_for(CanFrame(0x080 + MASTER, HEARTBEAT_LOST), start)
-    again = run_fingertip(vcan.name, name="again")
+    again = run_fingertip(own_bus.channel, driver=own_bus.interface, name="again")
     listener.wait_for(BOOT_UP, start)
     wait_until(again.health)
     fingertip.process, fingertip.health = again.process, again.health
 
 
-def test_it_numbers_two_unconfigured_fingertips(gateway, run_fingertip, vcan, listener, wait_until):
+def test_it_numbers_two_unconfigured_fingertips(gateway, run_fingertip, own_bus, listener, wait_until):
     serials = (7, 0xC0FFEE)
     section = 'id = 255\nserial_number = {}\nparameters = "kept"'
-    tips = [run_fingertip(vcan.name, name=f"tip-{one}", node=section.format(one)) for one in serials]
+    tips = [
+        run_fingertip(own_bus.channel, driver=own_bus.interface, name=f"tip-{one}", node=section.format(one))
+        for one in serials
+    ]
     wait_until(lambda: all(tip.health() for tip in tips))
     lines: list[str] = []
     for _ in range(ATTEMPTS):
@@ -134,7 +137,7 @@ def test_it_numbers_two_unconfigured_fingertips(gateway, run_fingertip, vcan, li
         listener.wait_for(CanFrame(0x700 + node_id, b"\0"))
         assert gateway.ask(f"{node_id} read 0x1018 4 u32") == str(serial)
     assert [tip.stop() for tip in tips] == [0, 0]
-    kept = run_fingertip(vcan.name, name="tip-7", node=section.format(7))
+    kept = run_fingertip(own_bus.channel, driver=own_bus.interface, name="tip-7", node=section.format(7))
     listener.wait_for(CanFrame(0x710, b"\0"), len(listener.frames))
     assert kept.stop() == 0
 

@@ -1,4 +1,4 @@
-"""``palpate-host bus`` with a slave of CANopenNode on vcan0, beside a fingertip that must not notice it."""
+"""``palpate-host bus`` with a CANopenNode slave and a fingertip that must not notice it; on vcan0 and hub."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ ATTEMPTS = 3  # where that machine was too late for the slave or the host
 
 
 @pytest.fixture
-def run(vcan):
+def run(own_bus):
     """Run a command of ``palpate-host bus`` and return its output; repeat it after a time-out."""
 
     def command(*arguments, attempts=ATTEMPTS):
-        where = ("--interface", "socketcan", "--channel", vcan.name)
+        where = ("--interface", own_bus.interface, "--channel", own_bus.channel)
         try:
             done = CliRunner().invoke(bus, [*map(str, arguments), *where], catch_exceptions=False)
         except BusError as error:
@@ -45,9 +45,9 @@ def run(vcan):
 
 
 @pytest.fixture
-def fingertip(vcan, listener, run_fingertip, wait_until):
+def fingertip(own_bus, listener, run_fingertip, wait_until):
     """A fingertip that sends contacts, before and after the test, by the same process on the same socket."""
-    fingertip = run_fingertip(vcan.name)
+    fingertip = run_fingertip(own_bus.channel, driver=own_bus.interface)
     listener.wait_for(CanFrame(0x700 + TIP, b"\x7f"))
     listener.bus.send([CanFrame(0x000, bytes([1, TIP]))])
     listener.wait_for(CONTACT)
@@ -175,10 +175,15 @@ def test_it_gets_a_node_id_by_lss_and_keeps_it(foreign_slave, fingertip, run, li
 
 
 def test_an_unconfigured_fingertip_beside_it_is_found_after_it(
-    foreign_slave, run_fingertip, vcan, run, wait_until, list_unconfigured
+    foreign_slave, run_fingertip, own_bus, run, wait_until, list_unconfigured
 ):
     foreign_slave(255)
-    tip = run_fingertip(vcan.name, name="finger-2", node='id = 255\nserial_number = 7\nparameters = "kept"')
+    tip = run_fingertip(
+        own_bus.channel,
+        driver=own_bus.interface,
+        name="finger-2",
+        node='id = 255\nserial_number = 7\nparameters = "kept"',
+    )
     wait_until(tip.health)
     for node_id, address in ((0x20, ADDRESS), (0x21, "0:404:10000:7")):
         assert list_unconfigured() == [address]

@@ -1,4 +1,4 @@
-"""CANopenNode's programs on vcan0: a stack in C that is not ours, as master and as slave.
+"""CANopenNode's programs on vcan0, where the hub may be bridged to it: a C stack, as master and as slave.
 
 The programs are never part of this project. A person who has them gives their paths: PALPATE_CANOPEND for
 ``canopend`` of CANopenLinux, which is master and slave, PALPATE_CANOPEN_DEMO for ``demoLinuxDevice`` of
@@ -19,8 +19,9 @@ from pathlib import Path
 
 import pytest
 
+from kernel_guest.hub_bridge import OwnBus
 from kernel_guest.links import PATIENCE_S, Link
-from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
+from palpate_edge.can_bus.bus import Bus, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 
 VARIABLES = {"canopend": "PALPATE_CANOPEND", "demoLinuxDevice": "PALPATE_CANOPEN_DEMO"}
@@ -145,9 +146,9 @@ class Listener(threading.Thread):
 
 
 @pytest.fixture
-def listener(vcan: Link) -> Iterator[Listener]:
-    """Listen to vcan0."""
-    with open_bus(BusConfig(interface="socketcan", channel=vcan.name), "listener") as bus:
+def listener(own_bus: OwnBus) -> Iterator[Listener]:
+    """Listen to the bus of palpate's programs."""
+    with open_bus(own_bus.config, "listener") as bus:
         listener = Listener(bus)
         listener.start()
         yield listener
