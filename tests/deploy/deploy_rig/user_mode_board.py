@@ -24,7 +24,7 @@ ip link set lo up; ip link set tap0 gso_max_segs 1; ip link set tap0 up; exec en
 """
 MODULES = "/usr/lib/uml/modules"
 PATIENCE_S = 900.0  # on a busy machine
-WITNESS = "witness: "
+CONTACT, WITNESS = "witness has a contact", "witness: "
 
 BUS = f"""[Unit]
 Description=can0 as a virtual bus, with the modules of the machine outside
@@ -68,6 +68,7 @@ class UserModeBoard:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._cgroup = cgroup2() / f"palpate-board-{os.getpid()}-{folder.name}"
+        self._pressure = self._cgroup / "cpu.pressure"
         self._machine: subprocess.Popen[bytes] | None = None
 
     def boot(self, disk: Path, layer: Path | None = None, log: Path | None = None) -> None:
@@ -108,12 +109,14 @@ class UserModeBoard:
 
         waited_s: the part of contact_s in which other programs of this machine had the processor.
         """
-        end_s = time.monotonic() + PATIENCE_S
+        end_s, waited_s = time.monotonic() + PATIENCE_S, None
         while True:
             lines = (self.folder / "console").read_text(errors="replace").splitlines()
+            if waited_s is None and any(CONTACT in line for line in lines):
+                waited_s = self.waited_s()
             for line in lines:
                 if WITNESS in line and line.rstrip().endswith("}"):
-                    return {"waited_s": self.waited_s(), **json.loads(line.partition(WITNESS)[2])}
+                    return {"waited_s": waited_s, **json.loads(line.partition(WITNESS)[2])}
             assert self._machine is not None
             last = "\n".join(lines[-30:])
             assert self._machine.poll() is None, f"the machine has ended: {last}"
@@ -121,9 +124,9 @@ class UserModeBoard:
             time.sleep(0.2)
 
     def waited_s(self) -> float:
-        """Return how long the machine waited for a processor of the machine outside."""
-        total = (self._cgroup / "cpu.pressure").read_text().splitlines()[0].rpartition("total=")[2]
-        return int(total) / 1e6
+        """Return how long no program of the machine had a processor though one wanted it."""
+        full = next(line for line in self._pressure.read_text().splitlines() if line.startswith("full"))
+        return int(full.rpartition("total=")[2]) / 1e6
 
     def power_cut(self) -> None:
         """End at once: what the kernel has not written is lost."""

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Run on a board: start node 10h, wait for its first valid contact, print the releases to the console.
 
-One line "witness: " and JSON: what is active, previous, running, complete; the digest of the active release's
-files; the seconds from the kernel's start to the contact.
+A line at the contact, then one line "witness: " and JSON: what is active, previous, running, complete; the
+digest of the active release's files; the seconds from the kernel's start to the contact.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import struct
 import subprocess
 from pathlib import Path
 
-BASE = Path("/opt/palpate")
+BASE, CONSOLE = Path("/opt/palpate"), Path("/dev/console")
 FRAME = struct.Struct("<IB3x8s")
 WAITS, START, TPDO_2, VALID = 0x710, FRAME.pack(0x000, 2, b"\x01\x10"), 0x290, 0x04
 
@@ -52,6 +52,7 @@ def target(link: str) -> str:
 
 
 contact_s = wait_for_contact()
+CONSOLE.write_text("witness has a contact\n")
 active = BASE / "releases" / target("current")
 seen = {
     "contact_s": contact_s,
@@ -63,4 +64,4 @@ seen = {
     "digest": digest(active),
     "rmem_max": int(Path("/proc/sys/net/core/rmem_max").read_text()),
 }
-Path("/dev/console").write_text(f"witness: {json.dumps(seen)}\n")
+CONSOLE.write_text(f"witness: {json.dumps(seen)}\n")
