@@ -144,7 +144,9 @@ def move(
 )
 @click.pass_obj
 def reorient(path: Path, roll: float, pitch: float, yaw: float, corners_path: Path) -> None:
-    """Turn the held object far by ROLL PITCH YAW degrees: fingers lift in turn and take hold again.
+    """Turn the held object far: fingers lift in turn.
+
+    By ROLL PITCH YAW degrees; each finger takes hold again before the next one lifts.
 
     The axes are the hand's. Needs control.law = "pose" and four fingers. The turn is planned first, while the
     hand holds; `status` has a warning with the reason where it cannot be planned.
