@@ -33,6 +33,7 @@ from palpate_host.control.control_law import (
 )
 from palpate_host.control.gait.gait import Gait
 from palpate_host.control.gait.reorientation import Reorientation
+from palpate_host.control.joint_hold import JointHold, joint_hold
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
 from palpate_host.control.pose_law import PoseLaw
@@ -43,6 +44,8 @@ TRIM_LIMIT_RAD = math.radians(15.0)
 """Limit of the integral: Eq. (14) leaves an error of a few degrees, a larger one is a jammed object."""
 HELD = (Mode.GRASP, Mode.MANIPULATE, Mode.BLIND)
 """Modes in which the pose law may hold an object."""
+HELD_STILL = "a contact is too old"
+"""Why a turn by finger gaiting stops in HOLD."""
 NOT_HELD = "the turn by finger gaiting ended: the object is held no more"
 RELEASE_RATIO = 0.25
 """Opening force over grasp force."""
@@ -78,6 +81,7 @@ class Manipulation:
         self._squeezed_until_us = 0
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
+        self._still: JointHold | None = None
         self._pose: HandPose | None = None
         self.reorientation = Reorientation()
 
@@ -105,10 +109,16 @@ class Manipulation:
         """
         if self.pose_law is None:
             raise CommandError("move is refused: it needs control.law = 'pose' in hand.toml")
+        self._check_moving("move")
         shift_m = 1e-3 * np.array(xyz_mm)
         self.pose_law.check_reach(shift_m, rotation.from_rpy_deg(*rpy_deg))
         self.turn(rpy_deg, ramp_s)
         self.pose_law.shift(shift_m)
+
+    def _check_moving(self, what: str) -> None:
+        """Raise CommandError, naming the refused command, while the hand holds still in HOLD."""
+        if self._still is not None:
+            raise CommandError(f"{what} is refused: contacts are too old; wait until the hand leaves HOLD")
 
     def request_turn(
         self, rpy_deg: tuple[float, float, float], corners_mm: Sequence[tuple[float, float, float]]
@@ -121,6 +131,7 @@ class Manipulation:
         law, pose = self.pose_law, self._pose
         if law is None or law.object is None or pose is None:
             raise CommandError("reorient is refused: it needs control.law = 'pose' and a held object")
+        self._check_moving("reorient")
         if self.R_d is not None and self.turned < 1.0:
             raise CommandError("reorient is refused: the object is being turned; wait until it is there")
         was_gaiting = self.gait is not None
@@ -223,7 +234,7 @@ class Manipulation:
             normal_in_vir = R_vir_then.T @ normal
             if self.gait is None:  # it follows no finger that takes hold of another face
                 self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
-            if self.pose_law is not None:
+            if self.pose_law is not None and self._still is None:
                 self.pose_law.add_contact(finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us)
 
     def _note_friction(self, finger: int, contact: TipContact) -> None:
@@ -243,7 +254,7 @@ class Manipulation:
         self.friction[finger] = after = before.after_contact(contact, ratio)
         if contact.slip and law is not None:
             law.note_slip()
-        if law is None or not config.slip_reflex or after.slips == before.slips:
+        if law is None or not config.slip_reflex or after.slips == before.slips or self._still is not None:
             return
         if contact.received_at_us >= self._squeezed_until_us:
             self._squeezed_until_us = contact.received_at_us + ANSWER_US
@@ -263,6 +274,10 @@ class Manipulation:
         """Return the joint torques (nq,), within every limit; zero unless the mode moves joints."""
         self.friction = [one.after_tick(dt_s) for one in self.friction]
         if self.pose_law is not None:
+            if mode is Mode.HOLD and self.pose_law.object is not None:
+                u = self._still_torque_Nm(self.pose_law, pose, qdot_rad_s, R_vir, dt_s)
+                return limit_torque_Nm(u, pose.q_rad, self.gains)
+            self._still = None
             if R_vir is not None and self._holds(self.pose_law, mode, pose, R_vir, dt_s):
                 u = self._pose_torque_Nm(self.pose_law, mode, pose, qdot_rad_s, R_vir, dt_s)
                 return limit_torque_Nm(u, pose.q_rad, self.gains)
@@ -328,6 +343,25 @@ class Manipulation:
             law.R_d = self.R_d
             law.follow_shift(self.turned)
         return law.torque_Nm(pose, qdot_rad_s, friction, dt_s)
+
+    def _still_torque_Nm(
+        self, law: PoseLaw, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
+    ) -> Array:
+        """Return the torques (nq,) of HOLD with a held object: by joint angles alone.
+
+        The law's estimate follows the object meanwhile; the law goes on from there, with the same load.
+        """
+        law.advance(pose, dt_s)
+        assert law.object is not None
+        if self._still is None:
+            friction = [one.friction for one in self.friction]
+            law.rest(friction)
+            self.reorientation.give_up(law, HELD_STILL)
+            self._still = joint_hold(pose.q_rad, friction, self.gains, dt_s)
+        law.hold_here()
+        self._law_M = None if R_vir is None else R_vir.T.dot(law.object.R)
+        forces = law.still_forces(self._still.friction)
+        return self._still.torque_Nm(pose, qdot_rad_s, law.object.grip, forces, law.most_grip_N, self.gains)
 
     def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
         """Return the tips' centroid (3,) at the time when the object was first held; None while it is not."""

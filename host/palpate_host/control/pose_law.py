@@ -30,11 +30,11 @@ from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
-from palpate_host.control.grasp_forces import forces_within_cones
+from palpate_host.control.grasp_forces import ContactForces, forces_within_cones
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
-from palpate_host.control.virtual_object import VirtualObject, moments
+from palpate_host.control.virtual_object import Grip, VirtualObject, moments
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
@@ -272,12 +272,11 @@ class PoseLaw:
         away_m, turned_rad = self.place_d_m - found.place_m, rotation.log(self.R_d.dot(found.R.T))
         pull_N, twist_Nm = gains.K_p_N_m.dot(away_m), gains.K_o_Nm_rad.dot(turned_rad)
         self._note_pull(rotation.norm(pull_N), dt_s)
-        most_N = min(friction) * grip.total_weight * config.most_grip_N
-        reach_m = math.sqrt(grip.spread_m2 / grip.total_weight)
+        most_N, most_Nm = self._most_load(grip, friction)
         if self.share >= 1.0:
             self._force_I_N = _bounded(self._force_I_N + dt_s * gains.I_p_N_ms.dot(away_m), most_N)
             more_Nm = dt_s * gains.I_o_Nm_rads.dot(turned_rad)
-            self._torque_I_Nm = _bounded(self._torque_I_Nm + more_Nm, most_N * reach_m)
+            self._torque_I_Nm = _bounded(self._torque_I_Nm + more_Nm, most_Nm)
         wanted_N = pull_N - gains.D_p_Ns_m.dot(self._velocity_m_s) + self._force_I_N
         force_N = _bounded(wanted_N, most_N)
         torque_Nm = twist_Nm - gains.D_o_Nms_rad.dot(self._spin_rad_s) + self._torque_I_Nm
@@ -285,18 +284,47 @@ class PoseLaw:
         least_N = self._least_now_N(dt_s)
         relaxed_N = least_N + max(0.0, self.grip_N - least_N) * math.exp(-dt_s / config.relax_s)
         forces = forces_within_cones(
-            grip,
-            force_N,
-            _bounded(torque_Nm, most_N * reach_m),
-            friction,
-            relaxed_N,
-            max(config.most_grip_N, self._least_grip_N),
+            *(grip, force_N, _bounded(torque_Nm, most_Nm), friction, relaxed_N, self.most_grip_N)
         )
         self.grip_N, self.share, self.reserve = forces.grip_N, forces.share, forces.reserve
         self.is_grip_at_limit = self.share < 1.0 or wanted_N is not force_N
         found.set_radius(self._radius_m(forces.normal_N))
         moment_Nm = moments(grip.to_contact_m, forces.force_N)
         return force_torque_Nm(pose, qdot_rad_s, forces.force_N, self._gains, moment_Nm)
+
+    def rest(self, friction: Sequence[float]) -> None:
+        """Take the present pose as the target, and what pulls the object now as its load.
+
+        The object must be held. friction: of each tip.
+        """
+        found, gains = self._object, self.stiffness
+        assert found is not None and gains is not None
+        assert self.place_d_m is not None and self.R_d is not None
+        most_N, most_Nm = self._most_load(found.grip, friction)
+        pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
+        twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
+        self._force_I_N = _bounded(self._force_I_N + pull_N, most_N)
+        self._torque_I_Nm = _bounded(self._torque_I_Nm + twist_Nm, most_Nm)
+        self.hold_here()
+
+    def still_forces(self, friction: Sequence[float]) -> ContactForces:
+        """Return the contact forces that carry the load with the last grip; pose and target do not count."""
+        found = self._object
+        assert found is not None
+        grip, force_N = found.grip, self._force_I_N
+        torque_Nm = self._torque_I_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
+        torque_Nm = _bounded(torque_Nm, self._most_load(grip, friction)[1])
+        return forces_within_cones(grip, force_N, torque_Nm, friction, self.grip_N, self.most_grip_N)
+
+    @property
+    def most_grip_N(self) -> float:
+        """The largest normal force that a tip is commanded to press with."""
+        return max(self._config.most_grip_N, self._least_grip_N)
+
+    def _most_load(self, grip: Grip, friction: Sequence[float]) -> tuple[float, float]:
+        """Return the largest force in N and torque in N m on the object."""
+        most_N = min(friction) * grip.total_weight * self._config.most_grip_N
+        return most_N, most_N * math.sqrt(grip.spread_m2 / grip.total_weight)
 
     def _least_now_N(self, dt_s: float) -> float:
         """Return the smallest grip of this tick; it changes slowly when the hold becomes firm."""

@@ -1,5 +1,7 @@
 """The pose law: Jacobians and damping at the contacts, stable gains, what it holds and when."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -130,10 +132,41 @@ def test_the_law_begins_in_manipulate_and_after_settling_in_grasp(wide):
     for _ in range(10):
         tick(manipulation, pose, Mode.GRASP)
     assert manipulation.pose_law.object is not None
-    tick(manipulation, pose, Mode.HOLD)
+    tick(manipulation, pose, Mode.READY)
     assert manipulation.pose_law.object is None
     tick(manipulation, pose, Mode.MANIPULATE)
     assert manipulation.pose_law.object is not None
+
+
+def test_hold_keeps_the_torques_and_the_law_goes_on_with_the_same_load(wide):
+    """The law is away from its target: HOLD commands what it commanded last, and contacts change nothing."""
+    hand = wide[1]
+    manipulation = controller(wide, hand.pose(START_RAD))
+    tick(manipulation, hand.pose(START_RAD))
+    moved = hand.pose(START_RAD + np.tile([0.0, 0.0, -0.02], 3))
+    for _ in range(50):
+        last = tick(manipulation, moved)
+    law = manipulation.pose_law
+    lifted_m = law.object.place_m - law.place_d_m
+    carried_N = law.load_N - law.stiffness.K_p_N_m @ lifted_m
+    held = tick(manipulation, moved, Mode.HOLD)
+    np.testing.assert_allclose(held, last, atol=0.02)
+    with pytest.raises(
+        CommandError, match="move is refused: contacts are too old; wait until the hand leaves"
+    ):
+        manipulation.move((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 1.0)
+    manipulation.add_contact(0, touch(900_000, (0.0, 10.0, 28.3)), moved)
+    manipulation.add_contact(1, touch(900_000, None), moved)
+    np.testing.assert_allclose(tick(manipulation, moved, Mode.HOLD), held, atol=1e-12)
+    np.testing.assert_allclose(law.load_N, carried_N, atol=1e-9)
+    np.testing.assert_allclose(tick(manipulation, moved), held, atol=0.02)
+    np.testing.assert_allclose(law.load_N, carried_N, atol=1e-9)
+    held = tick(manipulation, moved, Mode.HOLD)
+    for number in range(6):
+        slips = replace(touch(900_000 + number * 33_333), shear_N=(0.2, 0.0), slip=number == 5)
+        manipulation.add_contact(2, slips, moved)
+    assert manipulation.friction[2].slips == 1
+    np.testing.assert_allclose(tick(manipulation, moved, Mode.HOLD), held, atol=1e-12)
 
 
 def test_a_displaced_object_is_pulled_back_and_the_load_is_learned(wide):

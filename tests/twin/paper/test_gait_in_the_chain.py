@@ -188,11 +188,24 @@ def test_a_lost_object_while_a_finger_is_lifted_is_a_fault():
     assert held.loop.status.reason.startswith("the object is lost: no contact of finger-1, finger-3")
 
 
-def test_a_finger_that_stays_without_contact_leads_to_hold_with_all_fingers_closed():
+def test_a_finger_that_stays_without_contact_leads_to_hold_and_the_lifted_finger_stays_lifted():
+    """HOLD keeps the object where it is; `grasp` lets the lifted finger take hold when contacts are back."""
     held = HeldHand()
     held.lift()
     held.contacts.silent.add(2)
     held.run_until(lambda status: status.mode is Mode.HOLD, 1.5)
     assert "finger-3: no contact for more than 1000 ms" in held.loop.status.reason
-    held.loop.run(0.8)
-    assert sum(one is not None for one in held.engine.tip_contacts()) == 4
+    before_m = held.engine.object_position_m
+    held.normal_N = []
+    held.loop.run(1.5)
+    assert (held.loop.status.mode, held.hold.lifted) == (Mode.HOLD, 1)
+    assert held.engine.tip_contacts()[1] is None
+    assert rotation.norm(held.engine.object_position_m - before_m) < 2e-3
+    assert max(held.normal_N) < 10.0
+    held.contacts.silent.clear()
+    held.run_until(lambda status: status.mode is Mode.MANIPULATE, 1.5)
+    assert held.hold.gait_reason == "gait stopped: a contact is too old"
+    held.command(Grasp())
+    held.run_until(lambda status: status.hold.lifted is None, 4.0)
+    assert all(finger.in_contact for finger in held.loop.status.fingers)
+    assert rotation.norm(held.engine.object_position_m - before_m) < 3e-3

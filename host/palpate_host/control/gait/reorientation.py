@@ -116,6 +116,13 @@ class Reorientation:
         else:
             self.gait = Gait(plan, law, gains)
 
+    def give_up(self, law: PoseLaw, reason: str) -> None:
+        """Stop a turn that is under way, with this reason; a lifted finger stays lifted until `grasp`."""
+        if self.request is not None:
+            self.end(f"the turn is refused: {reason}")
+        elif self.gait is not None and not self.gait.is_over:
+            self.gait.stop(law, reason)
+
     def end(self, problem: str = "") -> None:
         """Forget request and gait. problem: why the turn ended, if it has not been completed."""
         self.request = self.gait = None

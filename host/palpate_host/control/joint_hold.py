@@ -1,0 +1,81 @@
+"""The torques of HOLD under the pose law: the last wrench and grip go on, and a stiffness holds the joints.
+
+Contacts are too old, so only joint angles are used:
+
+    u = sum J_xi^T f_i - K (q - q_H) - B dq/dt + g(q),        K = c B.
+
+q_H are the joint angles at the beginning of HOLD. f_i carry the wrench and have the grip that the pose law
+commanded there, without its damping (PoseLaw.still_forces); their directions follow the object as the rolling
+tips move it, Eq. (6). Forces with a stiffness of the joints are Salisbury's active stiffness control (IEEE
+CDC 1980), in joint space.
+
+Stability: with K = c B every motion that the contacts leave to the joints, dq = A dz, has the equation
+A^T B A dz/dt = -c A^T B A z: each is the loop c e^(-sT)/s, for any contacts. c T = STABLE_SHARE
+leaves a gain margin of pi (stable_stiffness.py); c is also limited by the inertia of hand and object, which
+is not known. A joint without damping has no stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_host.control.control_law import Gains, force_torque_Nm
+from palpate_host.control.grasp_forces import ContactForces
+from palpate_host.control.kinematics import HandPose
+from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE, contact_jacobian_m
+from palpate_host.control.virtual_object import Grip, moments
+
+MOST_RATE_PER_S = 25.0
+"""Largest rate c = K/B; ticks slower than 100 Hz limit it further."""
+SINGULAR = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class JointHold:
+    """The state at the beginning of HOLD: q_H (nq,), the diagonal of K (nq,), the friction of each tip."""
+
+    q_rad: Array
+    stiffness_Nm_rad: Array
+    friction: Sequence[float]
+
+    def torque_Nm(
+        self,
+        pose: HandPose,
+        qdot_rad_s: Array,
+        grip: Grip,
+        forces: ContactForces,
+        most_N: float,
+        gains: Gains,
+    ) -> Array:
+        """Return u (nq,) before the limits of the joints.
+
+        grip, forces: the contacts and their forces. most_N: largest normal force of a tip; where the
+        stiffness would exceed it, that finger's is scaled down.
+        """
+        spring_Nm = self.stiffness_Nm_rad * (self.q_rad - pose.q_rad)
+        spring_Nm = _bounded(spring_Nm, contact_jacobian_m(pose, grip), grip.normal, most_N - forces.normal_N)
+        moment_Nm = moments(grip.to_contact_m, forces.force_N)
+        return spring_Nm + force_torque_Nm(pose, qdot_rad_s, forces.force_N, gains, moment_Nm)
+
+
+def joint_hold(q_rad: Array, friction: Sequence[float], gains: Gains, dt_s: float) -> JointHold:
+    """Return the hold of the joints at these angles (nq,). dt_s: time between ticks."""
+    rate_per_s = min(STABLE_SHARE / (DELAY_TICKS * dt_s), MOST_RATE_PER_S)
+    return JointHold(q_rad, rate_per_s * gains.B_Nms_rad, tuple(friction))
+
+
+def _bounded(torque_Nm: Array, jacobian_m: Array, normal: Array, room_N: Array) -> Array:
+    """Return torques (nq,) with which no tip presses with more than room_N (n,), at least 0.
+
+    Scales those of a finger's joints. jacobian_m: (n, 3, nq) of the contacts. normal: (n, 3), outward.
+    """
+    bounded = torque_Nm.copy()
+    for J, outward, room in zip(jacobian_m, normal, room_N.tolist(), strict=True):
+        pressing_N = -float(outward.dot(np.linalg.pinv(J.T, rcond=SINGULAR).dot(torque_Nm)))  # f = (J^T)^+ u
+        if pressing_N > room:
+            bounded[np.any(J != 0.0, axis=0)] *= max(room, 0.0) / pressing_N
+    return bounded
