@@ -13,7 +13,7 @@ class Mode(enum.Enum):
     HOME = "home"  # drives without a zero are homed
     READY = "ready"  # drives are enabled, torque 0; waits for the first frames and for a command
     GRASP = "grasp"  # closing and holding: u_sg
-    HOLD = "hold"  # u_sg alone, since turning is not possible now
+    HOLD = "hold"  # u_sg, or the last forces of the pose law: turning is not possible now
     MANIPULATE = "manipulate"  # Eqs. (9)-(16), contacts correct the desired frame
     BLIND = "blind"  # Eqs. (9)-(14), desired frame frozen or by joint angles alone
     RELEASE = "release"  # opening, for a time

@@ -118,6 +118,7 @@ def test_a_quarter_turn_by_command(axis, seed):
     goal = rotation.from_rpy_deg(*rpy_deg) @ held.start_R
     assert rotation.angle_deg(goal @ held.engine.object_rotation.T) < 2.0
     assert held.moved_m[-1] < 2e-3
+    assert max(held.moved_m) < 3e-3
     assert max(held.normal_N) < 10.0
 
 

@@ -33,7 +33,8 @@ from palpate_host.control.pose_law import PoseLaw
 from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE
 
 TURN_RAD_S = math.radians(12.0)
-SHIFT_S = 0.6
+SHIFT_S = 1.2
+"""Time in which shares and stiffness change. In half of it the grip rises too fast, and moves the object."""
 SETTLE_S, SETTLED_DEG, SETTLE_TIMEOUT_S = 0.3, 1.0, 3.0
 LIFT_M_S, CARRY_M_S, APPROACH_M_S = 0.04, 0.10, 0.015
 OVERTRAVEL_M = 0.006
