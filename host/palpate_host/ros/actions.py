@@ -1,4 +1,4 @@
-"""The action servers of one hand, with rclpy and palpate_msgs: grasp, turn, move and release.
+"""The action servers of one hand, with rclpy and palpate_msgs: grasp, turn, move, reorient and release.
 
 One goal is open at a time, as the host has one command at a time: a later goal replaces it. Requests are
 handled in the node's thread, ticks in the thread that reads them.
@@ -30,6 +30,7 @@ SUCCESS = {
     types.Grasp: "grasped",
     types.Turn: "reached",
     types.Move: "reached",
+    types.Reorient: "reached",
     types.Release: "released",
 }
 """The field of each result that is true at success."""
@@ -96,6 +97,7 @@ class HandActions:
                 ("grasp", types.Grasp, self._grasp),
                 ("turn", types.Turn, self._turn),
                 ("move", types.Move, self._move),
+                ("reorient", types.Reorient, self._reorient),
                 ("release", types.Release, self._release),
             )
         }
@@ -218,6 +220,10 @@ class HandActions:
     def _turn(self, goal: Any) -> GoalRequest:
         rpy_rad = goal.rpy.x, goal.rpy.y, goal.rpy.z
         return self._rules.turn(rpy_rad, goal.duration, goal.tolerance, goal.timeout)
+
+    def _reorient(self, goal: Any) -> GoalRequest:
+        rpy_rad = goal.rpy.x, goal.rpy.y, goal.rpy.z
+        return self._rules.reorient(rpy_rad, [(one.x, one.y, one.z) for one in goal.corners], goal.timeout)
 
     def _move(self, goal: Any) -> GoalRequest:
         place, turn = goal.pose.pose.position, goal.pose.pose.orientation

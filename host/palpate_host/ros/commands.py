@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from palpate_host.common.command import CommandError, Move, Rotate
+from palpate_host.common.command import CommandError, Move, Reorient, Rotate
 from palpate_host.common.rotation import to_rpy_deg
 from palpate_host.ros.message_contents import Vector
 
@@ -19,6 +20,13 @@ def turn_of(rpy_rad: Vector, ramp_s: float | None = None) -> Rotate:
     """Return the command for a geometry_msgs/Vector3: roll, pitch, yaw about the hand's fixed axes."""
     roll_deg, pitch_deg, yaw_deg = map(math.degrees, rpy_rad)
     return Rotate((roll_deg, pitch_deg, yaw_deg), ramp_s)
+
+
+def reorient_of(rpy_rad: Vector, corners_m: Sequence[Vector]) -> Reorient:
+    """Return the command for the goal of palpate_msgs/Reorient."""
+    roll_deg, pitch_deg, yaw_deg = map(math.degrees, rpy_rad)
+    corners_mm = tuple((1000.0 * x, 1000.0 * y, 1000.0 * z) for x, y, z in corners_m)
+    return Reorient((roll_deg, pitch_deg, yaw_deg), corners_mm)
 
 
 def move_of(

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from palpate_host.common.command import Command, CommandError, Grasp, Release
 from palpate_host.common.mode import Mode
-from palpate_host.ros.commands import move_of, turn_of
-from palpate_host.ros.goals import Judge, OpenHand, ReachTarget, TouchObject
+from palpate_host.ros.commands import move_of, reorient_of, turn_of
+from palpate_host.ros.goals import CompleteGait, Judge, OpenHand, ReachTarget, TouchObject
 from palpate_host.ros.message_contents import Vector
 
 LONGEST_DURATION_S, LONGEST_TIMEOUT_S = 600.0, 3600.0
 GRASP_S = RELEASE_S = 10.0
 """Default timeouts."""
+REORIENT_S = 300.0
+"""Default timeout of a turn by finger gaiting, with its plan."""
 SETTLING_S = 15.0
 """Default time that a turn or move may take beyond its duration."""
 TOLERANCE_RAD, POSITION_TOLERANCE_M = 0.02, 0.001
@@ -56,6 +58,11 @@ class GoalRules:
         tolerance_deg = math.degrees(_or_default("tolerance", tolerance_rad, TOLERANCE_RAD, math.pi))
         judge = ReachTarget(tolerance_deg, math.inf, self.measured_in)
         return GoalRequest(command, judge, self._timeout_s(duration_s, timeout_s), may_cancel=True)
+
+    def reorient(self, rpy_rad: Vector, corners_m: Sequence[Vector], timeout_s: float) -> GoalRequest:
+        """Return the request for palpate_msgs/Reorient. Raises CommandError for a timeout out of range."""
+        command = reorient_of(rpy_rad, corners_m)
+        return GoalRequest(command, CompleteGait(), _timeout_s(timeout_s, REORIENT_S), may_cancel=True)
 
     def move(
         self,

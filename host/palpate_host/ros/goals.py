@@ -85,6 +85,24 @@ class ReachTarget:
         return place_error_mm is not None and place_error_mm <= self._place_tolerance_mm
 
 
+class CompleteGait:
+    """The condition of reorient: the turn by finger gaiting is done.
+
+    A turn that is refused or stopped leaves the object held as it is, perhaps with a lifted finger.
+    """
+
+    turns_object = True
+
+    def judge(self, status: HostStatus) -> GoalOutcome | None:
+        """Return an outcome when the turn is done, refused or stopped, or the object is held no more."""
+        if status.mode not in TURNING + HOLDING:
+            return GoalOutcome(False, reason_of(status))
+        hold = status.hold
+        if hold is None or hold.gait not in ("done", "stopped", "refused"):
+            return None
+        return GoalOutcome(True) if hold.gait == "done" else GoalOutcome(False, hold.gait_reason)
+
+
 class TouchObject:
     """The condition of grasp: every finger in contact."""
 

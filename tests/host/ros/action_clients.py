@@ -12,7 +12,7 @@ SUCCEEDED, CANCELED, ABORTED, EXECUTING = 4, 5, 6, 2
 
 
 class ActionClients:
-    """Clients of the four actions. Each goal keeps its feedback; its result is waited for."""
+    """Clients of the actions. Each goal keeps its feedback; its result is waited for."""
 
     def __init__(self, listener: Listener, namespace: str = "") -> None:
         from rclpy.action import ActionClient
@@ -23,7 +23,7 @@ class ActionClients:
         )
         self.clients = {
             name: ActionClient(listener.node, getattr(self.types, name.title()), namespace + name)
-            for name in ("grasp", "turn", "move", "release")
+            for name in ("grasp", "turn", "move", "reorient", "release")
         }
         self.refusals = listener.subscribe(String, namespace + "response")
         self.feedback: list[Any] = []

@@ -17,6 +17,7 @@ from tests.host.ros.twin_on_socket import WIDE, TwinOnSocket
 from palpate_host.common.mode import Mode
 
 pytestmark = pytest.mark.ros
+FOUR_FINGERS = "reorient: the turn is refused: a hand of 3 fingers holds with too few while one lifts"
 
 
 @pytest.fixture(scope="module")
@@ -77,11 +78,14 @@ def test_grasp_turn_and_move_succeed_and_the_object_is_there(
 def test_a_refused_goal_has_its_reason_on_the_topic_response(
     twin: TwinOnSocket, client: ActionClients
 ) -> None:
-    from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+    from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
 
+    client.result(client.send("grasp"))  # ends the turn with which the twin begins
+    cube = [Point(x=x, y=y, z=z) for x in (-0.02, 0.02) for y in (-0.02, 0.02) for z in (0.08, 0.12)]
     far = PoseStamped(pose=Pose(position=Point(x=0.5), orientation=Quaternion(w=1.0)))
     for name, fields, reason in (
         ("move", {"pose": far}, "move: move is refused: 500.0 mm from where the hold began"),
+        ("reorient", {"rpy": Vector3(z=1.5), "corners": cube}, FOUR_FINGERS),
         ("turn", {"tolerance": -1.0}, "turn: tolerance = -1 is not within 0 and 3.14159"),
         ("turn", {"duration": math.nan}, "turn: duration = nan is not within 0 and 600"),
     ):

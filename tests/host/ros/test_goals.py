@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import pytest
 
-from palpate_host.common.command import Command, CommandError, Grasp, Move, Release, Rotate, Stop
+from palpate_host.common.command import Command, CommandError, Grasp, Move, Release, Reorient, Rotate, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import Counters, HoldStatus, HostStatus
 from palpate_host.common.tick_inputs import BusLost, HostEvent, HostInput, TickInputs
@@ -124,6 +125,29 @@ def test_a_move_is_reached_when_the_place_is_too() -> None:
     for far_mm in (0.6, None):
         far = (status(tick, place_error_mm=far_mm) for tick in range(1, 199))
         assert ends(move(), far) is None
+
+
+def test_a_turn_by_gaiting_ends_when_it_is_done_refused_or_stopped_or_the_hold_ends() -> None:
+    corners_m = [(0.02, 0.0, 0.1), (-0.02, 0.0, 0.1), (0.0, 0.02, 0.1), (0.0, 0.0, 0.12)]
+    request = RULES.reorient((0.0, 0.0, math.pi / 2), corners_m, 0.0)
+    assert isinstance(request.command, Reorient)
+    assert request.command.rpy_deg == pytest.approx((0.0, 0.0, 90.0))
+    assert request.command.corners_mm[3] == pytest.approx((0.0, 0.0, 120.0))
+
+    def gaiting(tick: int, gait: str, mode: Mode = Mode.MANIPULATE) -> HostStatus:
+        hold = HoldStatus((), (), (), (), None, False, gait=gait, gait_reason=f"why {gait}")
+        return replace(status(tick, mode), hold=hold)
+
+    under_way = [gaiting(1, "planning"), gaiting(2, "turn"), gaiting(3, "lift", Mode.BLIND)]
+    assert ends(request, under_way) is None
+    for gait in ("done", "refused", "stopped"):
+        outcome = GoalOutcome(True) if gait == "done" else GoalOutcome(False, f"why {gait}")
+        assert ends(request, [*under_way, gaiting(4, gait)]) == (4, outcome)
+    held = ends(request, [*under_way, gaiting(4, "stopped", Mode.HOLD)])
+    assert held == (4, GoalOutcome(False, "why stopped"))
+    assert ends(request, [*under_way, status(4, Mode.RELEASE)]) == (4, GoalOutcome(False, "release: because"))
+    late = ends(request, (gaiting(tick, "turn") for tick in range(1, 30_010)))
+    assert late == (30_001, GoalOutcome(False, "not within 300 s (manipulate: because)", must_hold=True))
 
 
 def test_a_release_ends_in_ready_and_a_grasp_that_touches_nothing_late_and_without_a_hold() -> None:
