@@ -16,6 +16,7 @@ from palpate_edge.calibration.mounting import check_mounting, find_mounting
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, JigErrors
+from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
@@ -49,13 +50,13 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, regression, jig, typical = b"", None, None, None
+    model, regression, jig, typical, contact_fields = b"", None, None, None, None
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
         measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
         typical = _typical_fields(dataset.sensor, dome, measured)
-        model, regression = _train(
+        model, regression, contact_fields = _train(
             dataset.sensor, dome, measured, typical, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
@@ -77,6 +78,7 @@ def calibrate(
         fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
         bead_noise_px=measured.bead_noise_px,
         typical=msgspec.UNSET if typical is None else typical,
+        contact_fields=msgspec.UNSET if contact_fields is None else contact_fields,
     )
 
 
@@ -210,8 +212,12 @@ def _train(
     measured: Measured,
     typical: TypicalFields | None,
     progress: Callable[[int], None],
-) -> tuple[bytes, Regression]:
-    """The correction model's ONNX file, and the regression in it."""
+) -> tuple[bytes, Regression, ContactFields | None]:
+    """Return the correction model's ONNX file, the regression in it, and the sensor's contact fields.
+
+    There are contact fields only where there are typical ones and where they improve the places.
+    """
+    from palpate_edge.calibration.contact_fit.combined_place import fit_combined_place  # noqa: PLC0415
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
@@ -230,7 +236,20 @@ def _train(
         lambda done, steps: progress(TRAINING_STEPS * done // steps),
         weighed_samples(measured, reader),
     )
-    return export(regression, sensor.fingerprint(), dome.fields), regression
+    model = export(regression, sensor.fingerprint(), dome.fields)
+    if typical is None:
+        return model, regression, None
+    combined = fit_combined_place(
+        reader,
+        measured.bead_noise_px,
+        presses,
+        dome.for_markers(radius_mm),
+        regression,
+        sensor.dome.outer_radius_mm,
+    )
+    if combined is None:
+        return model, regression, None
+    return model, replace(regression, regions=combined.regions), combined.fields
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:

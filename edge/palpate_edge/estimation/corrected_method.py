@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import msgspec
+import numpy as np
 
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.calibration import Calibration
-from palpate_edge.estimation.correction_model import CorrectionModel
-from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
+from palpate_edge.estimation.contact_fit.contact_fitter import ContactFitter, FitStart
+from palpate_edge.estimation.correction_model import Correction, CorrectionModel
+from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader
 from palpate_edge.estimation.frame_record import FrameRecord, LocatedContact
+from palpate_edge.estimation.skin_motion import faintness
 
 
 class CorrectedMethod:
@@ -18,12 +22,20 @@ class CorrectedMethod:
         """reader: of the beads' reference."""
         self._dome_radius_mm = calibration.sensor.dome.outer_radius_mm
         self._gives_force = calibration.stiffness_scale is not None
+        self._threshold_px = calibration.contact_threshold_px
         self._reader = reader
         self._model = model
+        fields = calibration.contact_fields
+        self._fitter: ContactFitter | None = None
+        if isinstance(fields, ContactFields):
+            self._fitter = ContactFitter(fields, reader, calibration.noise_px)
 
     def locate(self, record: FrameRecord) -> LocatedContact:
         """Return the contact; the normal force is the force's component along the inward normal."""
-        result = self._model.correct(self._reader.read(record.beads, hidden=record.hidden))
+        field = self._reader.read(record.beads, hidden=record.hidden)
+        result = self._model.correct(field)
+        if self._fitter is not None:
+            result = self._improved(self._fitter, result, field, record)
         (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
         radius_mm = self._dome_radius_mm
         position = radius_mm * x, radius_mm * y, radius_mm * z
@@ -41,6 +53,24 @@ class CorrectedMethod:
         normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
         return msgspec.structs.replace(
             located, normal_force_N=normal_N, force_N=result.force_N, force95_N=result.force95_N
+        )
+
+    def _improved(
+        self, fitter: ContactFitter, result: Correction, field: CanonicalField, record: FrameRecord
+    ) -> Correction:
+        """Return the correction with the place that fits the measured displacement better."""
+        motion = record.motion
+        start = FitStart(
+            result.direction,
+            result.force_N,
+            field.azimuth_rad,
+            float(np.linalg.norm(field.values)),
+            faintness(motion.size_px / motion.noise, self._threshold_px),
+        )
+        return msgspec.structs.replace(
+            result,
+            direction=fitter.combined_direction(record.beads, start),
+            radius95_mm=fitter.radius_scale * result.radius95_mm,
         )
 
 

@@ -137,7 +137,7 @@ class DisplacementReader:
         turn_rad: added to the canonical frame's azimuth, to vary training samples; hidden: result of
         :meth:`hidden` for these beads, if known.
         """
-        pixels = beads.position_px - self._reference_px
+        pixels = self.displacement_px(beads)
         hidden = hidden or self.hidden(beads)
         if self._smoother is not None:
             weights = self._inverse @ self._on_sphere_mm(self._smoother.smooth(pixels, beads))
@@ -146,10 +146,22 @@ class DisplacementReader:
         azimuth_rad = self._azimuth_rad(self._covariance @ weights) + turn_rad
         # float32: fields accurate to 1e-6 in a third of the time
         turn = rotation_about_z(azimuth_rad).astype(np.float32)
-        covariance = _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
+        covariance = self.canonical_kernel(azimuth_rad)
         field = covariance @ weights.astype(np.float32) @ turn
         values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
         return CanonicalField(values, azimuth_rad, hidden.blind_spot)
+
+    def displacement_px(self, beads: Beads) -> Array:
+        """Return the measured displacement (n, 2) of the beads from the untouched ones."""
+        return np.asarray(beads.position_px - self._reference_px)
+
+    def canonical_kernel(self, azimuth_rad: float) -> NDArray[np.float32]:
+        """Return the covariance (g, n) of the canonical directions and the beads.
+
+        azimuth_rad: of the canonical frame.
+        """
+        turn = rotation_about_z(azimuth_rad).astype(np.float32)
+        return _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
 
     def _on_sphere_mm(self, displacement_px: Array) -> Array:
         """Return displacements (n, 3) on the sphere of displacements (n, 2) in the image."""
@@ -206,10 +218,25 @@ def interpolation(directions: Array, turn_rad: float) -> Array:
     turn_rad: azimuth of the canonical frame.
     """
     turn = rotation_about_z(turn_rad)
-    inverse = np.linalg.inv(kernel(_DIRECTIONS, _DIRECTIONS) + BEAD_NOISE * np.eye(len(_DIRECTIONS)))
-    weights = kernel(directions, _DIRECTIONS @ turn.T) @ inverse
+    weights = kernel(directions, _DIRECTIONS @ turn.T) @ _inverse_kernel()
     parts = [weights[:, None, :] * (basis @ turn.T).T[None] for basis in (_MERIDIONAL, _AZIMUTHAL)]
     return np.concatenate(parts, axis=2)
+
+
+def kernel_weights(fields: Array) -> Array:
+    """Return the weights (m, g, 3), in the canonical frame, of the kernels about the canonical directions.
+
+    Their sum is the displacement that canonical fields (m, 2 g) interpolate to.
+    """
+    count = len(_DIRECTIONS)
+    moved = fields[:, :count, None] * _MERIDIONAL + fields[:, count:, None] * _AZIMUTHAL
+    return np.asarray(_inverse_kernel() @ moved)
+
+
+def _inverse_kernel() -> Array:
+    """Return the inverse (g, g) of the covariance of the canonical directions, with the beads' noise."""
+    covariance = kernel(_DIRECTIONS, _DIRECTIONS) + BEAD_NOISE * np.eye(len(_DIRECTIONS))
+    return np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 def tangent_basis(directions: Array) -> tuple[Array, Array]:

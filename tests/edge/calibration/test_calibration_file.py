@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.calibration.calibration_file import check_sensor, load_calibration, save_calibration
 from palpate_edge.common.errors import CalibrationError
+from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
+from palpate_edge.estimation.pose.kernel_expansion import packed
 
 ONE_FILE_A_TEST = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -24,6 +27,18 @@ def test_round_trip(drawn_calibration, tmp_path):
     read = load_calibration(tmp_path / "a.cal")
     assert msgspec.structs.replace(read, checksum="") == drawn_calibration
     assert [path.name for path in tmp_path.iterdir()] == ["a.cal"]
+
+
+def test_contact_fields_are_read_back_and_a_file_without_them_is_one_of_an_earlier_version(
+    drawn_calibration, tmp_path
+):
+    fields = ContactFields(*(packed(np.full((2, 3), 0.1 * n)) for n in range(4)), share=0.5, radius_scale=0.9)
+    calibration = msgspec.structs.replace(drawn_calibration, contact_fields=fields)
+    save_calibration(calibration, tmp_path / "a.cal")
+    assert load_calibration(tmp_path / "a.cal").contact_fields == fields
+    save_calibration(drawn_calibration, tmp_path / "b.cal")
+    assert b"contact_fields" not in (tmp_path / "b.cal").read_bytes()
+    assert load_calibration(tmp_path / "b.cal").contact_fields is msgspec.UNSET
 
 
 def test_saving_again_gives_the_same_bytes(drawn_calibration, drawn_calibration_file, tmp_path):

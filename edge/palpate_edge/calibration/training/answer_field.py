@@ -16,9 +16,9 @@ from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.samples import Samples
 from palpate_edge.common.arrays import Array
+from palpate_edge.estimation.contact_fit.contact_fields import FORCE_WEIGHT, PLACE_WEIGHT, SIZE_WEIGHT
 
 LENGTH = 1.0
-PLACE_WEIGHT, FORCE_WEIGHT, SIZE_WEIGHT = 2.0, 2.0, 0.3  # of the answer's parts before the kernel
 OWN_RIDGE, DOME_RIDGE = 1e-3, 1e-1  # another dome's fields count little where the sensor's own are near
 MOST_CENTRES = 800  # of each kind: an answer has but five degrees of freedom
 KEPT_CENTRES = 250

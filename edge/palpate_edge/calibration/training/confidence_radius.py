@@ -34,19 +34,28 @@ TYPICAL = TypicalErrors(NormalDist(0.0, 0.70), flattery_presses=6.0)
 class ConfidenceRadius:
     """log radius = level + kernel sum with weights (s,) + hidden_slope times the hidden beads' blind spot.
 
-    held (s,): whether the left-out error of a sample is within its left-out radius.
+    held (s,): whether the left-out error of a sample is within its left-out radius; left_out_mm (s,): that
+    radius, as wide as the touch is faint; limit: part of the level, the limit of the logarithms of errors
+    over the typical one. The last two are empty and 0 without presses.
     """
 
     level: float
     weights: Array
     hidden_slope: float
     held: Mask
+    left_out_mm: Array
+    limit: float
 
 
 def constant_radius(radius_mm: float) -> ConfidenceRadius:
     """For a sensor of which no press is known; radius_mm: of its dome."""
     return ConfidenceRadius(
-        float(np.log(UNTAUGHT * radius_mm)), np.zeros(0), UNTAUGHT_HIDDEN_SLOPE, np.zeros(0, np.bool_)
+        float(np.log(UNTAUGHT * radius_mm)),
+        np.zeros(0),
+        UNTAUGHT_HIDDEN_SLOPE,
+        np.zeros(0, np.bool_),
+        np.zeros(0),
+        0.0,
     )
 
 
@@ -74,7 +83,24 @@ def fit_radius(
     weights = factor.T @ (factor @ rest)
     above = left_out_residuals(factor, weights[:, None], groups)[:, 0]
     limit = upper_limit(above[samples.plain], presses, TYPICAL)
-    return ConfidenceRadius(float(level) + limit, weights, slope, np.asarray(above <= limit))
+    left_out_mm = farther * np.exp(log_error - above + limit)
+    return ConfidenceRadius(
+        float(level) + limit, weights, slope, np.asarray(above <= limit), left_out_mm, limit
+    )
+
+
+def combined_radius(
+    radius: ConfidenceRadius, error_mm: Array, samples: Samples, radius_mm: float
+) -> tuple[float, Mask]:
+    """Return the 95 % radius of other places of the same samples over `radius`, and whether it holds (s,).
+
+    error_mm (s,): left-out errors of these places; radius: of the samples; radius_mm: of the dome.
+    """
+    floor_mm = FLOOR * radius_mm * samples.faintness
+    above = np.log((error_mm + floor_mm) / radius.left_out_mm) + radius.limit
+    presses = len(np.unique(samples.press))
+    limit = upper_limit(above[samples.plain], presses, TYPICAL)
+    return float(np.exp(limit - radius.limit)), np.asarray(above <= limit)
 
 
 def _left_out_strangeness(samples: Samples, groups: list[NDArray[np.intp]]) -> Array:

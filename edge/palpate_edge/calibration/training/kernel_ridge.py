@@ -52,6 +52,19 @@ FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Predictions of samples by models that have not seen their press.
+
+    samples: with forces assumed where they are unknown; targets (s, 6): direction, and force over the field's
+    size in N/mm, in the canonical frame; radius: with left-out radii of the samples.
+    """
+
+    samples: Samples
+    targets: Array
+    radius: ConfidenceRadius
+
+
+@dataclass(frozen=True, slots=True)
 class Regression:
     """A fitted model.
 
@@ -60,7 +73,8 @@ class Regression:
     sensor over the dome model's; None without presses of known force, and then forces are the dome's.
     answer_field: what field an answer would make. torsion_weights (c,): torsion over size, N; None without
     presses of known torsion. force95, torsion95: 95 % half widths of force and torsion, None where unknown.
-    apex: of weighed presses, when the stiffness comes from them. regions: errors of presses left out in turn.
+    apex: of weighed presses, when the stiffness comes from them. regions: errors of presses left out in turn;
+    left_out: predictions of these, None with too few.
     """
 
     projection: Projection
@@ -76,6 +90,7 @@ class Regression:
     torsion95: Interval | None = None
     apex: ApexStiffness | None = None
     regions: tuple[RegionErrors, ...] = ()
+    left_out: LeftOut | None = None
 
     def predict(self, fields: Array, hidden: Array) -> tuple[Array, Array, Array]:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
@@ -169,7 +184,11 @@ def fit(
     if samples is None or left_out is None:
         return regression
     error_mm = _position_error_mm(left_out, samples, radius_mm)
-    regression = replace(regression, regions=region_errors(samples, error_mm, radius.held))
+    regression = replace(
+        regression,
+        regions=region_errors(samples, error_mm, radius.held),
+        left_out=LeftOut(samples, left_out, radius),
+    )
     if has_forces:
         size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
         missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)

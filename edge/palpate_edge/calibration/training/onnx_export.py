@@ -17,12 +17,12 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from palpate_edge.calibration.training.answer_field import FORCE_WEIGHT, LENGTH, PLACE_WEIGHT
-from palpate_edge.calibration.training.answer_field import SIZE_WEIGHT as ANSWER_SIZE_WEIGHT
+from palpate_edge.calibration.training.answer_field import LENGTH
 from palpate_edge.calibration.training.interval import Interval
 from palpate_edge.calibration.training.kernel_ridge import Regression
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
+from palpate_edge.estimation.contact_fit.contact_fields import FORCE_WEIGHT, PLACE_WEIGHT, SIZE_WEIGHT
 from palpate_edge.estimation.contact_validation import MAX_MISFIT
 from palpate_edge.estimation.correction_model import (
     FORCE_OUTPUTS,
@@ -164,7 +164,7 @@ def _answer_parts() -> Array:
     parts = np.zeros((7, 8))
     parts[:3, :3] = PLACE_WEIGHT * np.eye(3)
     parts[:3, 3:6] = parts[3:6, 3:6] = FORCE_WEIGHT * np.eye(3)
-    parts[6, 6] = ANSWER_SIZE_WEIGHT
+    parts[6, 6] = SIZE_WEIGHT
     return np.asarray(parts / (2 * LENGTH))
 
 
