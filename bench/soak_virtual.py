@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Minute:
 
 
 class TimedHost:
-    """Host core that stores the processor time of every tick."""
+    """The host core, with the processor time of every tick."""
 
     def __init__(self, core: HostCore) -> None:
         self._core = core
@@ -62,8 +63,8 @@ class TimedHost:
             self.tick_s.append(time.thread_time() - begin_s)
         return output
 
-    def command(self, rotate: Rotate) -> None:
-        self._core.command(rotate)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._core, name)
 
 
 def minutes(duration_s: float, every_s: float = 60.0, seed: int = 0) -> Iterator[Minute]:

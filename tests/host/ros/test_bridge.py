@@ -83,15 +83,17 @@ def test_a_silent_host_is_published_within_200_ms(
 
     The median of five, since the host here is an ordinary process, whose last tick may be late.
     """
+    from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import String
 
     bridge(HAND, tmp_path / "host.sock", "--real-time")
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     modes: list[tuple[str, int]] = []
     listener.node.create_subscription(
         String,
         "mode",
         lambda message, info: modes.append((message.data, info["source_timestamp"] // 1000)),
-        10,
+        latched,
     )
     silences_ms = []
     for _ in range(5):
