@@ -34,6 +34,10 @@ MODEL_ERROR = 0.15  # of the contact fields, over the frame's displacement
 LEAST_SIGNAL = 0.1  # of a frame's mean square displacement; the rest is noise at most
 PLACE_SIGMA_RAD = 0.008  # of the correction model's place for a firm contact; times the faintness
 WAY_SIGMA_RAD, SIZE_SIGMA = 0.1, 0.5  # of the force's way, of the logarithm of the size
+LEAST_FORCE_N, LEAST_SIZE_MM = (
+    1e-6,
+    1e-6,
+)  # below, a force points at the dome's centre, and a field has this size
 LARGEST_TURN_RAD = 0.35  # in a step, of place and way together
 LARGEST_GROWTH = 0.7  # in a step, of the logarithm of the size
 
@@ -86,8 +90,9 @@ class ContactFitter:
         measured = self._reader.displacement_px(beads)
         weight = self._bead_weights(measured, beads)
         place, way = turn.T @ start.direction, turn.T @ start.force_N
-        way /= max(float(np.linalg.norm(way)), 1e-12)
-        log_size = math.log(start.size_mm)
+        force_N = math.sqrt(float(way @ way))
+        way = way / force_N if force_N > LEAST_FORCE_N else -place
+        log_size = math.log(max(start.size_mm, LEAST_SIZE_MM))
         precision = _precision(start.faintness)
         moved = np.zeros(5)
         for _ in range(STEPS):

@@ -149,3 +149,10 @@ def test_a_contact_turned_about_the_axis_moves_the_fit_with_it(reader, dome, fie
         ),
     )
     assert again == pytest.approx(turn @ fitted, abs=2e-3)
+
+
+def test_an_answer_without_force_or_size_is_fitted_too(reader, dome, fields):
+    fitter = ContactFitter(fields, reader, NOISE_PX)
+    touch = Touch(reader, dome, 401, NOISE_PX)
+    for start in (touch.start._replace(force_N=(0.0, 0.0, 0.0)), touch.start._replace(size_mm=0.0)):
+        assert np.linalg.norm(fitter.fitted_direction(touch.beads(), start)) == pytest.approx(1.0)
