@@ -56,8 +56,8 @@ class LooseBeads:
             self._count = len(blobs.strength)
             self._weakest = WEAKEST_SHARE * float(blobs.strength.min()) if self._count else 0.0
         elif self._count:
-            blobs = find_blobs(plane(image, self._appearance), self._diameter_px, self._weakest)
-            blobs = blobs.strongest(self._count)
+            dark = plane(image, self._appearance)
+            blobs = find_blobs(dark, self._diameter_px, self._weakest, most=self._count)
         else:
             return BeadsShown([], [], [])
         places = blobs.position_px.round(PLACE_DIGITS).tolist()

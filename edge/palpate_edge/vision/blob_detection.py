@@ -33,11 +33,17 @@ class Blobs(msgspec.Struct, frozen=True):
 
 
 def find_blobs(
-    dark: Plane, diameter_px: float, min_strength: float = MIN_STRENGTH, *, halvings: int = 0
+    dark: Plane,
+    diameter_px: float,
+    min_strength: float = MIN_STRENGTH,
+    *,
+    most: int | None = None,
+    halvings: int = 0,
 ) -> Blobs:
-    """Return all dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
+    """Return dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
 
-    halvings: how often the plane was halved before; diameter_px and the blobs' places are of the whole image.
+    most: at most so many, the strongest; None: all. halvings: how often the plane was halved before;
+    diameter_px and the blobs' places are of the whole image.
 
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
     Large blobs are searched at a half or a quarter of the resolution: their filter is then as wide as small
@@ -68,7 +74,7 @@ def find_blobs(
     peak[0] = peak[-1] = peak[:, 0] = peak[:, -1] = False
     index = peak.ravel().nonzero()[0]
     strength = to_strength * np.sqrt(determinant.ravel()[index]).astype(np.float64)
-    order = np.argsort(-strength, kind="stable")
+    order = np.argsort(-strength, kind="stable")[:most]
     place = _highest_points(determinant, index[order])
     place *= binning
     place += 0.5 * (binning - 1)

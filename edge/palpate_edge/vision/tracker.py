@@ -117,15 +117,17 @@ class Tracker:
             beads = self._in_whole_image(dark, halvings)
             self._accepted_lost = len(beads.lost)
             self._jumped = self._labels.has_jumped((beads.position_px, beads.found), self._last_px)
-            self._rest_shows = self._is_shown_at_rest(beads)
+            is_near = self._windows.reaches(self._reference.position_px, beads.position_px)
+            self._rest_shows = bool(is_near.all()) and len(beads.lost) <= MAX_LOST_AFTER_JUMP * len(is_near)
         else:
             self._jumped, self._rest_shows = False, True
             beads = Beads.from_positions(*labelling)
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
-        if fit is not None:
+        if fit is None:
+            if (noise := self._windows.noise(beads.found)) is not None:
+                beads = msgspec.structs.replace(beads, noise=noise)
+        else:
             beads = self._by_symmetry(fit, beads)
-        elif (noise := self._windows.noise(beads.found)) is not None:
-            beads = msgspec.structs.replace(beads, noise=noise)
         self.counters.frames += 1
         if len(beads.lost):
             self.counters.beads_lost += len(beads.lost)
@@ -210,11 +212,6 @@ class Tracker:
             return labelling
         return labelling if self._is_plausible(labelling) else None
 
-    def _is_shown_at_rest(self, beads: Beads) -> bool:
-        """Return whether windows about the reference's places show such a frame."""
-        is_near = self._windows.reaches(self._reference.position_px, beads.position_px)
-        return len(beads.lost) <= MAX_LOST_AFTER_JUMP * len(beads.found) and bool(is_near.all())
-
     def _is_plausible(self, labelling: Labelling) -> bool:
         """Return whether nearly all beads were found and are displaced like their neighbours."""
         position_px, found = labelling
@@ -225,8 +222,9 @@ class Tracker:
     def _in_whole_image(self, dark: Plane, halvings: int) -> Beads:
         """Match the blobs of the whole image with the beads."""
         self.counters.searches += 1
-        blobs = find_blobs(dark, self._diameter_px, self._min_strength, halvings=halvings)
-        blobs = blobs.strongest(self._max_blobs)
+        blobs = find_blobs(
+            dark, self._diameter_px, self._min_strength, most=self._max_blobs, halvings=halvings
+        )
         hypotheses = (
             [self._reference.position_px]
             if self._is_reference

@@ -23,7 +23,7 @@ class SpotDetector:
 
     def find(self, dark: Plane) -> Blobs:
         """Return the spots in a plane (see appearance.plane), the strongest first."""
-        blobs = find_blobs(dark, self._diameter_px, self._weakest).strongest(self._most)
+        blobs = find_blobs(dark, self._diameter_px, self._weakest, most=self._most)
         rough_px = blobs.position_px
         if not len(rough_px):
             return blobs
