@@ -49,7 +49,7 @@ def test_a_turn_without_regrasp_ends_where_it_should():
         run.control.start_gait(small_turn(run.control.pose_law))
     with pytest.raises(CommandError, match="finger gaiting is under way"):
         run.control.turn((0.0, 0.0, 1.0), 1.0)
-    run.run_until(2.0)
+    run.run_until(4.0)
     assert run.control.gait.phase is GaitPhase.DONE
     turned = rotation.log(engine.object_rotation @ before.T)
     np.testing.assert_allclose(np.degrees(turned), [0.0, 0.0, 2.0], atol=0.4)
