@@ -57,7 +57,7 @@ class PythonCanLink:
 
     def _send(self, frame: CanFrame) -> bool:
         try:
-            self._bus.send(_message(frame))
+            self._bus.send(message_of(frame))
         except can.CanError as error:
             if error.error_code == errno.ENOBUFS or _SOCKET_BUFFER_FULL in str(error):
                 return False
@@ -101,7 +101,8 @@ def open_python_can(interface: str, settings: LinkSettings) -> PythonCanLink:
     return PythonCanLink(bus, marks, carries_fd=bool(settings.data_bitrate))
 
 
-def _message(frame: CanFrame) -> can.Message:
+def message_of(frame: CanFrame, **details: Any) -> can.Message:
+    """Return the python-can message of a frame. details: further attributes of the message."""
     return can.Message(
         arbitration_id=frame.can_id,
         is_extended_id=False,
@@ -110,6 +111,7 @@ def _message(frame: CanFrame) -> can.Message:
         bitrate_switch=frame.fd,
         dlc=len(frame.data),
         data=frame.data,
+        **details,
     )
 
 

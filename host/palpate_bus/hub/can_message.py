@@ -6,6 +6,7 @@ import can
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.can_bus.link import Arrival, ErrorReport
+from palpate_edge.can_bus.python_can_link import message_of
 from palpate_edge.common.errors import BusError
 
 
@@ -24,18 +25,7 @@ def message(arrival: Arrival, channel: str) -> can.Message:
     """Return the python-can message of a delivered frame or of a report, which is an error frame."""
     stamp_us, frame, is_own = arrival
     if isinstance(frame, CanFrame):
-        return can.Message(
-            timestamp=stamp_us / 1e6,
-            arbitration_id=frame.can_id,
-            is_extended_id=False,
-            is_remote_frame=frame.remote,
-            is_fd=frame.fd,
-            bitrate_switch=frame.fd,
-            dlc=len(frame.data),
-            data=frame.data,
-            channel=channel,
-            is_rx=not is_own,
-        )
+        return message_of(frame, timestamp=stamp_us / 1e6, channel=channel, is_rx=not is_own)
     report = frame or ErrorReport(0)  # the hub delivers no other frames
     return can.Message(
         timestamp=stamp_us / 1e6,
