@@ -38,7 +38,7 @@ MEANING = {
     " mapping still have to agree with the host's EDS.",
     "serial": "It is another device; fingers.calibration, if hand.toml has it, is compared next.",
 }
-"""What an accepted difference means, by its key."""
+"""Consequence of an accepted difference, by its key."""
 ANGLE = click.FloatRange(-180, 180)
 LENGTH = click.FloatRange(-1000, 1000)
 RAMP = click.option(
