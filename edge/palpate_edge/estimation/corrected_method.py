@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import msgspec
-import numpy as np
 
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.calibration import Calibration
@@ -63,8 +62,7 @@ class CorrectedMethod:
         start = FitStart(
             result.direction,
             result.force_N,
-            field.azimuth_rad,
-            float(np.linalg.norm(field.values)),
+            field,
             faintness(motion.size_px / motion.noise, self._threshold_px),
         )
         return msgspec.structs.replace(

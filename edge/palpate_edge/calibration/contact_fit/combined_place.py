@@ -111,8 +111,7 @@ def _start(reader: DisplacementReader, press: TrainingPress, left_out: LeftOut, 
     direction, force = turn @ left_out.targets[row, :3], turn @ left_out.targets[row, 3:]
     x, y, z = (direction / np.linalg.norm(direction)).tolist()
     x_N, y_N, z_N = force.tolist()
-    size_mm = float(np.linalg.norm(field.values))
-    return FitStart((x, y, z), (x_N, y_N, z_N), field.azimuth_rad, size_mm, press.faintness)
+    return FitStart((x, y, z), (x_N, y_N, z_N), field, press.faintness)
 
 
 def _packed(projection: Projection, shapes: AnswerField, share: float, scale: float) -> ContactFields:

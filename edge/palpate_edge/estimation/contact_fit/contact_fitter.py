@@ -25,7 +25,7 @@ from palpate_edge.estimation.contact_fit.contact_fields import (
     SIZE_WEIGHT,
     ContactFields,
 )
-from palpate_edge.estimation.displacement_field import DisplacementReader, kernel_weights
+from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader, kernel_weights
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.vision.beads import Beads
 
@@ -45,14 +45,13 @@ LARGEST_GROWTH = 0.7  # in a step, of the logarithm of the size
 class FitStart(NamedTuple):
     """The correction model's answer for one frame.
 
-    direction: unit vector of the place, force_N: both in F; azimuth_rad: of the canonical frame; size_mm: of
-    the canonical field; faintness: see skin_motion.faintness.
+    direction: unit vector of the place, force_N: both in F; field: that was corrected; faintness: see
+    skin_motion.faintness.
     """
 
     direction: Vector3
     force_N: Vector3
-    azimuth_rad: float
-    size_mm: float
+    field: CanonicalField
     faintness: float
 
 
@@ -84,15 +83,15 @@ class ContactFitter:
 
     def fitted_direction(self, beads: Beads, start: FitStart) -> Vector3:
         """Return the unit vector in F of the fitted place."""
-        turn = rotation_about_z(start.azimuth_rad)
-        interpolate = self._reader.canonical_kernel(start.azimuth_rad).T  # (n, g)
+        turn = rotation_about_z(start.field.azimuth_rad)
+        interpolate = self._reader.canonical_kernel(start.field.azimuth_rad).T  # (n, g)
         to_px = self._px_per_mm @ turn.astype(np.float32)
         measured = self._reader.displacement_px(beads)
         weight = self._bead_weights(measured, beads)
         place, way = turn.T @ start.direction, turn.T @ start.force_N
         force_N = math.sqrt(float(way @ way))
         way = way / force_N if force_N > LEAST_FORCE_N else -place
-        log_size = math.log(max(start.size_mm, LEAST_SIZE_MM))
+        log_size = math.log(max(float(np.linalg.norm(start.field.values)), LEAST_SIZE_MM))
         precision = _precision(start.faintness)
         moved = np.zeros(5)
         for _ in range(STEPS):

@@ -99,8 +99,7 @@ def test_on_noisy_beads_the_combined_place_is_nearer_to_presses_that_were_not_le
         start = FitStart(
             tuple(turn @ direction[0]),
             tuple(turn @ force_N[0]),
-            field.azimuth_rad,
-            float(np.linalg.norm(field.values)),
+            field,
             press.faintness,
         )
         place = fitter.combined_direction(press.beads, start)
