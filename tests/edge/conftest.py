@@ -186,6 +186,15 @@ def rig(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path) -> It
         yield Rig(tmp_path, drawn_dataset, drawn_calibration_file, stack)
 
 
+@pytest.fixture
+def second_rig(tmp_path: Path, drawn_dataset: Path, drawn_calibration_file: Path) -> Iterator[Rig]:
+    """A rig beside `rig`, with a hub of its own."""
+    folder = tmp_path / "second"
+    folder.mkdir()
+    with ExitStack() as stack:
+        yield Rig(folder, drawn_dataset, drawn_calibration_file, stack)
+
+
 SLOW_FSYNC = """
 import os, time
 fsync = os.fsync

@@ -2,44 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.bus.load.bits_on_paper import classic_bits, remainder
 
 from palpate_bus.load.bit_count import frame_bits
 from palpate_edge.can_bus.can_frame import CanFrame
-
-GENERATOR = "1100010110011001"  # x^15+x^14+x^10+x^8+x^7+x^4+x^3+1, Bosch CAN 2.0 part A, 3.1.1
-
-
-def remainder(bits: str) -> str:
-    """Polynomial long division on paper."""
-    digits = [int(bit) for bit in bits] + [0] * 15
-    for place in range(len(bits)):
-        if digits[place]:
-            for offset, bit in enumerate(GENERATOR):
-                digits[place + offset] ^= int(bit)
-    return "".join(map(str, digits[-15:]))
-
-
-def stuffed(bits: str) -> str:
-    """A bit of the other level after each five equal ones, from left to right."""
-    start = 0
-    while (match := re.compile("00000|11111").search(bits, start)) is not None:
-        other = "1" if match[0][0] == "0" else "0"
-        bits = bits[: match.end()] + other + bits[match.end() :]
-        start = match.end()
-    return bits
-
-
-def length_on_paper(frame: CanFrame) -> int:
-    data = "" if frame.remote else "".join(f"{byte:08b}" for byte in frame.data)
-    fields = f"0{frame.can_id:011b}{int(frame.remote)}00{len(frame.data):04b}{data}"
-    delimiter_ack_eof_interframe = 1 + 2 + 7 + 3
-    return len(stuffed(fields + remainder(fields))) + delimiter_ack_eof_interframe
-
 
 FRAMES = st.builds(
     CanFrame,
@@ -56,7 +25,7 @@ def test_long_division_gives_the_catalogued_check_value_of_crc15_can():
 
 @given(FRAMES)
 def test_length_is_that_of_the_standard(frame):
-    assert frame_bits(frame) == length_on_paper(frame)
+    assert frame_bits(frame) == classic_bits(frame)
 
 
 @given(FRAMES)

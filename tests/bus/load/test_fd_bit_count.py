@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.bus.load.bits_on_paper import fd_bits
 
 from palpate_bus.load.fd_bit_count import fd_frame_bits, least_fd_bits, worst_fd_bits
 from palpate_edge.can_bus.can_frame import FD_LENGTHS, padded
@@ -19,24 +19,10 @@ PAYLOADS = st.sampled_from(FD_LENGTHS).flatmap(
 )
 
 
-def on_paper(can_id, data):
-    """(nominal, data) bits: the stuffed text is cut behind the BRS bit."""
-    fields = f"0{can_id:011b}00101"
-    text = fields + f"0{FD_LENGTHS.index(len(data)):04b}" + "".join(f"{byte:08b}" for byte in data)
-    start, header_end = 0, len(fields)
-    while (match := re.compile("00000|11111").search(text, start)) and match.end() < len(text):
-        start = match.end()
-        text = text[:start] + ("1" if match[0][0] == "0" else "0") + text[start:]
-        header_end += start < header_end
-    crc_field = 4 + (17 if len(data) <= 16 else 21)
-    fixed = len(range(0, crc_field, 4))  # before the first bit and after each fourth
-    return header_end + 2 + 7 + 3, len(text) - header_end + crc_field + fixed + 1
-
-
 @given(st.integers(0, 0x7FF), PAYLOADS)
 def test_length_is_that_of_the_standard(can_id, data):
     bits = fd_frame_bits(can_id, data)
-    assert (bits.nominal, bits.data) == on_paper(can_id, data)
+    assert (bits.nominal, bits.data) == fd_bits(can_id, data)
 
 
 @given(st.integers(0, 0x7FF), PAYLOADS)
