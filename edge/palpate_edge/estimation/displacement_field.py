@@ -111,6 +111,7 @@ class DisplacementReader:
         self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._beads_32 = self._beads.T.astype(np.float32)
         self._smoother = None if typical is None else FieldSmoother(typical, noise_px)
+        self._last_kernel = 0.0, self._kernel_at(0.0)
 
     @property
     def geometry(self) -> tuple[Array, Array]:
@@ -156,10 +157,16 @@ class DisplacementReader:
         return np.asarray(beads.position_px - self._reference_px)
 
     def canonical_kernel(self, azimuth_rad: float) -> NDArray[np.float32]:
-        """Return the covariance (g, n) of the canonical directions and the beads.
+        """Return the covariance (g, n) of the canonical directions and the beads, read-only.
 
-        azimuth_rad: of the canonical frame.
+        azimuth_rad: of the canonical frame. The last one is kept: a frame's field and the fit of its contact
+        need the same.
         """
+        if azimuth_rad != self._last_kernel[0]:
+            self._last_kernel = azimuth_rad, self._kernel_at(azimuth_rad)
+        return self._last_kernel[1]
+
+    def _kernel_at(self, azimuth_rad: float) -> NDArray[np.float32]:
         turn = rotation_about_z(azimuth_rad).astype(np.float32)
         return _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
 

@@ -49,7 +49,7 @@ class Reference:
         return Neighbourhood(self.position_px)
 
 
-class Beads(msgspec.Struct, frozen=True):
+class Beads(msgspec.Struct, frozen=True, dict=True):
     """The beads of one frame, in the reference's order.
 
     position_px (n, 2): measured where `found` (n,), else predicted from the found neighbours; lost (m,):
@@ -89,7 +89,7 @@ class Beads(msgspec.Struct, frozen=True):
         """Return whether all beads were found, each as exactly as in the reference frames."""
         return self.noise is None and not len(self.lost)
 
-    @property
+    @cached_property
     def weight(self) -> Array:
         """Weight (n,) of each bead in a mean over beads: 0 where it was not found, 1 where it is exact."""
         if self.noise is None:

@@ -73,6 +73,7 @@ CLIPPED_SIGMA, CLIPPED_SHARE = 1.0, 0.5  # added to a deviation's factor, and th
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
 ROUNDS = 2
+NOT_CROWDED = -1
 CYCLIC = np.array([0, 1, 2, 0, 1])  # three axes, and the two that follow each
 
 
@@ -126,11 +127,16 @@ class SymmetricFit:
         )
         most_first = np.argsort(-beads_of)
         inside, kind = inside[most_first], np.argsort(most_first)[kind.ravel()]
-        self._inside, self._kind = inside.astype(np.float32)[:, None], kind
         rows, gram = zip(
             *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
         )
-        self._rows = np.array(rows, np.float32)
+        rows_of_kinds = np.array(rows, np.float32)
+        self._rows = rows_of_kinds[0]  # of most beads; the others leave out samples that are another bead's
+        self._crowded_beads = kind.nonzero()[0]
+        self._own_samples = inside[kind[self._crowded_beads], None].astype(np.float32)
+        self._rows_of_crowded = rows_of_kinds[kind[self._crowded_beads]]
+        self._index_of_crowded = np.full(len(kind), NOT_CROWDED)
+        self._index_of_crowded[self._crowded_beads] = np.arange(len(self._crowded_beads))
         freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1)
         self._per_freedom = (1.0 / freedom[kind]).astype(np.float32)
         self._motion_gram: Floats = np.array(gram, np.float32)[kind].transpose(2, 1, 0).copy()
@@ -144,34 +150,36 @@ class SymmetricFit:
             image = halved(image)
         self._image: Floats = image.astype(np.float32, copy=False)
 
-    def measure(self, start_px: Array, beads: Indices) -> Fitted:
-        """Return the centres of `beads` (m,) near `start_px` (m, 2), at most `ROUNDS` steps away."""
+    def measure(self, start_px: Array, beads: Indices | None = None) -> Fitted:
+        """Return the centres of `beads` (m,), all if None, near `start_px` (m, 2), at most `ROUNDS` steps
+        away."""
         half = 0.5 * (self._binning - 1)
-        centre, diameter = (start_px - half) / self._binning, self._diameter[beads]
-        step, sigma, explained, clipped = self._step(centre, beads)
+        some = slice(None) if beads is None else beads
+        centre, diameter = (start_px - half) / self._binning, self._diameter[some]
+        step, sigma, explained, clipped = self._step(centre, some)
         centre += step * diameter[:, None]
         for _ in range(ROUNDS - 1):
             far = (np.vecdot(step, step) > FAR_STEP**2).nonzero()[0]
             if not len(far):
                 break
-            step[far], sigma[far], explained[far], clipped[far] = self._step(centre[far], beads[far])
+            which = far if beads is None else beads[far]
+            step[far], sigma[far], explained[far], clipped[far] = self._step(centre[far], which)
             centre[far] += step[far] * diameter[far, None]
         return Fitted(centre * self._binning + half, sigma * diameter * self._binning, explained, clipped)
 
-    def _step(self, centre: Array, beads: Indices) -> tuple[Array, Array, Floats, Floats]:
+    def _step(self, centre: Array, beads: slice | Indices) -> tuple[Array, Array, Floats, Floats]:
         """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
         diameters, and explained and clipped (m,) of Fitted."""
-        column, row = self._steps.take(beads, axis=1) + centre.T.astype(np.float32)[..., None]
+        column, row = self._steps[:, beads] + centre.T.astype(np.float32)[..., None]
         edge = cv2.BORDER_REPLICATE
         samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
         pixels, clipped = self._channels_of(samples)
-        products = (pixels.reshape(-1, pixels.shape[2]) @ self._rows[0]).reshape(*pixels.shape[:2], -1)
-        kind = self._kind[beads]
-        others = kind.nonzero()[0]
+        products = (pixels.reshape(-1, pixels.shape[2]) @ self._rows).reshape(*pixels.shape[:2], -1)
+        others, inside, rows = self._crowded(beads)
         if len(others):
-            kind, some = kind[others], pixels[others]
-            products[others] = some @ self._rows[kind]  # 0 where another bead is near
-            pixels[others] = some * self._inside[kind]
+            seen = pixels[others]
+            products[others] = seen @ rows  # 0 where another bead is near
+            pixels[others] = seen * inside
         covariance = np.vecdot(pixels[:, :, None], pixels[:, None])
         parts = products.transpose(1, 2, 0).copy()  # beads last: sums of few numbers for many beads at once
         per_freedom = self._per_freedom[beads]
@@ -186,16 +194,25 @@ class SymmetricFit:
         unexplained += self._noise
         weighted = np.einsum("ijm,jpm->ipm", _inverse(unexplained), profile)
         force_x, force_y = np.einsum("iapm,ipm->am", left, weighted)
-        contrast = np.einsum("ipm,iqm->pqm", weighted, profile).reshape(-1, len(beads))
+        contrast = np.einsum("ipm,iqm->pqm", weighted, profile).reshape(-1, len(centre))
         xx, xy, yy = np.einsum("akm,km->am", self._motion_gram[..., beads], contrast).astype(np.float64)
         determinant = np.maximum(xx * yy - xy * xy, 1e-12)
-        step = np.empty((len(beads), 2))
+        step = np.empty((len(centre), 2))
         np.divide(yy * force_x - xy * force_y, determinant, out=step[:, 0])
         np.divide(xx * force_y - xy * force_x, determinant, out=step[:, 1])
         np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
         raised = 1.0 + CLIPPED_SIGMA * np.minimum(clipped / CLIPPED_SHARE, 1.0)
         explained = by_profile / (by_profile + np.maximum(left_over, 0.0))
         return step, np.sqrt((xx + yy) / determinant) * raised, explained, clipped
+
+    def _crowded(self, beads: slice | Indices) -> tuple[Indices, Floats, Floats]:
+        """Return which of the `beads` (m,) have another bead within their samples, (k,), which samples are
+        their own (k, 1, g), and their matrices of least squares."""
+        if isinstance(beads, slice):
+            return self._crowded_beads, self._own_samples, self._rows_of_crowded
+        index = self._index_of_crowded[beads]
+        others = (index != NOT_CROWDED).nonzero()[0]
+        return others, self._own_samples[index[others]], self._rows_of_crowded[index[others]]
 
     def _channels_of(self, samples: Floats) -> tuple[Floats, Floats]:
         """Return the channels (m, c, g) of samples (m, g, 3), or of grey ones (m, g), and the share (m,)

@@ -149,11 +149,11 @@ class Tracker:
         """
         if not beads.found.any():
             return beads
-        start_px, lost, every = beads.position_px, beads.lost, np.arange(len(beads.found))
+        start_px, lost = beads.position_px, beads.lost
         if len(lost):
             start_px = start_px.copy()
             start_px[lost] = self._neighbourhood.predict(start_px, beads.found, lost)
-        fitted = fit.measure(start_px, every)
+        fitted = fit.measure(start_px)
         step = fitted.position_px - start_px
         noise = np.maximum(1.0, fitted.sigma_px / self._fit_sigma_px).astype(np.float32)
         step_squared = np.vecdot(step, step)

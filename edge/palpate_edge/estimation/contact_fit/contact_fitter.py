@@ -91,22 +91,23 @@ class ContactFitter:
         place, way = turn.T @ start.direction, turn.T @ start.force_N
         force_N = math.sqrt(float(way @ way))
         way = way / force_N if force_N > LEAST_FORCE_N else -place
-        log_size = math.log(max(float(np.linalg.norm(start.field.values)), LEAST_SIZE_MM))
+        size_mm = math.sqrt(float(start.field.values @ start.field.values))
+        log_size = math.log(max(size_mm, LEAST_SIZE_MM))
         precision = _precision(start.faintness)
         moved = np.zeros(5)
         for _ in range(STEPS):
-            tangents = np.concatenate([_tangents(place), _tangents(way)])
+            tangents = np.array([*_tangents(place), *_tangents(way)])
             coefficients = self._shapes(place, way, log_size, tangents)
             skin = (self._skin @ coefficients).reshape(interpolate.shape[1], -1)
             seen = (to_px @ (interpolate @ skin).reshape(len(to_px), 3, -1)).reshape(-1, 6)
             displaced = math.exp(log_size) * seen.astype(np.float64)
             slope = displaced[:, 1:]
             weighted = slope.T * weight
-            step = np.linalg.solve(
-                weighted @ slope + np.diag(precision),
-                weighted @ (measured.ravel() - displaced[:, 0]) - precision * moved,
-            )
-            step *= min(1.0, LARGEST_TURN_RAD / max(float(np.linalg.norm(step[:4])), 1e-12))
+            normal = weighted @ slope
+            normal.ravel()[:: len(normal) + 1] += precision
+            away = weighted @ (measured.ravel() - displaced[:, 0]) - precision * moved
+            step = np.linalg.solve(normal, away)
+            step *= min(1.0, LARGEST_TURN_RAD / max(math.sqrt(float(step[:4] @ step[:4])), 1e-12))
             step[4] = min(max(step[4], -LARGEST_GROWTH), LARGEST_GROWTH)
             moved += step
             turned = _unit(place + step[:2] @ tangents[:2])
@@ -120,12 +121,14 @@ class ContactFitter:
 
         tangents (4, 3): of place and way.
         """
-        point = np.concatenate([PLACE_WEIGHT * place, FORCE_WEIGHT * (way + place), [SIZE_WEIGHT * log_size]])
+        point = np.empty(7, np.float32)
+        point[:3], point[3:6] = PLACE_WEIGHT * place, FORCE_WEIGHT * (way + place)
+        point[6] = SIZE_WEIGHT * log_size
         ways = np.zeros((7, 5), np.float32)
         ways[:3, :2] = PLACE_WEIGHT * tangents[:2].T  # way + place stays as it is
         ways[3:6, 2:4] = FORCE_WEIGHT * tangents[2:].T
         ways[6, 4] = SIZE_WEIGHT
-        off = self._centres - point.astype(np.float32)
+        off = self._centres - point
         kernels = np.exp(-0.5 * np.vecdot(off, off))
         both = np.empty((len(off), 6), np.float32)
         both[:, 0] = kernels
@@ -156,8 +159,8 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / math.sqrt(float(vector @ vector)))
 
 
-def _tangents(direction: Array) -> Array:
-    """Return two orthonormal vectors (2, 3) across a unit vector (3,)."""
+def _tangents(direction: Array) -> tuple[Vector3, Vector3]:
+    """Return two orthonormal vectors across a unit vector (3,)."""
     x, y, z = direction.tolist()
     if abs(y) < 0.9:
         length = math.hypot(x, z)
@@ -165,4 +168,4 @@ def _tangents(direction: Array) -> Array:
     else:
         length = math.hypot(y, z)
         ux, uy, uz = 0.0, -z / length, y / length
-    return np.array([(ux, uy, uz), (y * uz - z * uy, z * ux - x * uz, x * uy - y * ux)])
+    return (ux, uy, uz), (y * uz - z * uy, z * ux - x * uz, x * uy - y * ux)
