@@ -24,7 +24,7 @@ from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask, Plan
 from palpate_edge.geometry.points import distances
 from palpate_edge.vision.appearance import Appearance, plane, plane_of_colours
 from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
-from palpate_edge.vision.binning import halved
+from palpate_edge.vision.binning import HalvedPixels
 from palpate_edge.vision.blob_detection import find_blobs
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
@@ -64,6 +64,7 @@ class Tracker:
         self._reference = reference
         self._neighbourhood = reference.neighbourhood
         self._windows = WindowSearch(reference)
+        self._pixels = HalvedPixels()
         self._labels = LabelCheck(reference)
         self._correspondence = Correspondence(reference.neighbourhood)
         self._diameter_px = median(reference.diameter_px)
@@ -95,7 +96,7 @@ class Tracker:
         """
         if image.ndim != COLOUR or appearance.channel == "grey" or self._windows.binning == 1:
             return self.follow(plane(image, appearance), image)
-        pixels = halved(image).astype(np.float32)
+        pixels = self._pixels.read(image)
         return self._follow(plane_of_colours(pixels, appearance), pixels, halvings=1)
 
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
