@@ -30,11 +30,12 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.control.virtual_object import Grip, moment
+from palpate_host.control.virtual_object import Grip
 
 LEAST_MARGIN = 0.1
 """Smallest friction ratio left to the wrench; far turned, internal forces alone may use up `friction`."""
 _TINY = 1e-12
+_Row = tuple[float, float, float]
 _Products = tuple[float, float, float, float, float]
 
 
@@ -53,9 +54,7 @@ class ContactForces(NamedTuple):
 
 def wrench_forces_N(grip: Grip, force_N: Array, torque_Nm: Array) -> Array:
     """Return the smallest contact forces (n, 3) with this force and torque about the contacts' centroid."""
-    x, y, z = grip.per_spread.dot(torque_Nm).tolist()
-    turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # a @ turning = (x, y, z) x a
-    return grip.weighted(np.asarray(force_N / grip.total_weight + grip.arm_m.dot(turning)))
+    return np.array(_wrench_forces(_Rows.of(grip), force_N.tolist(), torque_Nm.tolist()))
 
 
 def internal_forces(grip: Grip) -> Array:
@@ -63,10 +62,52 @@ def internal_forces(grip: Grip) -> Array:
 
     With shares, nearest to the normals times the shares, with a sum of normal parts equal to that of shares.
     """
-    normal = grip.normal if grip.share is None else grip.normal * grip.share[:, None]
-    shares = len(normal) if grip.share is None else float(np.add.reduce(grip.share))
-    own = wrench_forces_N(grip, np.add.reduce(normal), moment(grip.arm_m, normal)) - normal
-    return np.asarray(own * (-shares / min(float(np.vdot(own, grip.normal)), -_TINY)))
+    return np.array(_internal_forces(_Rows.of(grip)))
+
+
+class _Rows(NamedTuple):
+    """A grip as plain floats: for rows of three numbers numpy's overhead exceeds the computation."""
+
+    arm_m: list[_Row]
+    normal: list[_Row]
+    per_spread: list[_Row]
+    total_weight: float
+    share: list[float] | None
+
+    @staticmethod
+    def of(grip: Grip) -> _Rows:
+        share = None if grip.share is None else grip.share.tolist()
+        arm_m, normal, per_spread = grip.arm_m.tolist(), grip.normal.tolist(), grip.per_spread.tolist()
+        return _Rows(arm_m, normal, per_spread, grip.total_weight, share)
+
+
+def _wrench_forces(grip: _Rows, force_N: Sequence[float], torque_Nm: Sequence[float]) -> list[_Row]:
+    per, (fx, fy, fz), (tx, ty, tz) = 1.0 / grip.total_weight, force_N, torque_Nm
+    fx, fy, fz = per * fx, per * fy, per * fz
+    x, y, z = [sx * tx + sy * ty + sz * tz for sx, sy, sz in grip.per_spread]
+    rows = [(fx + y * az - z * ay, fy + z * ax - x * az, fz + x * ay - y * ax) for ax, ay, az in grip.arm_m]
+    if grip.share is None:
+        return rows
+    return [(s * s * x, s * s * y, s * s * z) for s, (x, y, z) in zip(grip.share, rows, strict=True)]
+
+
+def _internal_forces(grip: _Rows) -> list[_Row]:
+    normal, shares = grip.normal, float(len(grip.normal))
+    wanted: list[_Row] = normal
+    if grip.share is not None:
+        wanted = [(s * x, s * y, s * z) for s, (x, y, z) in zip(grip.share, normal, strict=True)]
+        shares = sum(grip.share)
+    fx = fy = fz = tx = ty = tz = 0.0
+    for (ax, ay, az), (x, y, z) in zip(grip.arm_m, wanted, strict=True):
+        fx, fy, fz = fx + x, fy + y, fz + z
+        tx, ty, tz = tx + ay * z - az * y, ty + az * x - ax * z, tz + ax * y - ay * x
+    least = _wrench_forces(grip, (fx, fy, fz), (tx, ty, tz))
+    own = [(hx - x, hy - y, hz - z) for (hx, hy, hz), (x, y, z) in zip(least, wanted, strict=True)]
+    outward = 0.0
+    for (hx, hy, hz), (x, y, z) in zip(own, normal, strict=True):
+        outward += hx * x + hy * y + hz * z
+    per = -shares / min(outward, -_TINY)
+    return [(per * x, per * y, per * z) for x, y, z in own]
 
 
 def forces_within_cones(
@@ -77,32 +118,37 @@ def forces_within_cones(
     friction: of each contact. most_N: largest normal force of a contact. Where friction needs more, the
     wrench is scaled down to what it holds; least_N gives way before that.
     """
-    asked, inner = wrench_forces_N(grip, force_N, torque_Nm), internal_forces(grip)
-    rows = _products(asked, inner, grip.normal)
+    at = _Rows.of(grip)
+    asked, inner = _wrench_forces(at, force_N.tolist(), torque_Nm.tolist()), _internal_forces(at)
+    rows = _products(asked, inner, at.normal)
     needed, fits, reserve = 0.0, math.inf, math.inf
     for mu, (an, hn, aa, ah, hh) in zip(friction, rows, strict=True):
         if aa == hh == an == hn == 0.0:  # a lifted finger
             continue
-        used = math.sqrt(max(hh, 0.0)) / max(hn, _TINY)
-        reserve = min(reserve, mu - used)
+        hn_at_least = hn if hn > _TINY else _TINY
+        used = math.sqrt(hh) / hn_at_least if hh > 0.0 else 0.0
+        left = mu - used
+        reserve = left if left < reserve else reserve
         mu2 = max(mu, used + LEAST_MARGIN) ** 2
         needs = _least_grip(mu2 * hn * hn - hh, mu2 * hn * an - ah, mu2 * an * an - aa, hn, an)
         needed = needs if needs > needed else needed
-        fits = min(fits, (most_N - an) / max(hn, _TINY))
+        most = (most_N - an) / hn_at_least
+        fits = most if most < fits else fits
     g, share = min(max(least_N, needed), fits), 1.0
     if needed > fits:
         g, share = _scaled(rows, needed, most_N)
+    forces = [
+        (share * ax + g * hx, share * ay + g * hy, share * az + g * hz)
+        for (ax, ay, az), (hx, hy, hz) in zip(asked, inner, strict=True)
+    ]
     normal_N = np.array([share * an + g * hn for an, hn, *_ in rows])
-    return ContactForces(share * asked + g * inner, normal_N, g, share, reserve)
+    return ContactForces(np.array(forces), normal_N, g, share, reserve)
 
 
-def _products(asked: Array, inner: Array, normal: Array) -> list[_Products]:
-    """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh.
-
-    Plain floats: for rows of three numbers numpy's overhead exceeds the computation.
-    """
+def _products(asked: list[_Row], inner: list[_Row], normal: list[_Row]) -> list[_Products]:
+    """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh."""
     rows = []
-    forces = zip(asked.tolist(), inner.tolist(), normal.tolist(), strict=True)
+    forces = zip(asked, inner, normal, strict=True)
     for (ax, ay, az), (hx, hy, hz), (nx, ny, nz) in forces:
         an, hn = -(ax * nx + ay * ny + az * nz), -(hx * nx + hy * ny + hz * nz)
         aa = ax * ax + ay * ay + az * az - an * an

@@ -378,7 +378,7 @@ class Manipulation:
         if self._start is None:
             self._start = R_vir @ M
         self._turned_s = max(0.0, min(self._turned_s + dt_s, self._ramp_s))
-        self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s) @ self._start
+        self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s).dot(self._start)
         desired = self.R_d
         if self._integral_per_s > 0.0:
             if self.turned >= 1.0:

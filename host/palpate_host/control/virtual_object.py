@@ -17,6 +17,7 @@ faces give no position along the faces: there the estimate of x_o is the integra
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,8 @@ class Grip(NamedTuple):
     of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: (3, 3) the inverse
     of S, the sum of |a|^2 I - a a^T over the arms a. spread_m2: the sum of |a|^2. total_weight: the sum of
     the squared shares, the number of contacts when all are 1. share: (n,) of each contact in the grip, 0 for
-    a lifted finger; weight: (n, 1), its square, by which centroid and S are weighted. None: all are 1.
+    a lifted finger; None: all are 1. Centroid and S are weighted by its square; mean_weight: (n,) these
+    weights over their sum; weighted_arm_m: (n, 3) the arms times the weights.
     """
 
     arm_m: Array
@@ -47,12 +49,9 @@ class Grip(NamedTuple):
     per_spread: Array
     spread_m2: float
     total_weight: float
+    mean_weight: Array
+    weighted_arm_m: Array
     share: Array | None = None
-    weight: Array | None = None
-
-    def weighted(self, rows: Array) -> Array:
-        """Return the rows (n, 3) of the contacts, each times its squared share."""
-        return rows if self.weight is None else rows * self.weight
 
 
 class VirtualObject:
@@ -88,10 +87,9 @@ class VirtualObject:
         reach_m, last = before.to_contact_m, self._tip_rotation
         in_tip = np.matmul(reach_m[:, None, :], last)
         reach_now_m = np.matmul(in_tip, pose.tip_rotation.transpose(0, 2, 1))[:, 0]
-        skin_m = pose.tip_centre_m - self._centre_m + reach_now_m - reach_m
-        weighted_m = before.weighted(skin_m)
-        mean_m = np.add.reduce(weighted_m) / before.total_weight
-        turn = before.per_spread.dot(moment(before.arm_m, weighted_m))
+        skin_m = pose.tip_centre_m + reach_now_m  # where it was has no moment: sum w a = 0
+        turn = before.per_spread.dot(moment(before.weighted_arm_m, skin_m))
+        mean_m = before.mean_weight.dot(skin_m) - before.centroid_m
         moved_m = mean_m + rotation.cross(turn, self.place_m - before.centroid_m)
         self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
         self.place_m = self.place_m + moved_m
@@ -159,20 +157,34 @@ def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array, share: Array | 
     """Return the contacts of tips (n, 3) with outward normals (n, 3), radii (n, 1) and shares (n,)."""
     to_contact_m = -radius_m * normal
     contact_m = tip_centre_m + to_contact_m
-    weight, total_weight = None, float(len(contact_m))
     if share is None:
-        centroid_m = np.add.reduce(contact_m) / total_weight
-        arm_m = weighted_m = contact_m - centroid_m
+        total_weight, mean_weight = float(len(contact_m)), _equal_weights(len(contact_m))
     else:
         squared = share * share
-        total_weight, weight = float(share.dot(share)), squared[:, None]
-        centroid_m = squared.dot(contact_m) / total_weight
-        arm_m = contact_m - centroid_m
-        weighted_m = arm_m * weight
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = arm_m.T.dot(weighted_m).tolist()
+        total_weight = float(share.dot(share))
+        mean_weight = squared / total_weight
+    centroid_m = mean_weight.dot(contact_m)
+    arm_m = contact_m - centroid_m
+    weighted_arm_m = arm_m if share is None else arm_m * squared[:, None]
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = arm_m.T.dot(weighted_arm_m).tolist()
     per_spread = symmetric.inverse(yy + zz, -xy, -xz, xx + zz, -yz, xx + yy)
-    spread_m2 = xx + yy + zz
-    return Grip(arm_m, centroid_m, normal, to_contact_m, per_spread, spread_m2, total_weight, share, weight)
+    return Grip(
+        arm_m,
+        centroid_m,
+        normal,
+        to_contact_m,
+        per_spread,
+        xx + yy + zz,
+        total_weight,
+        mean_weight,
+        weighted_arm_m,
+        share,
+    )
+
+
+@cache
+def _equal_weights(contacts: int) -> Array:
+    return np.full(contacts, 1.0 / contacts)
 
 
 def moments(arm_m: Array, force: Array) -> Array:
