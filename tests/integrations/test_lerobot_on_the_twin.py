@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import time
@@ -18,6 +19,7 @@ import pytest
 from tests.integrations.conftest import LEROBOT, real_time
 from tests.integrations.joystick_events import INITIAL_STATE, LEFT_X, axis
 from tests.integrations.lerobot_readers import load, view
+from tests.integrations_page import commands
 from tests.twin_in_real_time import PATIENCE_S
 
 from palpate_edge.common.arrays import Array
@@ -127,10 +129,17 @@ def start(twin: RunFolder) -> Rest:
 
 @pytest.fixture(scope="module")
 def recorded(lerobot, twin: RunFolder, start: Rest, tmp_path_factory) -> tuple[Path, dict[str, Any]]:
-    """Three episodes of LeRobot's recorder, and what its loader finds in them."""
+    """Three episodes of LeRobot's recorder, and what its loader finds in them.
+
+    The command is that of docs/integrations.md. Later options replace those of the page: other places, and a
+    programme of turns in place of a person at the keys.
+    """
     folder = tmp_path_factory.mktemp("recorded") / "set"
+    program, *words = shlex.split(commands("Recording, replay and teleoperation")[-1])
+    assert f"--dataset.num_episodes={EPISODES}" in words
     lerobot(
-        "lerobot-record",
+        program,
+        *words,
         *robot(twin),
         "--teleop.type=palpate_turns",
         f"--teleop.targets_deg={TARGETS_DEG}",
@@ -138,8 +147,6 @@ def recorded(lerobot, twin: RunFolder, start: Rest, tmp_path_factory) -> tuple[P
         "--dataset.repo_id=local/palpate",
         "--dataset.no_stamp=true",
         f"--dataset.root={folder}",
-        "--dataset.single_task=Turn the prism.",
-        f"--dataset.num_episodes={EPISODES}",
         f"--dataset.episode_time_s={EPISODE_S}",
         "--dataset.reset_time_s=0",
         f"--dataset.fps={FPS}",

@@ -1,21 +1,16 @@
 """A recorded run: its log gives what the host did, a replay repeats it with its commands, and a changed log
-is refused.
-
-The expected values are the statuses that the host published while it ran, and RPDO 1 as a test of its own
-decodes it."""
+is refused."""
 
 from __future__ import annotations
 
 import csv
-import importlib.util
-import struct
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from tests.host.recorded_run import check_export, record_run, replay
 from tests.tiers import seeds
 
 from palpate_bus.logs.candump import LogHeader, LogRecord, read_log, write_log
@@ -27,30 +22,10 @@ from palpate_host.service.recorded_replay import ReplayDifferenceError
 
 pytestmark = pytest.mark.long
 
-RATED_TORQUE_REPLY = bytes.fromhex("43766000")
-"""Response to the upload of 6076h (CiA 301: 43h, index, sub-index); the rated torque in mN m follows."""
-
-
-def load():
-    path = Path(__file__).parents[1] / "recorded_run.py"
-    spec = importlib.util.spec_from_file_location("palpate_recorded_run", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-recorded = load()
-
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return recorded.record_run(tmp_path_factory.mktemp("run"), seed=1, seconds=1.6)
-
-
-def replay(run, log=None, hand_toml=None):
-    arguments = ["replay", str(log or run.log), "--config", str(hand_toml or run.hand_toml)]
-    return CliRunner().invoke(cli, arguments)
+    return record_run(tmp_path_factory.mktemp("run"), seed=1, seconds=1.6)
 
 
 def difference(run, log) -> str:
@@ -64,51 +39,9 @@ def difference(run, log) -> str:
 @pytest.mark.parametrize("seed", seeds(reduced=3, full=20))
 def test_the_export_is_what_was_recorded(tmp_path, seed):
     """`action` is RPDO 1 of every tick, bit for bit; mode and orientation error are the run's own."""
-    run = recorded.record_run(tmp_path, seed, seconds=1.4)
+    run = record_run(tmp_path, seed, seconds=1.4)
     assert run.commands > 1
-    output = tmp_path / "run.csv"
-    done = CliRunner().invoke(
-        cli, ["export", str(run.log), "--config", str(run.hand_toml), "-o", str(output)]
-    )
-    assert done.exit_code == 0, done.stderr
-    with output.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(run.statuses)
-    for row, status in zip(rows, run.statuses, strict=True):
-        assert row["mode"] == status.mode.value
-        error = status.orientation_error_deg
-        assert row["orientation_error_deg"] == ("" if error is None else repr(error))
-    commanded, rated_Nm = rpdo_1_of_ticks(run), rated_torques_Nm(run)
-    for row, per_mille in zip(rows, commanded, strict=True):
-        for joint in run.config.joints:
-            text, number = row[f"action.{joint.name}"], per_mille.get(joint.drive_node)
-            assert (text == "") == (number is None)
-            if number is not None:
-                assert float(text) == pytest.approx(
-                    joint.direction * number * rated_Nm[joint.drive_node] / 1000
-                )
-    assert any(per_mille for per_mille in commanded)
-
-
-def rpdo_1_of_ticks(run) -> list[dict[int, int]]:
-    """Target torque in thousandths (6071h, bytes 3 and 4 of RPDO 1) by node, for each SYNC of the log."""
-    ticks: list[dict[int, int]] = []
-    for record in read_log(run.log).records:
-        node = record.frame.can_id - 0x200
-        if record.frame.can_id == 0x080:
-            ticks.append({})
-        elif 1 <= node <= 9:
-            ticks[-1][node] = struct.unpack("<HbH", record.frame.data)[2]
-            ticks[-1][node] -= (ticks[-1][node] & 0x8000) << 1
-    return ticks
-
-
-def rated_torques_Nm(run) -> dict[int, float]:
-    return {
-        record.frame.can_id - 0x580: int.from_bytes(record.frame.data[4:], "little") / 1000
-        for record in read_log(run.log).records
-        if record.frame.can_id in range(0x581, 0x58A) and record.frame.data[:4] == RATED_TORQUE_REPLY
-    }
+    check_export(run, tmp_path / "run.csv")
 
 
 def test_statuses_of_the_log_are_the_hosts_own(run):

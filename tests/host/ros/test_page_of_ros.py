@@ -1,0 +1,42 @@
+"""The three commands for ROS 2 of docs/integrations.md (make ros-test)."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.host.hand_on_hub import Running, patient, put_on_the_bus
+from tests.host.ros.conftest import HAND, Listener, wait_for
+from tests.integrations_page import commands, shell
+
+
+@pytest.fixture
+def hand_on_the_bus(tmp_path: Path) -> Iterator[Path]:
+    """A folder with the hand.toml of drives and touched fingertips, which run on a hub."""
+    path = tmp_path / "hand.toml"
+    path.write_text(patient(HAND.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)))
+    running = Running()
+    try:
+        put_on_the_bus(running, path)
+        yield tmp_path
+    finally:
+        running.stop()
+
+
+@pytest.mark.ros
+def test_the_commands_of_the_page_publish_a_running_hand(listener: Listener, hand_on_the_bus: Path) -> None:
+    """The wheels lack `ros2`, so this process subscribes to the topic."""
+    from geometry_msgs.msg import WrenchStamped
+
+    *first, last = commands("ROS 2")
+    program, group, verb, topic = shlex.split(last)
+    assert (program, group, verb) == ("ros2", "topic", "echo")
+    received = listener.subscribe(WrenchStamped, topic)
+    with shell(first, hand_on_the_bus):
+        wait_for(lambda: len(received) >= 3, "a wrench")
+        grasp = ("/grasp", ["std_srvs/srv/Trigger"])
+        wait_for(lambda: grasp in listener.node.get_service_names_and_types(), "a service of --commands")
+    assert received[-1][1].header.frame_id == "tip_1"
+    assert received[-1][1].wrench.force.z < 0.0  # the fingertips are touched
