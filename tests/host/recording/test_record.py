@@ -8,10 +8,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from tests.host.recording.test_live_server import TOPICS
 
 from palpate_bus.logs.candump import LogRecord, read_log
 from palpate_edge.can_bus.bus import BusConfig, open_bus
@@ -92,11 +95,21 @@ def is_part_of(found: list[HostStatus], whole: list[HostStatus]) -> bool:
     return len(found) > len(whole) // 2 and all(status in remaining for status in found)
 
 
+def mcap_topics(path: Path) -> dict[str, str]:
+    """Return topic -> name of the schema of the messages that the mcap library finds in a file."""
+    seen: dict[str, str] = {}
+    with path.open("rb") as file, suppress(EndOfFile):
+        for schema, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+            assert schema is not None
+            seen[channel.topic] = schema.name
+    return seen
+
+
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
 def test_what_bus_and_host_say_is_kept(
     tmp_path: Path, hand_toml: Path, hub: Path, told: list[HostStatus], end: signal.Signals
 ) -> None:
-    """After SIGTERM everything; after SIGKILL all but the last second."""
+    """After SIGTERM everything; after SIGKILL all but the last second. The mcap library reads the MCAP."""
     folder, control = tmp_path / "recording", tmp_path / "host.sock"
     recorder = start("record", "--config", hand_toml, "-o", folder, "--socket", control)
     assert recorder.stderr is not None and "record: listening" in recorder.stderr.readline()
@@ -117,6 +130,9 @@ def test_what_bus_and_host_say_is_kept(
     kept = list(read_statuses(folder, *load_hand(TABLE_4)))
     assert is_part_of(kept, told)
     assert [record.frame for record in read_log(log).records] == sent
+    seen = mcap_topics(folder / "000001.mcap")
+    assert {"/host/status", "/joint_states"} <= seen.keys()
+    assert seen.items() <= TOPICS.items()
     if end is signal.SIGTERM:
         assert recorder.returncode == 0
         assert f"200 frames, {len(kept)} ticks in {folder}" in said
