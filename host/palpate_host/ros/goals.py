@@ -11,10 +11,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate_host.common.command import Command
+from palpate_host.common.command import Command, Reorient
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus
-from palpate_host.common.tick_inputs import HostEvent, TickInputs
+from palpate_host.common.tick_inputs import HostEvent, Planned, TickInputs
 
 SETTLED_US = 500_000
 """A target is reached when its errors have been small for this time."""
@@ -133,6 +133,7 @@ class GoalProgress:
         self._accepted_us, self._timeout_us = accepted.time_us, 1e6 * timeout_s
         self._timeout_s = timeout_s
         self._events: int | None = None
+        self._awaits_plan = isinstance(command, Reorient)
 
     def is_after(self, status: HostStatus) -> bool:
         """Return whether the tick is one before the command; a slow reader takes it later."""
@@ -156,17 +157,23 @@ class GoalProgress:
     def _replaced_by(self, inputs: TickInputs) -> str:
         """Return the name of a later command than this goal's, empty when there is none.
 
-        The stream of ticks may have gaps, so the host's number of events counts as well.
+        The stream of ticks may have gaps, so the number of events counts as well. The plan of a turn by
+        finger gaiting is an event too, once, and replaces nothing.
         """
         events: list[HostEvent] = [one.event for one in inputs.events]
-        if self._events is None and self._command in events:
-            events = events[events.index(self._command) + 1 :]
-        elif self._events is None:
-            events = []  # the tick that had the command was missed
-        elif inputs.event_count > self._events and not events:
-            return "another command"
+        missed = 0 if self._events is None else inputs.event_count - self._events - len(events)
+        if self._events is None:  # the tick that had the command, or a later one when that was missed
+            is_here = self._command in events
+            events = events[events.index(self._command) + 1 :] if is_here else []
         self._events = inputs.event_count
-        return type(events[0]).__name__.lower() if events else ""
+        later = [event for event in events if not isinstance(event, Planned)]
+        is_planned = len(later) < len(events)
+        if missed and self._awaits_plan and not is_planned:
+            missed, is_planned = missed - 1, True
+        self._awaits_plan = self._awaits_plan and not is_planned
+        if later:
+            return type(later[0]).__name__.lower()
+        return "another command" if missed else ""
 
 
 def reason_of(status: HostStatus) -> str:

@@ -15,8 +15,11 @@ from tests.host.ros.conftest import Listener, domain, running_bridge, wait_for
 from tests.host.ros.twin_on_socket import WIDE, TwinOnSocket
 
 from palpate_host.common.mode import Mode
+from palpate_host.config.packaged import MODELS
 
 pytestmark = pytest.mark.ros
+FOUR = MODELS / "table4-four.toml"
+GAIT_RAD = 0.3
 FOUR_FINGERS = "reorient: the turn is refused: a hand of 3 fingers holds with too few while one lifts"
 
 
@@ -159,3 +162,28 @@ def test_a_host_that_is_lost_aborts_the_turn(twin: TwinOnSocket, client: ActionC
     status, result = client.result(handle)
     assert status == ABORTED
     assert result.reason.startswith("no host: ")
+
+
+def test_a_turn_by_gaiting_succeeds_and_the_object_is_there(
+    client: ActionClients, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The twin's hand of four fingers on a socket and in a namespace of its own."""
+    from geometry_msgs.msg import Point, Vector3
+
+    socket = tmp_path_factory.mktemp("four") / "s"
+    with running_bridge(FOUR, socket, "--commands", "--namespace", "four"), closing(Listener()) as listener:
+        twin = TwinOnSocket(socket, FOUR)
+        try:
+            clients = ActionClients(listener, "/four/")
+            assert clients.result(clients.send("grasp"))[0] == SUCCEEDED
+            wait_for(lambda: twin.statuses[-1].mode is Mode.GRASP, "the hold")
+            start = twin.rotation
+            corners = [Point(x=x, y=y, z=z) for x, y, z in twin.corners_m().tolist()]
+            handle = clients.send("reorient", rpy=Vector3(z=GAIT_RAD), corners=corners)
+            status, turned = clients.result(handle)
+            assert (status, turned.reached, turned.reason) == (SUCCEEDED, True, "")
+            true_rad = Rotation.from_matrix(twin.rotation @ start.T).as_rotvec()
+        finally:
+            twin.end_abruptly()
+    assert true_rad == pytest.approx((0.0, 0.0, GAIT_RAD), abs=math.radians(2.0))
+    assert clients.feedback[-1].mode == "manipulate"

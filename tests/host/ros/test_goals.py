@@ -11,13 +11,15 @@ import pytest
 from palpate_host.common.command import Command, CommandError, Grasp, Move, Release, Reorient, Rotate, Stop
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import Counters, HoldStatus, HostStatus
-from palpate_host.common.tick_inputs import BusLost, HostEvent, HostInput, TickInputs
+from palpate_host.common.tick_inputs import BusLost, HostEvent, HostInput, Planned, TickInputs
 from palpate_host.ros.goal_requests import GoalRequest, GoalRules
 from palpate_host.ros.goals import GoalOutcome, GoalProgress, values_of
 
 TICK_US = 10_000
 RULES = GoalRules("hand", ramp_s=3.0, measured_in=(Mode.MANIPULATE,))
 TURN = RULES.turn((0.0, 0.0, 0.5), 1.0, math.radians(1.0), 2.0)
+CORNERS_M = ((0.02, 0.0, 0.1), (-0.02, 0.0, 0.1), (0.0, 0.02, 0.1), (0.0, 0.0, 0.12))
+REORIENT = RULES.reorient((0.0, 0.0, math.pi / 2), CORNERS_M, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -109,6 +111,20 @@ def test_a_command_in_a_tick_that_was_missed_replaces_the_goal() -> None:
     assert ends(fresh(), missed) is None
 
 
+def test_the_plan_of_a_turn_by_gaiting_replaces_nothing_also_where_its_tick_was_missed() -> None:
+    def first() -> HostStatus:
+        return status(1, events=[REORIENT.command])
+
+    planned = status(3, events=[Planned(None, "why")], event_count=2)
+    assert ends(REORIENT, [first(), status(2), planned, status(4, event_count=2)]) is None
+    assert ends(REORIENT, [first(), status(4, event_count=2), status(5, event_count=2)]) is None
+    replaced = GoalOutcome(False, "replaced by another command")
+    assert ends(REORIENT, [first(), planned, status(5, event_count=3)]) == (5, replaced)
+    assert ends(REORIENT, [first(), status(5, event_count=3)]) == (5, replaced)
+    together = status(3, events=[Planned(None, "why"), Grasp()], event_count=3)
+    assert ends(REORIENT, [first(), together]) == (3, GoalOutcome(False, "replaced by grasp"))
+
+
 @pytest.mark.parametrize("event", [Stop(), BusLost(0, "cable")])
 def test_a_fault_or_stop_is_named_rather_than_its_event(event: HostEvent) -> None:
     ticks = [status(1), status(2, Mode.FAULT, events=[event], event_count=2)]
@@ -128,25 +144,26 @@ def test_a_move_is_reached_when_the_place_is_too() -> None:
 
 
 def test_a_turn_by_gaiting_ends_when_it_is_done_refused_or_stopped_or_the_hold_ends() -> None:
-    corners_m = [(0.02, 0.0, 0.1), (-0.02, 0.0, 0.1), (0.0, 0.02, 0.1), (0.0, 0.0, 0.12)]
-    request = RULES.reorient((0.0, 0.0, math.pi / 2), corners_m, 0.0)
-    assert isinstance(request.command, Reorient)
-    assert request.command.rpy_deg == pytest.approx((0.0, 0.0, 90.0))
-    assert request.command.corners_mm[3] == pytest.approx((0.0, 0.0, 120.0))
+    assert isinstance(REORIENT.command, Reorient)
+    assert REORIENT.command.rpy_deg == pytest.approx((0.0, 0.0, 90.0))
+    assert REORIENT.command.corners_mm[3] == pytest.approx((0.0, 0.0, 120.0))
 
     def gaiting(tick: int, gait: str, mode: Mode = Mode.MANIPULATE) -> HostStatus:
         hold = HoldStatus((), (), (), (), None, False, gait=gait, gait_reason=f"why {gait}")
         return replace(status(tick, mode), hold=hold)
 
     under_way = [gaiting(1, "planning"), gaiting(2, "turn"), gaiting(3, "lift", Mode.BLIND)]
-    assert ends(request, under_way) is None
+    assert ends(REORIENT, under_way) is None
     for gait in ("done", "refused", "stopped"):
         outcome = GoalOutcome(True) if gait == "done" else GoalOutcome(False, f"why {gait}")
-        assert ends(request, [*under_way, gaiting(4, gait)]) == (4, outcome)
-    held = ends(request, [*under_way, gaiting(4, "stopped", Mode.HOLD)])
+        assert ends(REORIENT, [*under_way, gaiting(4, gait)]) == (4, outcome)
+    held = ends(REORIENT, [*under_way, gaiting(4, "stopped", Mode.HOLD)])
     assert held == (4, GoalOutcome(False, "why stopped"))
-    assert ends(request, [*under_way, status(4, Mode.RELEASE)]) == (4, GoalOutcome(False, "release: because"))
-    late = ends(request, (gaiting(tick, "turn") for tick in range(1, 30_010)))
+    assert ends(REORIENT, [*under_way, status(4, Mode.RELEASE)]) == (
+        4,
+        GoalOutcome(False, "release: because"),
+    )
+    late = ends(REORIENT, (gaiting(tick, "turn") for tick in range(1, 30_010)))
     assert late == (30_001, GoalOutcome(False, "not within 300 s (manipulate: because)", must_hold=True))
 
 

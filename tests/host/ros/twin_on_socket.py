@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from palpate_edge.common.arrays import Array
 from palpate_host.common.status import HostStatus
 from palpate_host.config.hand_config import ControlLaw
 from palpate_host.config.packaged import MODELS
@@ -36,13 +37,13 @@ class LosableContacts:
 
 
 class TwinOnSocket:
-    """A thread with the whole chain of table4-wide under the pose law. The host holds the object by itself.
+    """A thread with the whole chain of a hand under the pose law. The host holds the object by itself.
 
     rotation, position_m: of the true object after the last tick. statuses: of all ticks.
     """
 
-    def __init__(self, socket: Path) -> None:
-        config, hand = load_hand(WIDE)
+    def __init__(self, socket: Path, hand_toml: Path = WIDE) -> None:
+        config, hand = load_hand(hand_toml)
         config = msgspec.structs.replace(
             config,
             control=msgspec.structs.replace(config.control, law=ControlLaw.POSE),
@@ -59,6 +60,10 @@ class TwinOnSocket:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def corners_m(self) -> Array:
+        """Return the corners (n, 3) of the true object in the hand's frame."""
+        return self._engine.twin.prism.vertices_m @ self.rotation.T + self.position_m
 
     def end_abruptly(self) -> None:
         """Close the socket as the kernel does for a host that is killed."""
