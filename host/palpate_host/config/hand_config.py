@@ -371,11 +371,6 @@ def _check_axes(path: Path, config: HandConfig) -> None:
                 f"{where} needs a CAN FD bus, whose frames hold several axes: set bus.data_bitrate, or give"
                 " each joint a drive_node of its own"
             )
-        if config.homing is not None:
-            raise ConfigError(
-                f"{where} allows no [homing], since the frames of several axes have no mode: use drives that"
-                " keep their zero, or give each joint a drive_node of its own"
-            )
 
 
 def _check_ranges(path: Path, config: HandConfig) -> None:

@@ -12,6 +12,8 @@ from palpate_edge.common.errors import BusError
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand, JointState
 from palpate_host.drives.cia402_modes import (
     CHANGE_AT_ONCE,
+    HOMING_ATTAINED,
+    HOMING_ERROR,
     NEW_SET_POINT,
     SET_POINT_TAKEN,
     START_HOMING,
@@ -44,6 +46,13 @@ def controlword_for(state: DriveState | None, goal: DriveGoal, last: Controlword
     if word is Controlword.FAULT_RESET and last is Controlword.FAULT_RESET:
         return Controlword.DISABLE_VOLTAGE
     return word
+
+
+def homing_state(statusword: int) -> HomingState:
+    """Return the state of a drive that is in homing mode."""
+    if statusword & HOMING_ERROR:
+        return HomingState.ERROR
+    return HomingState.ATTAINED if statusword & HOMING_ATTAINED else HomingState.MISSING
 
 
 class AxisMaster:

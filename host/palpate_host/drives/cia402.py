@@ -21,17 +21,15 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.pdo_codec import MappingFault, PdoCodec, PdoDirection, layout_of, pdo_codec
 from palpate_host.common.joint_command import Follows, JointCommand
-from palpate_host.drives.axis_master import AxisMaster
+from palpate_host.drives.axis_master import AxisMaster, homing_state
 from palpate_host.drives.cia402_modes import (
     COMMAND_MAPPING,
     CONTROLWORD,
-    HOMING_ATTAINED,
-    HOMING_ERROR,
     MODE,
     TARGETS,
     OperationMode,
 )
-from palpate_host.drives.drive import DriveNeeds, HomingState
+from palpate_host.drives.drive import DriveNeeds
 
 
 class Cia402Drive(AxisMaster):
@@ -69,7 +67,7 @@ class Cia402Drive(AxisMaster):
             values = self._status.decode(frame.data)
             word = values[STATUSWORD]
             self._take_status(scale, word, values[TORQUE])
-            self.homing = _homing(word) if values[MODE_DISPLAY] == OperationMode.HOMING else None
+            self.homing = homing_state(word) if values[MODE_DISPLAY] == OperationMode.HOMING else None
 
     def command(self, order: JointCommand) -> tuple[CanFrame, ...]:
         """Return RPDO 1 for this tick. Raises BusError before the drive is identified."""
@@ -85,9 +83,3 @@ def command_codec(node_id: int, follows: Follows) -> PdoCodec:
     if isinstance(layout, MappingFault):
         raise BusError(f"{od.source}: RPDO 1 maps {layout.value}: restore this file from the package")
     return msgspec.structs.replace(pdo_codec(od, PdoDirection.RECEIVE, 1), layout=layout)
-
-
-def _homing(statusword: int) -> HomingState:
-    if statusword & HOMING_ERROR:
-        return HomingState.ERROR
-    return HomingState.ATTAINED if statusword & HOMING_ATTAINED else HomingState.MISSING

@@ -2,7 +2,8 @@
 
 One frame each way a tick: TPDO 1 carries statusword, position, velocity and torque of each axis after each
 SYNC, for axes behind the fifth TPDO 2; RPDO 1 carries controlword and target of each axis. The axes stand in
-the order of their numbers. The mode is written at start-up, so there is no homing.
+the order of their numbers. The mode has no place in them: it is written over SDO, at start-up and around a
+homing.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from palpate_bus.eds.cia402_axes import (
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.node.object_dictionary import ObjectKey
 from palpate_edge.node.pdo_codec import PdoCodec, PdoDirection
-from palpate_host.common.joint_command import Follows, JointCommand
-from palpate_host.drives.axis_master import AxisMaster
-from palpate_host.drives.cia402_modes import COMMAND_MAPPING
-from palpate_host.drives.drive import DriveNeeds
+from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
+from palpate_host.drives.axis_master import AxisMaster, homing_state
+from palpate_host.drives.axis_mode import AxisMode
+from palpate_host.drives.cia402_modes import COMMAND_MAPPING, OperationMode
+from palpate_host.drives.drive import DriveNeeds, HomingState
 
 AXIS_STATE = struct.Struct("<Hiih")  # statusword, position, velocity, torque
+FOLLOWING = (DriveGoal.TORQUE, DriveGoal.VELOCITY, DriveGoal.POSITION)
 
 
 def target_word(follows: Follows) -> int:
@@ -73,11 +76,23 @@ class AxisDrive(AxisMaster):
             axis_key((word >> 16, 0), axis) for word in (CONTROLWORD_WORD, target_word(needs.follows))
         )
         self._command, self._is_last = axes_command, needs.is_last_of_node
+        self._mode = AxisMode(needs)
+        self._is_home = False
 
     @property
     def receive_ids(self) -> tuple[int, ...]:
         """The TPDO that has this axis, and SDO responses."""
         return (self._state.cob_id, self.identification.reply_id)
+
+    def request(self, now_us: int) -> CanFrame | None:
+        """Return the next SDO request of the identification, or of a change of mode, when one is due."""
+        return self._mode.due(now_us) if self.is_identified else super().request(now_us)
+
+    def restart(self) -> None:
+        """Forget state, identification and zero: the node has booted."""
+        super().restart()
+        self._mode.restart()
+        self._is_home = False
 
     def receive(self, stamp_us: int, frame: CanFrame) -> None:
         """Take a TPDO or an SDO response.
@@ -87,6 +102,7 @@ class AxisDrive(AxisMaster):
         """
         if frame.can_id == self.identification.reply_id:
             self.identification.receive(frame)
+            self._mode.receive(frame)
             return
         scale = self.scale
         if scale is None:
@@ -95,10 +111,31 @@ class AxisDrive(AxisMaster):
         statusword, position, velocity, torque = AXIS_STATE.unpack_from(frame.data, self._offset)
         self._take_motion(stamp_us, scale, position, velocity)
         self._take_status(scale, statusword, torque)
+        self._take_homing(statusword)
+
+    def _take_homing(self, statusword: int) -> None:
+        """Update the state of homing, which is attained when the axis is back in its working mode."""
+        self.homing = None
+        if not self._mode.is_in_effect:
+            return
+        if self._mode.wanted is OperationMode.HOMING:
+            self.homing = homing_state(statusword)
+            if self.homing is HomingState.ATTAINED:
+                self._is_home, self.homing = True, None
+        elif self._is_home:
+            self.homing = HomingState.ATTAINED
 
     def command(self, order: JointCommand) -> tuple[CanFrame, ...]:
         """Return RPDO 1 of the node when this is its last joint. Raises BusError before the axis is
-        identified."""
+        identified.
+
+        While the mode changes, and until an axis is back in its working mode, it follows no target.
+        """
+        working = self.identification.mode
+        seeks_home = order.goal is DriveGoal.HOME and not self._is_home
+        self._mode.want(OperationMode.HOMING if seeks_home else working, working)
+        if order.goal in FOLLOWING and not self._mode.is_in_effect:
+            order = JointCommand(DriveGoal.OFF)
         controlword, _, target = self._words(order)
         self._command.put({self._controlword: controlword, self._target: target})
         return self._command.take() if self._is_last else ()

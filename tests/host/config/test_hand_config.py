@@ -111,11 +111,19 @@ def test_joints_may_be_axes_of_one_node_each_finger(tmp_path, table_4_text):
         (r"axis = 0", "axis = 8", r"axis = 8 is out of range: it must be a whole number from 0 to 7"),
         (r"data_bitrate = \d+", "", r"axis of abduction_1 needs a CAN FD bus, .*: set bus.data_bitrate, or"),
         (r"axis = 0", 'axis = 0, drive = "raw"', r"axis of abduction_1 needs drive = 'cia402', not 'raw'"),
-        (r"\[target\]", "[homing]\nmethod = 37\n[target]", r"axis of abduction_1 allows no \[homing\]"),
     ],
 )
 def test_refusals_of_axes(tmp_path, table_4_text, pattern, replacement, says):
     test_refusals(tmp_path, axes_text(table_4_text), pattern, replacement, says)
+
+
+def test_axes_may_be_homed(tmp_path, table_4_text):
+    path = tmp_path / "hand.toml"
+    path.write_text(axes_text(table_4_text) + "\n[homing]\nmethod = 37\n")
+    with pytest.raises(ConfigError, match=r"needs fingers\.joints\.home_rad of abduction_1"):
+        hand_config.load(path)
+    path.write_text(path.read_text().replace("method = 37", "method = -1"))
+    assert hand_config.load(path).homing.method == -1
 
 
 def test_a_file_that_everybody_may_write_is_refused(tmp_path, table_4_text):
