@@ -95,7 +95,7 @@ schematic:  ## write netlist and picture of the light's schematic (kicad-cli, ch
 	kicad-cli sch export svg -o build firmware/board/light.kicad_sch
 	chromium --headless --no-sandbox --screenshot=docs/board-light.png --window-size=1123,795 build/light.svg
 
-canopennode-test: $(VENV)/dev.stamp  ## run CANopenNode's programs as master and slave (PALPATE_CANOPEND, PALPATE_CANOPEN_DEMO, or in PATH)
+canopennode-test: $(VENV)/dev.stamp  ## run CANopenNode's programs as master and slave (PALPATE_CANOPENNODE: a checkout of CANopenDemo to build them from)
 	$(call timed,$(PYTEST) tests/kernel -m canopennode $(PYTEST_ARGS))
 
 lerobot-test: $(VENV)/dev.stamp $(LEROBOT)/stamp  ## run LeRobot's recorder, loader and replay with the twin; LEROBOT_PYTHON is 3.12 or newer

@@ -34,6 +34,7 @@ pytest_plugins = (
     "kernel_guest.cameras",
     "kernel_guest.usb_cameras",
     "kernel_guest.hub_bridge",
+    "kernel_guest.canopennode_build",
     "kernel_guest.canopennode",
 )
 

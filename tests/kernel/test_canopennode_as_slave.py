@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import chain, repeat
 
 import pytest
 from click.testing import CliRunner
@@ -150,11 +151,12 @@ def test_its_rpdo_receives_the_contacts(slave, run, listener):
 
 @pytest.fixture
 def list_unconfigured(run, wait_until):
-    """Return what ``lss list`` prints; it is run again while a busy machine is too late for a fastscan."""
+    """Return what ``lss list`` prints. While a busy machine is too late for a fastscan it is run again, with
+    more time for each response."""
 
     def listed():
-        found = []
-        wait_until(lambda: found.extend(run("lss", "list").split()) or found)
+        found, timeouts_s = [], chain((0.5, 2.0), repeat(5.0))
+        wait_until(lambda: found.extend(run("lss", "list", "--timeout", next(timeouts_s)).split()) or found)
         return found
 
     return listed

@@ -23,20 +23,29 @@ def lss() -> None:
 
 @lss.command("list")
 @BUS_OPTIONS
-def list_(**bus: Any) -> None:
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.01, 60),
+    help="Wait this long for each response of a scan, s; default: 0.05, and 0.2 and 0.5 if that finds none.",
+)
+def list_(timeout_s: float | None, **bus: Any) -> None:
     """Print vendor:product:revision:serial of devices without id.
 
-    The devices are found by fastscan.
+    The devices are found by fastscan. A response that comes too late spoils a scan, so a device on a busy
+    computer needs a longer time.
 
     \b
-    Example:
+    Examples:
       palpate-host bus lss list
+      palpate-host bus lss list --timeout 2
     """
-    from palpate_bus.master.lss import find_unconfigured  # noqa: PLC0415
+    from palpate_bus.master.lss import ANSWER_TIMEOUTS_S, find_unconfigured  # noqa: PLC0415
     from palpate_bus.master.session import master  # noqa: PLC0415
 
     with master(chosen_bus(**bus), "lss") as network:
-        found = find_unconfigured(network, lambda address: click.echo(str(address)))
+        timeouts_s = ANSWER_TIMEOUTS_S if timeout_s is None else (timeout_s,)
+        found = find_unconfigured(network, lambda address: click.echo(str(address)), timeouts_s)
     click.echo(f"{len(found)} devices without a node id", err=True)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -52,7 +52,9 @@ def parse_address(text: str) -> LssAddress:
 
 
 def find_unconfigured(
-    network: canopen.Network, progress: Callable[[LssAddress], None] = lambda _address: None
+    network: canopen.Network,
+    progress: Callable[[LssAddress], None] = lambda _address: None,
+    timeouts_s: Sequence[float] = ANSWER_TIMEOUTS_S,
 ) -> list[LssAddress]:
     """Return every node without an id, found by repeated fastscan, each confirmed by its address.
 
@@ -64,7 +66,7 @@ def find_unconfigured(
     with _lss_errors("fastscan"):
         try:
             while len(found) < MAX_NODES:
-                address = _fast_scan(network)
+                address = _fast_scan(network, timeouts_s)
                 if address is None or address in found:
                     break
                 found.append(address)
@@ -104,8 +106,8 @@ def _select(network: canopen.Network, address: LssAddress) -> bool:
     return False
 
 
-def _fast_scan(network: canopen.Network) -> LssAddress | None:
-    for timeout_s in ANSWER_TIMEOUTS_S:
+def _fast_scan(network: canopen.Network, timeouts_s: Sequence[float]) -> LssAddress | None:
+    for timeout_s in timeouts_s:
         with _timeout(network, timeout_s):
             is_found, numbers = network.lss.fast_scan()
         if is_found:

@@ -1,8 +1,8 @@
 """CANopenNode's programs on vcan0, where the hub may be bridged to it: a C stack, as master and as slave.
 
-The programs are never part of this project. A person who has them gives their paths: PALPATE_CANOPEND for
-``canopend`` of CANopenLinux, which is master and slave, PALPATE_CANOPEN_DEMO for ``demoLinuxDevice`` of
-CANopenDemo, a slave with strings, a domain and PDOs. Without the variable the name is looked up in PATH.
+The programs are never part of this project: ``canopend`` of CANopenLinux is master and slave,
+``demoLinuxDevice`` of CANopenDemo a slave with strings, a domain and PDOs. They are built from a checkout
+(canopennode_build.py) or given as paths; else their names are looked up in PATH.
 """
 
 from __future__ import annotations
@@ -19,13 +19,11 @@ from pathlib import Path
 
 import pytest
 
+from kernel_guest.canopennode_build import CHECKOUT, VARIABLES
 from kernel_guest.hub_bridge import OwnBus
 from kernel_guest.links import PATIENCE_S, Link
 from palpate_edge.can_bus.bus import Bus, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
-
-VARIABLES = {"canopend": "PALPATE_CANOPEND", "demoLinuxDevice": "PALPATE_CANOPEN_DEMO"}
-"""Environment variable with the path of each program."""
 
 STORES = ("od_comm", "mainline", "od_app", "od_app_auto")
 """Files in which the programs store parameters."""
@@ -40,7 +38,10 @@ def program(name: str) -> Path:
     """Return the path of one of CANopenNode's programs; skip the test where there is none."""
     found = shutil.which(os.environ.get(VARIABLES[name], name))
     if found is None:
-        pytest.skip(f"{name} of CANopenNode is missing: put it in PATH or its path in {VARIABLES[name]}")
+        pytest.skip(
+            f"{name} of CANopenNode is missing: set {CHECKOUT} to a checkout of CANopenDemo, or "
+            f"{VARIABLES[name]} to the program"
+        )
     return Path(found)
 
 
