@@ -16,6 +16,7 @@ import pytest
 from tests.edge.node.hostile_traffic import Traffic
 
 from palpate_edge.can_bus.can_frame import CanFrame
+from palpate_edge.common.errors import BusError
 from palpate_edge.daemon.parameter_file import ParameterFile
 from palpate_edge.node.eds import load_eds
 from palpate_edge.node.parsed_eds import FINGERTIP_EDS
@@ -54,18 +55,26 @@ class Attacker:
     def send(self, count: int) -> None:
         """Send frames in batches; after each the daemon has to respond, so that it processes all of them."""
         for _ in range(count // BATCH):
-            self._bus.send(islice(self._frames, BATCH))
+            self._send(list(islice(self._frames, BATCH)))
             self.sent += BATCH
             self.node_id = self._ask_node_id()
-            if self.node_id == UNCONFIGURED:
-                self._bus.send([LSS_OWN_ID])
-            self._bus.send([LSS_WAIT])
+            self._send([LSS_OWN_ID, LSS_WAIT] if self.node_id == UNCONFIGURED else [LSS_WAIT])
+
+    def _send(self, frames: list[CanFrame]) -> None:
+        """Send frames, and again while the queue is full: on a busy computer the hub may be late."""
+        end_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return self._bus.send(frames)
+            except BusError:
+                if time.monotonic() > end_s:
+                    raise
 
     def _ask_node_id(self) -> int:
         """Return the node id by LSS, which every NMT state answers."""
         end_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < end_s:
-            self._bus.send([LSS_CONFIGURE, LSS_INQUIRE])
+            self._send([LSS_CONFIGURE, LSS_INQUIRE])
             resend_s = time.monotonic() + 1.0
             while time.monotonic() < resend_s:
                 for _, frame in self._bus.receive(0.05):
@@ -87,7 +96,7 @@ class ContactListener(threading.Thread):
         while not self._ends.is_set():
             frames = [frame for _, frame in self._bus.receive(0.05)]
             parts = [frame.data for frame in frames if frame.can_id == TPDO_3 and len(frame.data) == 8]
-            self.latencies_us += [struct.unpack("<IHH", data)[2] for data in parts]
+            self.latencies_us.extend(struct.unpack("<IHH", data)[2] for data in parts)
 
     def wait(self) -> None:
         """Wait for CONTACTS further ones."""
@@ -195,8 +204,11 @@ def test_contacts_keep_their_latency_while_hostile_frames_flow(rig, second_rig, 
         for one in (attacked, quiet):
             one.wait()
         before = {"attacked": attacked.take(), "not attacked": quiet.take()}
-        began_s = time.monotonic()
-        attacker.send(effort(5_000, 1_000_000))
+        began_s, parts = time.monotonic(), 10
+        for _ in range(parts):
+            attacker.send(effort(5_000, 1_000_000) // parts)
+            medians = [statistics.median(one.latencies_us or [0]) / 1000 for one in (attacked, quiet)]
+            print("{} frames: {:.1f} ms, not attacked {:.1f} ms".format(attacker.sent, *medians), flush=True)
         took_s = time.monotonic() - began_s
         during = {"attacked": attacked.take(), "not attacked": quiet.take()}
     print(f"{attacker.sent} frames in {took_s:.0f} s")
