@@ -12,7 +12,16 @@ import msgspec
 
 from palpate_edge.common.config_file import json_fault
 from palpate_edge.web.broadcast import Broadcast
-from palpate_host.common.command import Command, CommandError, Grasp, Recover, Release, Rotate, Stop
+from palpate_host.common.command import (
+    Command,
+    CommandError,
+    Grasp,
+    Recover,
+    Release,
+    Reorient,
+    Rotate,
+    Stop,
+)
 from palpate_host.console.hand_news import HandNews
 from palpate_host.console.hand_scene import SceneMaker
 from palpate_host.console.recordings import RecordingCommand, Recordings
@@ -25,7 +34,7 @@ ALONE_S = 1.0
 RETRY_S = 0.5
 ANSWER_S = 0.8
 """A host that does not answer for so long hangs; the page shows it within a second."""
-_commands = msgspec.json.Decoder(Grasp | Rotate | Release | Stop | Recover | RecordingCommand)
+_commands = msgspec.json.Decoder(Grasp | Rotate | Reorient | Release | Stop | Recover | RecordingCommand)
 
 
 class HandState(msgspec.Struct, frozen=True):

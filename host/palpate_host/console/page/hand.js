@@ -6,6 +6,7 @@ const M_PER_N = 0.01;
 const COLOURS = ["#5aa9ff", "#4cc38a", "#f5c451", "#b48cff", "#ff8fb1"];
 const view = { yaw: -0.6, pitch: 0.45, scene: null, reach_m: 0 };
 let force = null, shown = "";
+let gaitFrom = null; // orientation at the begin of a turn by finger gaiting
 let lights = [], recordings = { recording: "", playing: "" };
 
 follow({ hand: show, bus: showBus, recordings: showRecordings }, PROGRAM);
@@ -15,11 +16,16 @@ for (const button of document.querySelectorAll("[data-command]")) {
   button.addEventListener("click", () => command({ command: button.dataset.command }));
 }
 byId("stop").addEventListener("click", () => command({ command: "stop" }));
-byId("turn").addEventListener("click", () => command({
-  command: "rotate",
-  rpy_deg: ["roll", "pitch", "yaw"].map((axis) => Number(byId(axis).value)),
-  ramp_s: Number(byId("ramp").value),
-}));
+const angles = () => ["roll", "pitch", "yaw"].map((axis) => Number(byId(axis).value));
+byId("turn").addEventListener("click", () =>
+  command({ command: "rotate", rpy_deg: angles(), ramp_s: Number(byId("ramp").value) }));
+byId("reorient").addEventListener("click", () =>
+  command({ command: "reorient", rpy_deg: angles(), corners_mm: corners(byId("corners").value) }));
+
+/** Rows of numbers, as palpate-host command reorient reads them; a word that is none becomes null and is refused. */
+const corners = (text) => text.split("\n")
+  .map((line) => line.split("#")[0].split(/[\s,]+/).filter(Boolean).map(Number))
+  .filter((row) => row.length);
 
 byId("record").addEventListener("click", () => command({ command: recordings.recording ? "record_no_more" : "record" }));
 byId("play").addEventListener("click", () =>
@@ -63,6 +69,7 @@ function show({ status, scene, recording, at_s }) {
     ["ticks", String(status.counters.ticks)],
     ["late ticks", String(status.counters.late_ticks)],
   ]);
+  showGait(status);
   if (force === null || shown !== recording) {
     shown = recording;
     force = new History(byId("force"), status.fingers.map((finger) => finger.name), COLOURS, "N");
@@ -93,6 +100,25 @@ function show({ status, scene, recording, at_s }) {
     ]));
   view.scene = scene;
   draw();
+}
+
+/** Show phase and lifted finger of a turn by finger gaiting, how far it is, and why it was refused or stopped. */
+function showGait({ hold, fingers, R_c }) {
+  const gait = hold ? hold.gait : "", isOver = ["", "refused", "done", "stopped"].includes(gait);
+  if (isOver || gait === "planning") gaitFrom = gait === "planning" ? R_c : gait ? gaitFrom : null;
+  byId("gait").className = ["refused", "stopped"].includes(gait) ? "refused" : "";
+  byId("gait").textContent = !gait ? "" : [
+    `reorient: ${gait}`,
+    hold.lifted === null ? "" : `${fingers[hold.lifted].name} is lifted`,
+    gaitFrom && R_c && gait !== "planning" && gait !== "refused" ? `${angle(R_c, gaitFrom).toFixed(0)}° turned` : "",
+    hold.gait_reason,
+  ].filter(Boolean).join(", ");
+}
+
+/** Angle between two rotations (3 x 3) in degrees. */
+function angle(one, other) {
+  const trace = one.flatMap((row, i) => row.map((value, j) => value * other[i][j])).reduce((sum, value) => sum + value, 0);
+  return Math.acos(Math.max(-1, Math.min(1, (trace - 1) / 2))) * 180 / Math.PI;
 }
 
 /** Texts of a fingertip's temperature and LED level, from the bus; a recording has none. */
