@@ -95,6 +95,14 @@ def test_the_export_is_what_was_recorded(run: Run, tmp_path) -> None:
     check_export(run, tmp_path / "run.csv")
 
 
+def test_an_mcap_of_the_log_gives_the_same_table(run: Run, tmp_path) -> None:
+    for source, output in ((run.log, "log.csv"), (run.log, "run.mcap"), (tmp_path / "run.mcap", "mcap.csv")):
+        arguments = ["export", str(source), "--config", str(run.hand_toml), "-o", str(tmp_path / output)]
+        done = CliRunner().invoke(cli, arguments)
+        assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "mcap.csv").read_bytes() == (tmp_path / "log.csv").read_bytes()
+
+
 def test_statuses_of_the_log_are_the_hosts_own(run: Run) -> None:
     """Except that the host's own command is not rounded to thousandths."""
     found = list(read_statuses(run.log, run.config, run.hand))

@@ -135,16 +135,19 @@ def test_missing_ticks_are_named(run, tmp_path):
         ("drive_node = 5", "drive_node = 15", "node.0x05 'drive:flexion_2', here 'missing'"),
     ],
 )
-@pytest.mark.parametrize("command", ["replay", "export"])
+@pytest.mark.parametrize(
+    "command", ["replay", "export -o x.csv", "view --save x.rrd", "lerobot -o x --task t"]
+)
 def test_another_hand_or_calibration_is_refused_by_name(
-    run, tmp_path, host_refused, command, was, becomes, name
+    run, tmp_path, monkeypatch, host_refused, command, was, becomes, name
 ):
+    monkeypatch.chdir(tmp_path)
     other = tmp_path / "other.toml"
     text = run.hand_toml.read_text()
     assert was in text
     other.write_text(text.replace(was, becomes, 1))
-    output = ["-o", str(tmp_path / "x.csv")] if command == "export" else []
-    said = host_refused(command, run.log, "--config", other, *output)
+    program, *output = command.split()
+    said = host_refused(program, run.log, "--config", other, *output)
     assert name in said and "give the hand.toml that it was recorded with" in said
 
 
