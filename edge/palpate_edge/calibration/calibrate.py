@@ -54,6 +54,7 @@ def calibrate(
     if dome is not None and not dataset.sensor.markers.rings:
         measured = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
+        dome = _seen(dataset.sensor, dome, measured)
         measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
         typical = _typical_fields(dataset.sensor, dome, measured)
         model, regression, contact_fields = _train(
@@ -157,6 +158,17 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
     radius_mm = sensor.markers.radius_mm
     roll_rad = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
     return turned(measured, sensor, rotation_about_z(roll_rad))
+
+
+def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
+    """Return the dome model as this sensor shows it, where its own presses are too few to teach the rest."""
+    from palpate_edge.calibration.seen_presses import seen_by  # noqa: PLC0415 - extra `train`
+    from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES  # noqa: PLC0415
+    from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
+
+    if len(training_presses(measured)) >= FEWEST_PRESSES:
+        return dome
+    return seen_by(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
 
 
 def _adjusted(

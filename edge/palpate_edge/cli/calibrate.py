@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from palpate_edge.estimation.calibration import Calibration, CalibrationSource
 
 
-WEIGHED_ACCURACY = "an error of 3 to 7 % of the largest force (root mean square, simulated sensors)"
+WEIGHED_ACCURACY = "an error of 2 to 4 % of the largest force (root mean square, simulated sensors)"
 
 
 @click.command()

@@ -35,7 +35,7 @@ def report_judgement(calibration: Calibration) -> Judgement:
         text = "positions, and no force: add presses on a kitchen scale"
     else:
         text = (
-            "positions to about a millimetre and forces to 3 to 7 % of the largest, as on simulated sensors; "
+            "positions to about a millimetre and forces to 2 to 4 % of the largest, as on simulated sensors; "
             "presses at known places would show it on this one"
         )
         return Judgement(Verdict.OK, text)

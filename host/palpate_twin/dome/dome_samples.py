@@ -1,17 +1,19 @@
 """Training samples of the packaged dome model: presses of the field library, measured by random sensors.
 
 Layout, bead positions, camera pose and noise vary between sensors as between real ones; presses vary in
-position, depth and slide. Further presses, which teach the torsion alone, vary in twist too. `palpate-host
-simulate dome model` writes the file.
+position, depth and slide. Further presses, which teach the torsion alone, vary in twist too. The last ones
+are kept in three dimensions, for the camera of the sensor that is calibrated. `palpate-host simulate dome
+model` writes the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
+from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses, TwistedPresses
 from palpate_edge.calibration.training.samples import Samples, TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
@@ -24,6 +26,7 @@ from palpate_twin.dome.probe import Probe
 SENSORS = 24
 TWISTED_SENSORS = 12
 PRESSES_A_SENSOR = 50
+SOLID_PRESSES = 300
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
 LEAST_DEPTH_SHARE = 0.01
@@ -61,6 +64,22 @@ def dome_samples(
             np.concatenate([part.fields for part in twisted]),
             np.concatenate([part.torsions_Nmm for part in twisted if part.torsions_Nmm is not None]),
         ),
+        solid_presses(library, np.random.default_rng([seed, 2])),
+    )
+
+
+def solid_presses(library: FieldLibrary, rng: np.random.Generator) -> SolidPresses:
+    """Return `SOLID_PRESSES` presses at azimuth 0, on the library's own directions."""
+    points = field_grid.ring_directions()
+    contacts = [
+        _random_contact(library, rng, twisted=False)._replace(azimuth_rad=0.0) for _ in range(SOLID_PRESSES)
+    ]
+    fields = [library.field(points, *contact) for contact in contacts]
+    return SolidPresses(
+        points,
+        np.array([field.displacement_mm for field in fields]),
+        np.array([contact.direction for contact in contacts]),
+        np.array([field.force_per_mu_mm2 for field in fields]),
     )
 
 
@@ -101,6 +120,34 @@ def _press(
     *,
     twisted: bool,
 ) -> TrainingPress:
+    contact = _random_contact(library, rng, twisted=twisted)
+    field = library.field(directions, *contact)
+    moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
+    moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
+    found = np.ones(len(reference_px), dtype=np.bool_)
+    beads, torsion = Beads.from_positions(moved_px, found), field.torsion_per_mu_mm3
+    return TrainingPress(beads, contact.direction, field.force_per_mu_mm2, torsion_Nmm=torsion)
+
+
+class _Contact(NamedTuple):
+    """Arguments of `FieldLibrary.field` after the directions."""
+
+    theta_rad: float
+    depth_mm: float
+    shear_mm: tuple[float, float]
+    azimuth_rad: float
+    probe: Probe
+    twist_rad: float
+
+    @property
+    def direction(self) -> Array:
+        """(3,) the unit vector from the dome's centre to the contact."""
+        across = np.sin(self.theta_rad)
+        x, y = across * np.cos(self.azimuth_rad), across * np.sin(self.azimuth_rad)
+        return np.array([x, y, np.cos(self.theta_rad)])
+
+
+def _random_contact(library: FieldLibrary, rng: np.random.Generator, *, twisted: bool) -> _Contact:
     probe = (
         Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
     )
@@ -113,10 +160,4 @@ def _press(
     if twisted:  # slide and twist share the friction
         free = float(np.sqrt(1 - (slide_share / MOST_SLIDE_SHARE) ** 2))
         twist_rad = float(rng.uniform(-1, 1)) * free * library.largest_twist_rad(depth_mm, probe)
-    field = library.field(directions, theta, depth_mm, shear_mm, float(azimuth), probe, twist_rad)
-    moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
-    moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
-    found = np.ones(len(reference_px), dtype=np.bool_)
-    contact = np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
-    beads, torsion = Beads.from_positions(moved_px, found), field.torsion_per_mu_mm3
-    return TrainingPress(beads, contact, field.force_per_mu_mm2, torsion_Nmm=torsion)
+    return _Contact(theta, depth_mm, shear_mm, float(azimuth), probe, twist_rad)

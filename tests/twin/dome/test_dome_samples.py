@@ -7,10 +7,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from palpate_edge.calibration.seen_presses import seen_by
 from palpate_edge.calibration.training.dome_model import load_dome_model, save_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.estimation.displacement_field import canonical_directions
+from palpate_edge.estimation.displacement_field import DisplacementReader, canonical_directions
+from palpate_edge.geometry.sensor import Camera
 from palpate_twin.dome import dome_samples as maker
 from palpate_twin.dome.library import load_library
 
@@ -90,6 +92,33 @@ def test_the_shipped_model_teaches_torsion_where_own_presses_are_few(monkeypatch
     ]
     assert rms_Nmm[0] < 0.06 * np.ptp(seen.torsions_Nmm), rms_Nmm
     assert rms_Nmm[0] < 0.6 * rms_Nmm[1], rms_Nmm
+
+
+def test_presses_seen_by_the_sensor_s_own_camera_are_nearer_to_it(monkeypatch):
+    """A close camera, which the packaged fields do not have: mean errors of place and force over its size."""
+    close = Camera(640, 480, (240.0, 240.0, 320.0, 240.0), (0.0, 0.0, -24.0))
+    monkeypatch.setattr(maker, "CAMERA", close)
+    monkeypatch.setattr(maker, "PRESSES_A_SENSOR", 100)
+    readers = []
+
+    class Reader(DisplacementReader):
+        def __init__(self, reference_px, view, radius_mm):
+            super().__init__(reference_px, view, radius_mm)
+            readers.append((self, view))
+
+    monkeypatch.setattr(maker, "DisplacementReader", Reader)
+    samples = maker._one_sensor(load_library(), np.random.default_rng(12))
+    dome = load_dome_model()
+    errors = []
+    for model in (dome, seen_by(*readers[0], dome)):
+        direction, force, _ = fit(None, model, 30.0).predict(samples.fields, samples.hidden)
+        place_mm = 30.0 * np.linalg.norm(direction - samples.directions, axis=1)
+        scale = (force * samples.forces_N).sum() / (force**2).sum()
+        missed = np.linalg.norm(scale * force - samples.forces_N, axis=1)
+        errors.append((place_mm.mean(), np.sqrt((missed**2).mean()) / np.abs(samples.forces_N).max()))
+    (packaged_mm, packaged_share), (seen_mm, seen_share) = errors
+    assert seen_mm < 0.8 * packaged_mm, errors
+    assert seen_share < 0.8 * packaged_share, errors
 
 
 def some(samples, rows):

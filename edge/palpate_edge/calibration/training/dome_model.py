@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,9 @@ from palpate_edge.estimation.displacement_field import canonical_directions
 
 SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "markers_radius_mm")
-TWISTED_NAMES = ("twisted_fields", "torsions")  # of presses whose torsion is known; a file may have none
+# A file may have none of these two groups.
+TWISTED_NAMES = ("twisted_fields", "torsions")  # of presses whose torsion is known
+SOLID_NAMES = ("points", "motions", "solid_directions", "solid_forces")  # of presses in three dimensions
 # What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
 DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
@@ -38,16 +40,28 @@ class TwistedPresses:
 
 
 @dataclass(frozen=True, slots=True)
+class SolidPresses:
+    """s presses in three dimensions, not yet seen by a camera: motions (s, d, 3) mm of the beads' sphere at
+    the unit vectors points (d, 3), directions (s, 3) of contact, at azimuth 0, and forces (s, 3)."""
+
+    points: Array
+    motions: Array
+    directions: Array
+    forces: Array
+
+
+@dataclass(frozen=True, slots=True)
 class DomeModel:
     """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
     frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the torsion
-    alone, None where none is known."""
+    alone, None where none is known. solid: further presses for `seen_presses`, None without them."""
 
     fields: Array
     directions: Array
     forces: Array
     markers_radius_mm: float
     twisted: TwistedPresses | None = None
+    solid: SolidPresses | None = None
 
     def for_markers(self, radius_mm: float) -> DomeModel:
         """The same dome in another size: motions grow with it, forces with its square, torsions with its
@@ -56,7 +70,11 @@ class DomeModel:
         twisted = self.twisted
         if twisted is not None:
             twisted = TwistedPresses(twisted.fields * ratio, twisted.torsions * ratio**3)
-        return DomeModel(self.fields * ratio, self.directions, self.forces * ratio**2, radius_mm, twisted)
+        solid = self.solid
+        if solid is not None:
+            solid = replace(solid, motions=solid.motions * ratio, forces=solid.forces * ratio**2)
+        forces = self.forces * ratio**2
+        return DomeModel(self.fields * ratio, self.directions, forces, radius_mm, twisted, solid)
 
 
 def load_dome_model(path: Path = SHIPPED) -> DomeModel:
@@ -69,7 +87,8 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
                     f"{path} is a pose model, a press dataset needs a dome model: make one with "
                     "palpate-edge train from press datasets"
                 )
-            names = NAMES + (TWISTED_NAMES if any(name in file for name in TWISTED_NAMES) else ())
+            groups = [group for group in (TWISTED_NAMES, SOLID_NAMES) if any(name in file for name in group)]
+            names = sum(groups, NAMES)
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in names}
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None
@@ -78,22 +97,40 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
             f"{path} is no dome model ({error}): make it with palpate-edge train"
         ) from None
     _check(arrays, path)
-    twisted = [arrays[name] for name in TWISTED_NAMES if name in arrays]
+    twisted, solid = ([arrays[n] for n in names if n in arrays] for names in (TWISTED_NAMES, SOLID_NAMES))
     return DomeModel(
         arrays["fields"],
         arrays["directions"],
         arrays["forces"],
         float(arrays["markers_radius_mm"]),
         TwistedPresses(*twisted) if twisted else None,
+        SolidPresses(*solid) if solid else None,
     )
 
 
 def _check(arrays: dict[str, Array], path: Path) -> None:
     """Refuse what a readable file can still have wrong."""
     count, width = arrays["forces"].size // 3, 2 * len(canonical_directions())
-    twisted = arrays["torsions"].size if "torsions" in arrays else 0
-    shapes = ((count, width), (count, 3), (count, 3), (), (twisted, width), (twisted,))
-    if any(array.shape != shape for array, shape in zip(arrays.values(), shapes, strict=False)):
+    shapes: dict[str, tuple[int, ...]] = {
+        "fields": (count, width),
+        "directions": (count, 3),
+        "forces": (count, 3),
+        "markers_radius_mm": (),
+    }
+    if "torsions" in arrays:
+        shapes |= {
+            "twisted_fields": (arrays["torsions"].size, width),
+            "torsions": (arrays["torsions"].size,),
+        }
+    if "points" in arrays:
+        points, presses = arrays["points"].size // 3, arrays["solid_forces"].size // 3
+        shapes |= {
+            "points": (points, 3),
+            "motions": (presses, points, 3),
+            "solid_directions": (presses, 3),
+            "solid_forces": (presses, 3),
+        }
+    if any(array.shape != shapes[name] for name, array in arrays.items()):
         raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
     whole = all(np.isfinite(array).all() for array in arrays.values())
     if not (count and whole and arrays["markers_radius_mm"] > 0):
@@ -113,5 +150,10 @@ def save_dome_model(dome: DomeModel, path: Path) -> None:
     if dome.twisted is not None:
         arrays["twisted_fields"] = dome.twisted.fields.astype(np.float16)
         arrays["torsions"] = dome.twisted.torsions.astype(np.float32)
+    if dome.solid is not None:
+        arrays["points"] = dome.solid.points.astype(np.float32)
+        arrays["motions"] = dome.solid.motions.astype(np.float16)
+        arrays["solid_directions"] = dome.solid.directions.astype(np.float32)
+        arrays["solid_forces"] = dome.solid.forces.astype(np.float32)
     with atomic_file(path, CalibrationError) as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from palpate_edge.calibration.training.dome_model import (
     SHIPPED,
     TWISTED_NAMES,
     DomeModel,
+    SolidPresses,
     TwistedPresses,
     load_dome_model,
     save_dome_model,
@@ -88,7 +90,12 @@ def test_the_shipped_model_is_whole():
     assert (pushing > 0).all()  # a probe pushes, it never pulls
     assert len(dome.twisted.fields) >= 1000
     assert dome.twisted.torsions[::2] == pytest.approx(-dome.twisted.torsions[1::2])  # mirror images
-    assert SHIPPED.stat().st_size < 2_000_000
+    solid = dome.solid
+    assert len(solid.motions) == len(solid.forces) >= 250
+    assert np.linalg.norm(solid.points, axis=1) == pytest.approx(1, abs=1e-6)
+    assert (-(solid.forces * solid.directions).sum(axis=1) > 0).all()
+    assert np.abs(solid.directions[:, 1]).max() == 0  # at azimuth 0
+    assert SHIPPED.stat().st_size < 2_200_000
 
 
 def test_a_file_without_twisted_presses_is_read(arrays, tmp_path):
@@ -97,6 +104,27 @@ def test_a_file_without_twisted_presses_is_read(arrays, tmp_path):
     assert read.for_markers(53.0).twisted is None
     save_dome_model(read, tmp_path / "b.npz")
     assert load_dome_model(tmp_path / "b.npz").twisted is None
+
+
+def test_presses_in_three_dimensions_are_kept_and_grow_with_the_dome(dome, tmp_path):
+    random = np.random.default_rng(5)
+    solid = SolidPresses(*(random.normal(size=shape) for shape in ((9, 3), (4, 9, 3), (4, 3), (4, 3))))
+    save_dome_model(replace(dome, solid=solid), tmp_path / "solid.npz")
+    read = load_dome_model(tmp_path / "solid.npz").solid
+    assert read.motions == pytest.approx(solid.motions, rel=2**-11, abs=1e-6)
+    assert read.points == pytest.approx(solid.points, rel=1e-6)
+    assert read.directions == pytest.approx(solid.directions, rel=1e-6)
+    larger = replace(dome, solid=solid).for_markers(2 * dome.markers_radius_mm).solid
+    assert larger.motions == pytest.approx(2 * solid.motions)
+    assert larger.forces == pytest.approx(4 * solid.forces)
+    assert (larger.directions == solid.directions).all()
+
+
+@pytest.mark.parametrize("shape", [(4, 8, 3), (3, 9, 3), (4, 9, 2)])
+def test_presses_in_three_dimensions_of_another_shape_are_refused(arrays, tmp_path, one_line, shape):
+    solid = {"points": (9, 3), "motions": shape, "solid_directions": (4, 3), "solid_forces": (4, 3)}
+    path = written(tmp_path / "a.npz", arrays | {name: np.ones(size) for name, size in solid.items()})
+    assert "another version" in refusal(path, one_line)
 
 
 def test_an_array_of_an_earlier_version_is_left_out(dome, arrays, tmp_path):

@@ -1,0 +1,58 @@
+"""The dome model's presses as the camera and the beads of one sensor show them.
+
+A bead that a contact pushes inwards seems to move along the dome, by more the more obliquely the camera looks
+at it: the same press has another displacement field before a close fisheye lens than before a distant camera.
+Beads that lie far apart smooth the field, and beads missing near the base cut it off. The fields of the dome
+model are a mixture over one kind of camera. Its presses in three dimensions are projected here by the
+sensor's own view, at its own beads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses
+from palpate_edge.calibration.training.samples import TrainingPress, make_samples
+from palpate_edge.common.arrays import Array
+from palpate_edge.estimation.displacement_field import DisplacementReader, kernel
+from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.geometry.sensor import View
+from palpate_edge.vision.beads import Beads
+
+NOISE_PX = 0.02  # of the beads' places, as in the dome model
+RIDGE = 1e-6  # of the interpolation between the points
+GOLDEN_TURN_RAD = np.pi * (3 - 5**0.5)  # from one press to the next: azimuths that repeat nowhere
+
+
+def seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeModel:
+    """Return the dome model with fields as the sensor shows them; unchanged without solid presses.
+
+    reader, view: of the sensor; dome: of its size.
+    """
+    if dome.solid is None:
+        return dome
+    presses = _presses(reader, view, dome.solid, dome.markers_radius_mm)
+    samples = make_samples(reader, presses, copies=1, vary_all=True)
+    return replace(dome, fields=samples.fields, directions=samples.directions, forces=samples.forces_N)
+
+
+def _presses(
+    reader: DisplacementReader, view: View, solid: SolidPresses, radius_mm: float
+) -> list[TrainingPress]:
+    """Return the presses at azimuths all around the dome, as if tracked in pictures."""
+    directions, _ = reader.geometry
+    rng = np.random.default_rng(0)
+    found = np.ones(len(directions), dtype=np.bool_)
+    covariance = kernel(solid.points, solid.points) + RIDGE * np.eye(len(solid.points))
+    to_points: Array = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    presses = []
+    each = zip(solid.motions, solid.directions, solid.forces, strict=True)
+    for number, (motion_mm, direction, force) in enumerate(each):
+        turn = rotation_about_z(GOLDEN_TURN_RAD * number)
+        moved_mm = kernel(directions @ turn, solid.points) @ (to_points @ motion_mm) @ turn.T
+        pixels = view.project(radius_mm * directions + moved_mm)
+        pixels = pixels + NOISE_PX * rng.standard_normal(pixels.shape)
+        presses.append(TrainingPress(Beads.from_positions(pixels, found), turn @ direction, turn @ force))
+    return presses
