@@ -120,7 +120,8 @@ class SymmetricFit:
         design = np.column_stack([np.ones_like(radius), lit, profile])
         outward = grid / np.maximum(radius, 1e-6)[:, None]
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
-        self._steps: Floats = (grid.T[:, None] * self._diameter[:, None]).astype(np.float32)
+        steps_px = grid.T[:, None] * self._diameter[:, None]
+        self._steps: Floats = np.ascontiguousarray(steps_px, np.float32)
         reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
         inside, kind, beads_of = np.unique(
             radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True, return_counts=True
