@@ -145,6 +145,13 @@ def forces_within_cones(
     return ContactForces(np.array(forces), normal_N, g, share, reserve)
 
 
+def internal_ratio(grip: Grip, contact: int) -> float:
+    """Return the friction ratio of one contact under internal forces alone, which no grip changes."""
+    force, outward = internal_forces(grip)[contact], grip.normal[contact]
+    inward = max(-float(force.dot(outward)), _TINY)
+    return math.sqrt(max(float(force.dot(force)) - inward * inward, 0.0)) / inward
+
+
 def _products(asked: list[_Row], inner: list[_Row], normal: list[_Row]) -> list[_Products]:
     """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh."""
     rows = []

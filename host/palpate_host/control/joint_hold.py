@@ -2,12 +2,13 @@
 
 Contacts are too old, so only joint angles are used:
 
-    u = sum J_xi^T f_i - K (q - q_H) - B dq/dt + g(q),        K = c B.
+    u = sum J_xi^T f_i - K (q - q_d) - B dq/dt + g(q),        K = c B,        q_d = q_H - sum J_xi^+ d_i n_i.
 
-q_H are the joint angles at the beginning of HOLD. f_i carry the wrench and have the grip that the pose law
-commanded there, without its damping (PoseLaw.still_forces); their directions follow the object as the rolling
-tips move it, Eq. (6). Forces with a stiffness of the joints are Salisbury's active stiffness control (IEEE
-CDC 1980), in joint space.
+q_H are the joint angles at the beginning of HOLD. f_i carry the wrench that the pose law commanded there,
+without its damping, with a grip that becomes firm (PoseLaw.still_forces); their directions follow the object
+as the rolling tips move it, Eq. (6). A firmer tip is pressed in by d_i more along its outward normal n_i, Eq.
+(8), which must not pull at the stiffness. Forces with a stiffness of the joints are Salisbury's active
+stiffness control (IEEE CDC 1980), in joint space.
 
 Stability: with K = c B every motion that the contacts leave to the joints, dq = A dz, has the equation
 A^T B A dz/dt = -c A^T B A z: each is the loop c e^(-sT)/s, for any contacts. c T = STABLE_SHARE
@@ -50,14 +51,19 @@ class JointHold:
         forces: ContactForces,
         most_N: float,
         gains: Gains,
+        deeper_m: Array,
     ) -> Array:
         """Return u (nq,) before the limits of the joints.
 
         grip, forces: the contacts and their forces. most_N: largest normal force of a tip; where the
-        stiffness would exceed it, that finger's is scaled down.
+        stiffness would exceed it, that finger's is scaled down. deeper_m: d_i (n,), by how much further each
+        tip is pressed in than at the beginning.
         """
-        spring_Nm = self.stiffness_Nm_rad * (self.q_rad - pose.q_rad)
-        spring_Nm = _bounded(spring_Nm, contact_jacobian_m(pose, grip), grip.normal, most_N - forces.normal_N)
+        J_x = contact_jacobian_m(pose, grip)
+        inward_m = -deeper_m[:, None] * grip.normal
+        q_d = self.q_rad + np.einsum("iqa,ia->q", np.linalg.pinv(J_x, rcond=SINGULAR), inward_m)
+        spring_Nm = self.stiffness_Nm_rad * (q_d - pose.q_rad)
+        spring_Nm = _bounded(spring_Nm, J_x, grip.normal, most_N - forces.normal_N)
         moment_Nm = moments(grip.to_contact_m, forces.force_N)
         return spring_Nm + force_torque_Nm(pose, qdot_rad_s, forces.force_N, gains, moment_Nm)
 

@@ -258,7 +258,7 @@ class Manipulation:
             return
         if contact.received_at_us >= self._squeezed_until_us:
             self._squeezed_until_us = contact.received_at_us + ANSWER_US
-            law.squeeze()
+            law.squeeze(finger, after.friction)
 
     @property
     def turn_waits(self) -> bool:
@@ -360,8 +360,9 @@ class Manipulation:
             self._still = joint_hold(pose.q_rad, friction, self.gains, dt_s)
         law.hold_here()
         self._law_M = None if R_vir is None else R_vir.T.dot(law.object.R)
-        forces = law.still_forces(self._still.friction)
-        return self._still.torque_Nm(pose, qdot_rad_s, law.object.grip, forces, law.most_grip_N, self.gains)
+        forces = law.still_forces(self._still.friction, dt_s)
+        contacts, most_N, deeper_m = law.object.grip, law.most_grip_N, law.deeper_m
+        return self._still.torque_Nm(pose, qdot_rad_s, contacts, forces, most_N, self.gains, deeper_m)
 
     def _position_to_hold(self, mode: Mode, pose: HandPose) -> Array | None:
         """Return the tips' centroid (3,) at the time when the object was first held; None while it is not."""

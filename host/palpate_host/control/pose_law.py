@@ -30,7 +30,7 @@ from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
-from palpate_host.control.grasp_forces import ContactForces, forces_within_cones
+from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
@@ -44,7 +44,8 @@ KNOWN_LOAD_N, KNOWN_LOAD_S, NEW_LOAD_N = 0.15, 0.3, 0.4
 SQUEEZE = 1.5
 """Factor by which the grip grows when a tip slips."""
 FIRM = 2.0
-"""Factor of the smallest grip while fingers lift in turn: their transients then raise it no further."""
+"""Factor of the smallest grip while fingers lift in turn, whose transients then raise it no further, and of
+the grip in HOLD."""
 FIRMER_PER_S = 2.0
 """Rate at which that factor changes: faster changes of the grip push the object away."""
 NARROW_RESERVE = 0.02
@@ -67,7 +68,8 @@ class PoseLaw:
         self._origin_m, self._origin_R = np.zeros(3), np.eye(3)
         self._from_m: Array | None = None
         self._shift_m = np.zeros(3)
-        self.grip_N = self._least_grip_N = 0.0
+        self.grip_N = self._least_grip_N = self._firm_N = 0.0
+        self._rest_radius_m = np.zeros(fingers)
         self.is_firm, self._firmness = False, 1.0
         self.share = 1.0
         self.reserve = math.inf
@@ -249,9 +251,13 @@ class PoseLaw:
         """Take a frame that flags slip: the place is less certain."""
         self.uncertainty = self.uncertainty.after_slip()
 
-    def squeeze(self) -> None:
-        """Answer a slip: the next tick's grip is larger, within `most_grip_N`, and relaxes as any other."""
-        if self._object is not None:
+    def squeeze(self, finger: int, friction: float) -> None:
+        """Answer a slip: the next tick's grip is larger, within `most_grip_N`, and relaxes as any other.
+
+        friction: of the tip that slips. Far turned, internal forces alone may be beyond it: then no grip
+        holds the tip, and one that rises pushes the object on.
+        """
+        if self._object is not None and internal_ratio(self._object.grip, finger) < friction:
             self.grip_N = max(self.grip_N, min(SQUEEZE * self.grip_N, self._config.most_grip_N))
 
     @property
@@ -293,7 +299,7 @@ class PoseLaw:
         return force_torque_Nm(pose, qdot_rad_s, forces.force_N, self._gains, moment_Nm)
 
     def rest(self, friction: Sequence[float]) -> None:
-        """Take the present pose as the target, and what pulls the object now as its load.
+        """Take the present pose as the target, what pulls the object now as its load, and plan a firm grip.
 
         The object must be held. friction: of each tip.
         """
@@ -303,18 +309,32 @@ class PoseLaw:
         most_N, most_Nm = self._most_load(found.grip, friction)
         pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
         twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
+        self._rest_radius_m = found.radius_m
+        self._firm_N = max(self.grip_N, min(FIRM * self.grip_N, 0.5 * self._config.most_grip_N))
         self._force_I_N = _bounded(self._force_I_N + pull_N, most_N)
         self._torque_I_Nm = _bounded(self._torque_I_Nm + twist_Nm, most_Nm)
         self.hold_here()
 
-    def still_forces(self, friction: Sequence[float]) -> ContactForces:
-        """Return the contact forces that carry the load with the last grip; pose and target do not count."""
+    def still_forces(self, friction: Sequence[float], dt_s: float) -> ContactForces:
+        """Return the contact forces that carry the load; pose and target do not count.
+
+        Contacts show no push and no slip here, so the grip rises slowly to what `rest` has set for them.
+        """
+        self.grip_N = min(self.grip_N + FIRMER_PER_S * self._least_grip_N * dt_s, self._firm_N)
         found = self._object
         assert found is not None
         grip, force_N = found.grip, self._force_I_N
         torque_Nm = self._torque_I_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
         torque_Nm = _bounded(torque_Nm, self._most_load(grip, friction)[1])
-        return forces_within_cones(grip, force_N, torque_Nm, friction, self.grip_N, self.most_grip_N)
+        forces = forces_within_cones(grip, force_N, torque_Nm, friction, self.grip_N, self.most_grip_N)
+        found.set_radius(self._radius_m(forces.normal_N))
+        return forces
+
+    @property
+    def deeper_m(self) -> Array:
+        """By how much further (n,) the tips are pressed in than at the last `rest`."""
+        assert self._object is not None
+        return self._rest_radius_m - self._object.radius_m
 
     @property
     def most_grip_N(self) -> float:

@@ -7,6 +7,7 @@ from palpate_host.control.grasp_forces import (
     LEAST_MARGIN,
     forces_within_cones,
     internal_forces,
+    internal_ratio,
     wrench_forces_N,
 )
 from palpate_host.control.virtual_object import grip_of
@@ -58,6 +59,7 @@ def slack(grip, force):
     inner = internal_forces(grip)
     inner_n = -np.vecdot(inner, grip.normal)
     used = np.linalg.norm(inner + inner_n[:, None] * grip.normal, axis=1) / inner_n
+    np.testing.assert_allclose([internal_ratio(grip, i) for i in range(len(used))], used, atol=1e-7)
     normal = -np.vecdot(force, grip.normal)
     tangential = np.linalg.norm(force + normal[..., None] * grip.normal, axis=-1)
     return np.maximum(FRICTION, used + LEAST_MARGIN) * normal - tangential

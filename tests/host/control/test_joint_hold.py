@@ -16,6 +16,7 @@ from palpate_host.service.host import load_hand
 Q_RAD = np.tile([0.0, 0.1405, 1.4285], 3) + np.linspace(-0.05, 0.05, 9)
 STILL = np.zeros(9)
 MOST_N, FRICTION = 5.0, (0.4, 0.4, 0.4)
+UNCHANGED_M = np.zeros(3)
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +57,10 @@ def test_the_torques_do_the_work_of_the_last_forces(wide):
     forces = forces_on(grip)
     hold = joint_hold(Q_RAD, FRICTION, gains, 0.01)
     expected = skin_jacobian_m(hand, grip).T @ forces.force_N.ravel() + pose.gravity_Nm
-    np.testing.assert_allclose(hold.torque_Nm(pose, STILL, grip, forces, MOST_N, gains), expected, atol=1e-7)
-    damped = hold.torque_Nm(pose, np.ones(9), grip, forces, MOST_N, gains)
+    np.testing.assert_allclose(
+        hold.torque_Nm(pose, STILL, grip, forces, MOST_N, gains, UNCHANGED_M), expected, atol=1e-7
+    )
+    damped = hold.torque_Nm(pose, np.ones(9), grip, forces, MOST_N, gains, UNCHANGED_M)
     np.testing.assert_allclose(damped, expected - gains.B_Nms_rad, atol=1e-7)
 
 
@@ -96,9 +99,25 @@ def test_the_stiffness_never_presses_a_tip_with_more_than_the_limit(wide):
     def pressing_N(moved_rad, most_N):
         """Normal forces (3,) that the torques at Q_RAD balance, when q_H is that far from there."""
         moved = replace(hold, q_rad=Q_RAD - moved_rad)
-        u = moved.torque_Nm(pose, STILL, grip, forces, most_N, gains) - pose.gravity_Nm
+        u = moved.torque_Nm(pose, STILL, grip, forces, most_N, gains, UNCHANGED_M) - pose.gravity_Nm
         return -np.vecdot(np.linalg.solve(J.T, u).reshape(3, 3), grip.normal)
 
     assert pressing_N(apart_rad, np.inf).min() > 1.2 * MOST_N
     np.testing.assert_allclose(pressing_N(apart_rad, MOST_N), MOST_N, atol=1e-6)
     assert (pressing_N(-0.05 * apart_rad, MOST_N) < forces.normal_N).all()
+
+
+def test_a_tip_that_is_pressed_in_further_does_not_pull_at_the_stiffness(wide):
+    """By 0.5 mm: where the skin is that far inside, the torques are those of the forces alone."""
+    gains, hand = wide
+    grip = grip_at(hand.pose(Q_RAD))
+    hold, J = joint_hold(Q_RAD, FRICTION, gains, 0.01), skin_jacobian_m(hand, grip)
+    pose = hand.pose(Q_RAD - np.linalg.solve(J, (0.5e-3 * grip.normal).ravel()))
+
+    def torque_Nm(deeper_m):
+        return hold.torque_Nm(pose, STILL, grip, forces_on(grip), MOST_N, gains, np.full(3, deeper_m))
+
+    free = replace(hold, stiffness_Nm_rad=np.zeros(9))
+    expected = free.torque_Nm(pose, STILL, grip, forces_on(grip), MOST_N, gains, UNCHANGED_M)
+    np.testing.assert_allclose(torque_Nm(0.5e-3), expected, atol=1e-3)
+    assert np.abs(torque_Nm(0.0) - expected).max() > 0.01

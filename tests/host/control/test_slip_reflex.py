@@ -8,6 +8,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.hand_config import ControlLaw
 from palpate_host.config.packaged import MODELS
+from palpate_host.control.grasp_forces import internal_ratio
 from palpate_host.control.hold_report import hold_status, hold_warning
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.tip_friction import TipFriction
@@ -86,6 +87,16 @@ def test_the_next_tick_grips_harder_and_the_grip_relaxes(wide):
     for _ in range(50):  # relax_s
         hold.tick()
     assert hold.grip_N - before_N == pytest.approx(0.5 * before_N * np.exp(-1), rel=0.05)
+
+
+def test_no_grip_answers_where_internal_forces_alone_have_used_up_the_friction(wide):
+    hold = Hold(wide)
+    law, before_N = hold.control.pose_law, hold.grip_N
+    ratio = internal_ratio(law.object.grip, 1)
+    law.squeeze(1, ratio - 1e-3)
+    assert hold.grip_N == before_N
+    law.squeeze(1, ratio + 1e-3)
+    assert hold.grip_N == pytest.approx(1.5 * before_N)
 
 
 @pytest.mark.parametrize(("answers", "grown", "friction"), [(True, 1.5, 0.27), (False, 1.0, 0.4)])
