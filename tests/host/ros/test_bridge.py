@@ -243,6 +243,7 @@ def running() -> Iterator[Running]:
 
 
 @pytest.mark.ros
+@pytest.mark.usefixtures("real_time")
 def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path, running) -> None:
     """A host with drives and fingertips on the hub. A stop takes effect in the tick after its response."""
     from geometry_msgs.msg import Vector3
@@ -277,6 +278,7 @@ def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, 
 
 
 @pytest.mark.ros
+@pytest.mark.usefixtures("real_time")
 def test_goals_of_a_real_host_that_is_killed(bridge, listener: Listener, tmp_path, running) -> None:
     """Grasp and release succeed on the hub; SIGKILL of the host aborts a turn, and the mode is `no host`."""
     path = tmp_path / "hand.toml"

@@ -26,6 +26,7 @@ def hand_on_the_bus(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.ros
+@pytest.mark.usefixtures("real_time")
 def test_the_commands_of_the_page_publish_a_running_hand(listener: Listener, hand_on_the_bus: Path) -> None:
     """The wheels lack `ros2`, so this process subscribes to the topic."""
     from geometry_msgs.msg import WrenchStamped
