@@ -1,7 +1,7 @@
 #!/bin/sh
 # Install the apt packages that some tests use. Each is optional: without it its tests skip with its name.
 set -eu
-packages="tshark user-mode-linux kmod iproute2 can-utils qemu-system-x86 mmdebstrap e2fsprogs systemd
+packages="tshark user-mode-linux kmod iproute2 can-utils qemu-system-x86 mmdebstrap e2fsprogs dmsetup systemd
   gcc g++ gcc-avr avr-libc avrdude libelf-dev openssh-client qemu-user-static qemu-user
   chromium chromium-driver valgrind openscad xvfb"
 if [ "$(id -u)" -eq 0 ]; then sudo=""; else sudo="sudo"; fi

@@ -24,6 +24,7 @@ ip link set lo up; ip link set tap0 gso_max_segs 1; ip link set tap0 up; exec en
 """
 MODULES = "/usr/lib/uml/modules"
 PATIENCE_S = 900.0  # on a busy machine
+LOG_BYTES = 8 << 30  # room for all writes; the file is sparse
 CONTACT, WITNESS = "witness has a contact", "witness: "
 
 BUS = f"""[Unit]
@@ -71,14 +72,28 @@ class UserModeBoard:
         self._pressure = self._cgroup / "cpu.pressure"
         self._machine: subprocess.Popen[bytes] | None = None
 
-    def boot(self, disk: Path, layer: Path | None = None, log: Path | None = None) -> None:
-        """Start. log: gets the writes to the disk (write_log.c)."""
+    def boot(self, disk: Path) -> None:
+        """Start from a disk."""
+        self._start("root=/dev/ubda", "rw", f"ubd0={disk}")
+
+    def boot_recorded(self, disk: Path, log: Path) -> None:
+        """Start from a disk; the log gets every write to it and every flush (write_log.py)."""
+        with log.open("wb") as file:
+            file.truncate(LOG_BYTES)
+        outside = ("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro")
+        self._start(*outside, f"ubd0={disk}", f"ubd1={log}", f"init={RIG}/record-writes.sh")
+
+    def boot_layer(self, disk: Path, *words: str) -> None:
+        """Start from a disk that stays as it is; words: of the kernel's command line."""
+        layer = self.folder / "layer"
+        layer.unlink(missing_ok=True)
+        self._start("root=/dev/ubda", "rw", f"ubd0={layer},{disk}", *words)
+
+    def _start(self, *words: str) -> None:
         self._cgroup.mkdir(exist_ok=True)
-        libraries = [*wide_registers(self.folder), *([self._recorder()] if log else [])]
-        recording = [f"DISK={disk}", f"WRITE_LOG={log}"] if log else []
-        environment = [f"LD_PRELOAD={':'.join(map(str, libraries))}", *recording]
+        environment = [f"LD_PRELOAD={':'.join(map(str, wide_registers(self.folder)))}"]
         kernel = [
-            *("linux.uml", "mem=1G", "root=/dev/ubda", "rw", f"ubd0={f'{layer},' if layer else ''}{disk}"),
+            *("linux.uml", "mem=1G", *words),
             *("con=null", "con0=null,fd:1", f"uml_dir={self.folder}/"),
             "vec0:transport=tap,ifname=tap0,depth=64",
         ]
@@ -105,21 +120,22 @@ class UserModeBoard:
         }
 
     def witness(self) -> dict[str, Any]:
-        """Wait for the first contact; return what the board has then (witness.py).
+        """Return what witness.py prints: as a service at the first contact, as the first process at once.
 
-        waited_s: the part of contact_s in which other programs of this machine had the processor.
+        waited_s: how long, until the contact, other programs of this machine had the processor.
         """
         end_s, waited_s = time.monotonic() + PATIENCE_S, None
         while True:
+            assert self._machine is not None
+            ended = self._machine.poll() is not None
             lines = (self.folder / "console").read_text(errors="replace").splitlines()
             if waited_s is None and any(CONTACT in line for line in lines):
                 waited_s = self.waited_s()
             for line in lines:
                 if WITNESS in line and line.rstrip().endswith("}"):
                     return {"waited_s": waited_s, **json.loads(line.partition(WITNESS)[2])}
-            assert self._machine is not None
             last = "\n".join(lines[-30:])
-            assert self._machine.poll() is None, f"the machine has ended: {last}"
+            assert not ended, f"the machine has ended: {last}"
             assert time.monotonic() < end_s, f"no contact in {PATIENCE_S} s: {last}"
             time.sleep(0.2)
 
@@ -136,6 +152,7 @@ class UserModeBoard:
             self._machine.send_signal(signal.SIGKILL)
         self._machine.wait()
         self._machine = None
+        (self.folder / "layer").unlink(missing_ok=True)
         (self._cgroup / "cgroup.kill").write_text("1")
         end_s = time.monotonic() + 60
         while self._cgroup.exists():
@@ -143,9 +160,3 @@ class UserModeBoard:
                 self._cgroup.rmdir()
             assert time.monotonic() < end_s
             time.sleep(0.02)
-
-    def _recorder(self) -> Path:
-        library = self.folder / "write_log.so"
-        command = ["cc", "-shared", "-fPIC", "-O2", "-o", library, RIG / "write_log.c", "-ldl"]
-        subprocess.run(command, check=True)
-        return library

@@ -1,12 +1,14 @@
 #!/usr/bin/python3
-"""Run on a board: start node 10h, wait for its first valid contact, print the releases to the console.
+"""Run on a board: print to the console what is active, previous and whole, as a line "witness: " with JSON.
 
-A line at the contact, then one line "witness: " and JSON: what is active, previous, running, complete; the
-digest of the active release's files; the seconds from the kernel's start to the contact.
+As a service: start node 10h, wait for its first valid contact; the line has also the seconds from the
+kernel's start to the contact, and what runs. As the kernel's first process: do with the card what
+palpate-settle.service does, start nothing, and end.
 """
 
 import hashlib
 import json
+import os
 import re
 import socket
 import struct
@@ -51,17 +53,32 @@ def target(link: str) -> str:
     return path.readlink().name if path.is_symlink() else ""
 
 
-contact_s = wait_for_contact()
-CONSOLE.write_text("witness has a contact\n")
-active = BASE / "releases" / target("current")
-seen = {
-    "contact_s": contact_s,
-    "current": active.name,
-    "previous": target("previous"),
-    "running": running(),
-    "complete": (active / ".complete").exists(),
-    "trial": (BASE / "trial").exists(),
-    "digest": digest(active),
-    "rmem_max": int(Path("/proc/sys/net/core/rmem_max").read_text()),
-}
-CONSOLE.write_text(f"witness: {json.dumps(seen)}\n")
+def card() -> dict[str, object]:
+    active = BASE / "releases" / target("current")
+    return {
+        "current": active.name,
+        "previous": target("previous"),
+        "complete": (active / ".complete").exists(),
+        "trial": (BASE / "trial").exists(),
+        "digest": digest(active),
+    }
+
+
+def settle() -> None:
+    if (BASE / "trial").exists():
+        subprocess.run(["/opt/palpate/bin/palpate-release", "settle"], check=True)
+
+
+def served() -> dict[str, object]:
+    contact_s = wait_for_contact()
+    CONSOLE.write_text("witness has a contact\n")
+    rmem_max = int(Path("/proc/sys/net/core/rmem_max").read_text())
+    return {"contact_s": contact_s, "running": running(), "rmem_max": rmem_max}
+
+
+seen = {}
+if os.getpid() == 1:
+    settle()
+else:
+    seen = served()
+CONSOLE.write_text(f"witness: {json.dumps(seen | card())}\n")
