@@ -14,7 +14,9 @@ STATES = {"preop": b"\x7f", "start": b"\x05", "stop": b"\x04"}
 LONG_TEXT = "sixty-four characters: the longest location of a fingertip 2003h"
 CONTACT, SYNC = CanFrame(0x180 + TIP, b""), CanFrame(0x080, b"")
 HEARTBEAT_LOST = bytes((0x30, 0x81))  # of an EMCY
-STEPS_MS = (100, 200, 400, 800)  # of a fastscan, one after the other: a busy machine responds too late
+WHOLE_ADDRESS, SERIAL_NUMBER = "0 0 0 0 0 0 0 0", "2 0 2 0x404 2 0x10000 0 0"
+SCANS = ((100, WHOLE_ADDRESS), (400, WHOLE_ADDRESS), (2000, SERIAL_NUMBER), (2000, SERIAL_NUMBER))
+"""Fastscans, one after the other: ms for each response, and what is searched; a busy machine is late."""
 
 
 @pytest.fixture
@@ -125,9 +127,9 @@ def test_it_numbers_two_unconfigured_fingertips(gateway, run_fingertip, own_bus,
     ]
     wait_until(lambda: all(tip.health() for tip in tips))
     lines: list[str] = []
-    for step_ms in STEPS_MS:
+    for step_ms, searched in SCANS:
         first = 16 + sum("assigned" in line for line in lines)
-        lines += gateway.ask(f"lss_allnodes {step_ms} {first} 1 0 0 0 0 0 0 0 0").splitlines()
+        lines += gateway.ask(f"lss_allnodes {step_ms} {first} 1 {searched}").splitlines()
         assert lines[-1] == "OK"
         if sum("assigned" in line for line in lines) == len(tips):
             break
