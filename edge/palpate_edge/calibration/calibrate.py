@@ -97,6 +97,8 @@ def _source(
         None if apex is None else 100 * apex.spread,
         () if regression is None else regression.regions,
         jig,
+        measured.touched_references,
+        measured.moved_references,
     )
 
 

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.calibration.fit_choice import choose_fit
+from palpate_edge.calibration.reference_frames import compare_references
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_sized_image
@@ -49,7 +50,8 @@ class Measured:
     view: the camera as fitted; touches: presses that moved the skin as one skin moves, with their beads;
     threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
     the dome is stiffest, None where no press's force is known; dropped: the frames left out, by reason;
-    bead_noise_px: standard deviation of an exact bead's place along an axis.
+    bead_noise_px: standard deviation of an exact bead's place along an axis; touched_references,
+    moved_references: names of reference frames that differ from the others.
     """
 
     registration: Registration
@@ -60,6 +62,8 @@ class Measured:
     threshold_N: float | None
     dropped: tuple[DroppedPresses, ...] = ()
     bead_noise_px: float = 0.0
+    touched_references: tuple[str, ...] = ()
+    moved_references: tuple[str, ...] = ()
 
 
 def measure(
@@ -75,6 +79,8 @@ def measure(
         progress(number)
     registration = register_best(images, dataset.sensor)
     reference, rest = _measure_reference(images, registration, *_judged(dataset, presses, images))
+    faults = compare_references(np.array([beads.position_px for beads in rest]))
+    names = [path.name for path in dataset.reference]
     tracker, skin = Tracker(reference), SkinMotion(reference)
     pressed: list[tuple[Press, Beads]] = []
     torn: list[Press] = []
@@ -121,6 +127,8 @@ def measure(
             *dropped_presses(NOT_MOVED, faint),
         ),
         bead_noise_px(rest, reference.position_px),
+        tuple(names[index] for index in faults.touched),
+        tuple(names[index] for index in faults.moved),
     )
 
 

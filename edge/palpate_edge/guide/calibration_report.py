@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate_edge.daemon.check_rows import Verdict
-from palpate_edge.estimation.calibration import Calibration, JigErrors, RegionErrors
+from palpate_edge.estimation.calibration import Calibration, CalibrationSource, JigErrors, RegionErrors
 from palpate_edge.guide.guide_view import Judgement
 from palpate_edge.guide.picture_steps import Figures
 
 POOR_SPREAD_PERCENT = 5.0
+NAMED_FRAMES = 6  # of reference frames at fault
+NAMED_FRAMES = 6  # of reference frames at fault
 GOOD_MM, LEAST_HELD = 0.6, 0.8  # mean error of 20 presses (docs/accuracy.md); share in the 95 % radius
 POOR_JIG_MM = 1.2  # holes of a jig as printed are 0.3 to 0.8 mm off (python -m bench.jig)
 POOR_RESIDUAL_DIAMETERS = 0.15
@@ -19,7 +21,9 @@ POOR_RESIDUAL_DIAMETERS = 0.15
 def report_judgement(calibration: Calibration) -> Judgement:
     """Judge a calibration: what can be relied upon, and what would make it better."""
     source, spread_percent = calibration.source, calibration.source.weighed_spread_percent
-    if not calibration.model:
+    if source.touched_references or source.moved_references:
+        text = _reference_fault(source)
+    elif not calibration.model:
         text = "only the paper's method: pip install 'palpate[train]' gives the correction model"
     elif _residual_diameters(calibration) > POOR_RESIDUAL_DIAMETERS:
         text = "the beads do not fit sensor.toml well: compare its layout and camera with the sensor"
@@ -40,6 +44,18 @@ def report_judgement(calibration: Calibration) -> Judgement:
         )
         return Judgement(Verdict.OK, text)
     return Judgement(Verdict.WARN, text)
+
+
+def _reference_fault(source: CalibrationSource) -> str:
+    """Return which reference frames differ from the others, and what to do."""
+    names, what = source.touched_references, "the dome was touched or released there"
+    if not names:
+        names, what = source.moved_references, "the camera or the sensor moved there"
+    listed = ", ".join(names[:NAMED_FRAMES]) + (", ..." if len(names) > NAMED_FRAMES else "")
+    return (
+        f"{len(names)} of {source.reference_frames} reference frames differ from the others ({listed}): "
+        f"{what}; take them again with the dome untouched, or delete these"
+    )
 
 
 def _judge_jig(jig: JigErrors) -> Judgement:

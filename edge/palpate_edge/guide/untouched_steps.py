@@ -6,6 +6,7 @@ from collections import deque
 
 import numpy as np
 
+from palpate_edge.calibration.reference_frames import compare_references
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.frame import Frame
 from palpate_edge.daemon.check_rows import Verdict
@@ -28,7 +29,7 @@ MOST_DRIFT_PX = 0.3  # from the reference frames; beyond it they are taken again
 class ReferenceStep:
     """Takes pictures of the untouched dome; begins again when the beads move.
 
-    images: the pictures so far.
+    Pictures that differ from the others, as by a touch, are taken again. images: the pictures so far.
     """
 
     instruction = "Touch neither the dome nor the camera. The pictures are taken by themselves."
@@ -38,6 +39,8 @@ class ReferenceStep:
         self._refiner = Refiner(registration.diameter_px, spacing(registration.position_px))
         self._first_px: Array | None = None
         self._next_s, self._moved_px, self._restarts = -np.inf, 0.0, 0
+        self._places_px: list[Array] = []
+        self._fault = ""
         self.images: list[Image] = []
 
     def frame(self, image: Image, now_s: float) -> None:
@@ -53,10 +56,26 @@ class ReferenceStep:
         shift_px = np.linalg.norm((place_px - self._first_px)[registration.seen], axis=1)
         self._moved_px = float(np.median(shift_px))
         if self._moved_px > STILL_PX:
-            self._first_px, self.images = None, []
+            self._first_px, self.images, self._places_px = None, [], []
             self._restarts += 1
             return
         self.images.append(image.copy())
+        self._places_px.append(place_px[registration.seen])
+        if len(self.images) == REFERENCE_FRAMES:
+            self._leave_out_faults()
+
+    def _leave_out_faults(self) -> None:
+        """Leave out the pictures that differ from the others, to be taken again."""
+        faults = compare_references(np.array(self._places_px))
+        wrong = sorted({*faults.touched.tolist(), *faults.moved.tolist()})
+        if not wrong:
+            return
+        what = "the dome was touched" if len(faults.touched) else "the camera or the sensor moved"
+        numbers = ", ".join(str(index + 1) for index in wrong)
+        self._fault = f"; pictures {numbers} differed from the others and are taken again: {what}"
+        kept = [index for index in range(len(self.images)) if index not in wrong]
+        self.images = [self.images[index] for index in kept]
+        self._places_px = [self._places_px[index] for index in kept]
 
     @property
     def is_complete(self) -> bool:
@@ -65,9 +84,12 @@ class ReferenceStep:
     def judge(self) -> Judgement:
         """Judge the number of pictures."""
         if self.is_complete:
-            return Judgement(Verdict.OK, f"{REFERENCE_FRAMES} pictures of the untouched dome")
+            text = f"{REFERENCE_FRAMES} pictures of the untouched dome{self._fault}"
+            return Judgement(Verdict.WARN if self._fault else Verdict.OK, text)
         again = f" (begun {self._restarts + 1} times, since the beads moved)" if self._restarts else ""
-        return Judgement(Verdict.ABSENT, f"{len(self.images)} of {REFERENCE_FRAMES} pictures{again}")
+        return Judgement(
+            Verdict.ABSENT, f"{len(self.images)} of {REFERENCE_FRAMES} pictures{again}{self._fault}"
+        )
 
     def figures(self) -> Figures:
         return [("beads moved", f"{self._moved_px:.2f} px")]

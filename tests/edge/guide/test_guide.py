@@ -6,12 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
+from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.calibration_file import load_calibration
+from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.check_rows import Verdict
+from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.weights_table import read_weight_rows
+from palpate_edge.guide.calibration_report import report_judgement
 from palpate_edge.guide.guide_runner import GuideRunner
 from palpate_edge.guide.guide_view import GuideStep
+from palpate_twin.camera.deformation import ProbePress
 
 
 class Person:
@@ -198,3 +203,41 @@ def test_light_and_missing_beads_have_a_verdict(person, bench):
     person.show(image, period_s=1.1)
     assert person.verdict == (Verdict.OK, "every bead of the layout is recognised")
     assert person.runner.view.figures[0] == ("beads", "85 of 85")
+
+
+def light_touch(bench):
+    """Return a picture of a touch that moves few beads."""
+    return bench.view.frame(ProbePress(0.8, 0.3, 0.3), np.random.default_rng(5))[0].copy()
+
+
+def test_reference_pictures_with_a_touch_are_named_and_taken_again(person, bench):
+    for _ in range(3):
+        person.rest(1.2)
+        person.next()
+    touch, quiet = light_touch(bench), bench.untouched
+    person.show(*(touch if n in (4, 8) else quiet[n % 4] for n in range(20)), period_s=0.21)
+    assert person.verdict == (
+        Verdict.ABSENT,
+        "18 of 20 pictures; pictures 5, 9 differed from the others and are taken again: the dome was touched",
+    )
+    person.rest(0.6)
+    assert person.verdict[0] is Verdict.WARN
+    assert "pictures 5, 9 differed" in person.verdict[1]
+    person.next()
+    person.rest(0.1)
+    names = sorted(path.name for path in (person.runner.files.folder / "reference").glob("*.png"))
+    assert len(names) == 20
+
+
+def test_calibrate_names_reference_frames_with_a_touch(bench, tmp_path):
+    folder = tmp_path / "dome"
+    bench.files(folder)
+    (folder / "reference").mkdir()
+    for number in range(8):
+        image = light_touch(bench) if number in (2, 5) else bench.untouched[number % 4]
+        cv2.imwrite(str(folder / "reference" / f"{number:03}.png"), image)
+    calibration = calibrate(read_dataset(folder), dome=load_dome_model())
+    assert calibration.source.touched_references == ("002.png", "005.png")
+    judgement = report_judgement(calibration)
+    assert judgement.verdict is Verdict.WARN
+    assert "2 of 8 reference frames differ from the others (002.png, 005.png)" in judgement.text
