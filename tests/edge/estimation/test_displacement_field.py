@@ -230,6 +230,14 @@ def test_pixels_become_millimetres_along_the_sphere(pose):
         assert motion == pytest.approx(tangent, abs=2e-3)
 
 
+def test_the_kernel_about_an_azimuth_does_not_depend_on_the_one_before():
+    reader = DisplacementReader(pinhole(RADIUS_MM * BEADS, UPRIGHT), View(CAMERA, UPRIGHT), RADIUS_MM)
+    for azimuth_rad in (0.0, 0.7, 0.7, -1.3, 0.7):
+        turned = canonical_directions() @ rotation_about_z(azimuth_rad).T
+        expected = matern(turned, BEADS)
+        assert reader.canonical_kernel(azimuth_rad) == pytest.approx(expected, abs=1e-4)
+
+
 def test_no_motion_is_a_field_of_zeros():
     assert read(BEADS, np.zeros_like(BEADS), CROOKED).values == pytest.approx(0, abs=1e-9)
 
