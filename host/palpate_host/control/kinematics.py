@@ -99,6 +99,16 @@ class HandKinematics:
             tip_turn_jacobian=turn_jacobian[:, :, self._v_address],
         )
 
+    def inertia_kgm2(self, q_rad: Array) -> Array:
+        """Return the inertia (nq, nq) of the links, and of rotors that the model has, at `q_rad` (nq,)."""
+        model, data = self._model, self._scratch
+        self.tip_centres_m(q_rad)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        return np.asarray(inertia[self._v_address][:, self._v_address])
+
 
 def _index(numbers: list[int]) -> slice | npt.NDArray[np.int64]:
     """Return the numbers as an index into an array: a slice, which is faster, when they are consecutive."""

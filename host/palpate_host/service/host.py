@@ -22,6 +22,7 @@ from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
 from palpate_host.config import hand_config
 from palpate_host.config.hand_config import HandConfig, StartMode
+from palpate_host.control.damping_stability import check_damping
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.turning_stability import turning_gain
@@ -55,8 +56,9 @@ def hand_of(config: HandConfig) -> HandKinematics:
 
 
 def core_of(config: HandConfig, hand: HandKinematics) -> HostCore:
-    """Return the core of a hand that may start; raises as `check_bus_load` and `HostCore`."""
+    """Return the core of a hand that may start; raises as its checks and `HostCore`."""
     check_bus_load(config)
+    check_damping(config, hand)
     return HostCore(config, hand)
 
 

@@ -24,6 +24,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
 from palpate_host.common.tick_inputs import Planned
 from palpate_host.config.hand_config import HandConfig, StartMode
+from palpate_host.control.damping_stability import check_damping
 from palpate_host.control.gait.turn_request import TurnRequest, plan_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.drives.cia402_device import DriveNode
@@ -84,13 +85,15 @@ class LockstepLoop:
         on_step: Callable[[int], None] = lambda _now_us: None,
         on_tick: Callable[[HostStatus], None] = lambda _status: None,
     ) -> None:
-        """Connect the parts. Raises ConfigError when the hand's frames do not fit on the bus.
+        """Connect the parts. Raises ConfigError when the hand's frames do not fit on the bus, or its tick is
+        too slow for the joints' damping.
 
         has_weight: the object's support is removed when the host begins to turn the object. on_frame: called
         with each CAN frame and the time at which its transmission ends. on_step: called before each step.
         on_tick: called with the host's status after each tick.
         """
         check_bus_load(config)
+        check_damping(config, hand)
         self._is_supported = has_weight
         self._config = config
         self._request: TurnRequest | None = None
@@ -127,6 +130,15 @@ class LockstepLoop:
         """Simulate `duration_s`, less if the host stops the hand."""
         end_us = self._now_us + round(duration_s * 1e6)
         while self._now_us < end_us and not self.is_over:
+            self.is_over = self._step()
+        return self.record
+
+    def run_until(self, is_there: Callable[[HostStatus], bool], longest_s: float) -> LoopRecord:
+        """Simulate until a tick's status is as wanted, `longest_s` at most."""
+        end_us = self._now_us + round(longest_s * 1e6)
+        while self._now_us < end_us and not self.is_over:
+            if self.status is not None and is_there(self.status):
+                break
             self.is_over = self._step()
         return self.record
 
