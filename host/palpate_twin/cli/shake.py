@@ -35,6 +35,13 @@ DIRECTIONS = ("1", "6", "26")
     help="Run the whole chain in lock step: host core, CAN bus, nodes and drives at the hand's tick rate.",
 )
 @click.option(
+    "--frames",
+    "with_frames",
+    is_flag=True,
+    help="With --chain: render the fingertips' frames and estimate the contacts from them, in place of true "
+    "contacts with noise. The first run makes and calibrates the sensors in OUTPUT.",
+)
+@click.option(
     "--directions",
     type=click.Choice(DIRECTIONS),
     default="1",
@@ -92,6 +99,7 @@ def shake(
     hand_name: str,
     law: str | None,
     in_chain: bool,
+    with_frames: bool,
     directions: str,
     random_count: int | None,
     friction: float | None,
@@ -104,7 +112,7 @@ def shake(
     jobs: int | None,
     output: Path,
 ) -> None:
-    """Push a held object, load it with steady forces and its weight, turn it, let it slip.
+    """Push a held object, load it with steady forces and its weight, turn it, move it, let it slip.
 
     The engine is mujoco. The law runs 1000 times a second without bus and drives, and contacts arrive at
     30 Hz with a delay of 50 ms; --chain runs the whole chain. The same options give the same numbers.
@@ -113,16 +121,20 @@ def shake(
     Examples:
       palpate-host simulate shake --law pose
       palpate-host simulate shake --law pose --chain --noise 0.15 --seconds 8
+      palpate-host simulate shake --law pose --chain --frames
       palpate-host simulate shake --directions 26 --friction 0.8 -o shake-26
       palpate-host simulate shake --random 200 --seed 1 --noise 0.25 --force-noise 0.03
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
+    from palpate_host.config import hand_config  # noqa: PLC0415
     from palpate_host.config.hand_config import ControlLaw, ControlMode  # noqa: PLC0415
-    from palpate_twin.paper.shake import run_shakes, shake_cases, shake_table  # noqa: PLC0415
+    from palpate_twin.paper.shake import make_sensors, run_shakes, shake_cases, shake_table  # noqa: PLC0415
     from palpate_twin.paper.shake_random import LAWS, random_table, run_all  # noqa: PLC0415
     from palpate_twin.paper.trial_parameters import Trial  # noqa: PLC0415
 
+    if with_frames and not in_chain:
+        raise click.UsageError("--frames needs --chain: the law alone has no fingertips")
     make_folder(output, ConfigError)
     base = Trial(
         mode=ControlMode.PROPOSED,
@@ -149,7 +161,16 @@ def shake(
         cases = shake_cases(base, int(directions))
         with Progress() as progress:
             task = progress.add_task("runs", total=len(cases))
-            results = run_shakes(hand_toml, cases, in_chain, jobs, lambda: progress.advance(task))
+            if with_frames:
+                make_sensors(
+                    output,
+                    hand_config.load(hand_toml),
+                    seed,
+                    lambda text: progress.update(task, description=text),
+                )
+            progress.update(task, description="runs")
+            sensors = output if with_frames else None
+            results = run_shakes(hand_toml, cases, in_chain, jobs, lambda: progress.advance(task), sensors)
         text = shake_table(results)
     write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)
     click.echo(text)

@@ -1,7 +1,8 @@
 """Pushes, steady forces, weight and turns: how well a held object keeps its pose under a law.
 
 A case runs either with the law alone, 1000 times a second (trial.py), or in the whole chain of host core,
-CAN bus, fingertip nodes and drives at the hand's own tick rate, with true contacts and noise.
+CAN bus, fingertip nodes and drives at the hand's own tick rate. Contacts are the true ones with noise; in
+the whole chain they may be estimated from rendered frames instead.
 """
 
 from __future__ import annotations
@@ -10,15 +11,22 @@ import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from palpate_edge.common.arrays import Array
+from palpate_host.common.command import Move
+from palpate_host.common.mode import Mode
+from palpate_host.config.hand_config import ControlLaw, HandConfig
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
+from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors
 from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg, turning_samples
+from palpate_twin.closed_loop.tactile_rendering import ContactSource, RenderedContactSource
+from palpate_twin.dome.library import load_library
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
 from palpate_twin.paper.trial import make_engine, run_trial, trial_contacts
 from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
@@ -30,6 +38,7 @@ RECOVERY_S = 1.0
 PUSHES_N = (0.5, 2.0, 3.0, 5.0)
 STEADY_N = (0.5, 1.0)
 LIFTED_KG = (0.05, 0.1, 0.2, 0.3)
+MOVED_MM = 10.0
 LIFT_S, LIFT_STEPS, GRAVITY_M_S2 = 1.0, 50, 9.81
 SLIPPING_N, LESS_FRICTION = 3.0, 0.3
 CHAIN_START_S = 1.0
@@ -53,8 +62,9 @@ class Held:
     """Figures of one run.
 
     error_deg: final angle between true and desired orientation. moved_mm: distance of the object from its
-    place at the start: largest, RECOVERY_S after the end of a push (None without one), and final. slip_mm:
-    longest path of a tip on the object. lost_s: time at which the object was lost.
+    place at the start, or from where a move leads it: largest, RECOVERY_S after the end of a push (None
+    without one), and final. slip_mm: longest path of a tip on the object. lost_s: time at which the object
+    was lost.
     """
 
     name: str
@@ -76,9 +86,9 @@ def directions(count: int) -> list[tuple[float, float, float]]:
 
 
 def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
-    """Return the runs of the table: pushes and steady forces in each direction, weight, turns, slip.
+    """Return the runs of the table: pushes and steady forces in each direction, weight, turns, moves, slip.
 
-    base: the law, noise, friction and duration of all runs.
+    The pose law alone moves an object. base: the law, noise, friction and duration of all runs.
     """
     cases = []
     for force_N in PUSHES_N:
@@ -102,6 +112,11 @@ def shake_cases(base: Trial, direction_count: int) -> list[ShakeCase]:
         turn = STEP_DEG * np.eye(3)[axis]
         rpy_deg = (float(turn[0]), float(turn[1]), float(turn[2]))
         cases.append(ShakeCase(f"{name} {STEP_DEG:g} deg", replace(base, rpy_deg=rpy_deg)))
+    if base.law is ControlLaw.POSE:
+        x, y, z = MOVED_MM, 0.0, 0.0
+        for along in "xyz":
+            cases.append(ShakeCase(f"move {MOVED_MM:g} mm along {along}", replace(base, xyz_mm=(x, y, z))))
+            x, y, z = z, x, y
     return cases + slip_cases(base)
 
 
@@ -140,10 +155,18 @@ def _forced(
 
 
 def run_shakes(
-    hand_toml: Path, cases: Sequence[ShakeCase], in_chain: bool, jobs: int, done: Callable[[], None]
+    hand_toml: Path,
+    cases: Sequence[ShakeCase],
+    in_chain: bool,
+    jobs: int,
+    done: Callable[[], None],
+    sensors: Path | None = None,
 ) -> list[Held]:
-    """Run all cases in MuJoCo, `jobs` at a time; order and results do not depend on `jobs`."""
-    run = run_in_chain if in_chain else run_shake
+    """Run all cases in MuJoCo, `jobs` at a time; order and results do not depend on `jobs`.
+
+    sensors: as for `run_in_chain`.
+    """
+    run = partial(run_in_chain, sensors=sensors) if in_chain else run_shake
     if jobs == 1:
         results = []
         for case in cases:
@@ -162,20 +185,28 @@ def run_shake(hand_toml: Path, case: ShakeCase) -> Held:
     outcome = run_trial(hand_toml, "mujoco", case.trial)
     places = np.array([place for _, place in outcome.poses])
     slip_mm = float(outcome.slip_mm.max())
-    return held(case, outcome.time_s, places, outcome.error_deg, slip_mm, outcome.lost_s)
+    ramp_s = load_hand(hand_toml)[0].target.ramp_s
+    return held(case, ramp_s, outcome.time_s, places, outcome.error_deg, slip_mm, outcome.lost_s)
 
 
-def run_in_chain(hand_toml: Path, case: ShakeCase) -> Held:
-    """Run one case in the whole chain. Raises LostGraspError if the object was never held."""
+def run_in_chain(hand_toml: Path, case: ShakeCase, sensors: Path | None = None) -> Held:
+    """Run one case in the whole chain. Raises LostGraspError if the object was never held.
+
+    sensors: the folder of the simulated fingertip sensors, made by `make_sensors`, whose frames are rendered;
+    None: true contacts with noise.
+    """
     trial = case.trial
     loaded, hand = load_hand(hand_toml)
     config = trial_config(loaded, trial)
     config = with_disturbances(config, after(trial.disturbances, CHAIN_START_S))
-    contacts = trial_contacts(config, trial)
+    contacts = chain_contacts(config, trial, sensors)
     engine = make_engine(config, "mujoco", has_B=False)
     loop = LockstepLoop(config, hand, engine, contacts, trial.has_weight)
     loop.run(CHAIN_START_S)
     slip_m = engine.slip_m.copy()
+    if any(trial.xyz_mm):
+        loop.run_until(lambda status: status.mode is Mode.MANIPULATE, RECOVERY_S)
+        loop.host.command(Move(trial.xyz_mm))
     record = loop.run(trial.duration_s)
     turning = turning_samples(record)
     times = np.array([sample.time_s - CHAIN_START_S for sample in turning])
@@ -183,14 +214,49 @@ def run_in_chain(hand_toml: Path, case: ShakeCase) -> Held:
     is_lost = times[np.linalg.norm(places - places[0], axis=1) > LOST_M]
     error_deg, _ = final_error_deg(record, trial.rpy_deg)
     slip_mm = 1e3 * float((engine.slip_m - slip_m).max())
-    return held(case, times, places, error_deg, slip_mm, float(is_lost[0]) if len(is_lost) else None)
+    lost_s = float(is_lost[0]) if len(is_lost) else None
+    return held(case, config.target.ramp_s, times, places, error_deg, slip_mm, lost_s)
+
+
+def make_sensors(folder: Path, config: HandConfig, seed: int, done: Callable[[str], None]) -> None:
+    """Create and calibrate a simulated sensor for each finger, unless the folder has them.
+
+    done: called with a text before each step. Raises ConfigError as `fingertip_sensors`.
+    """
+    _sensors(folder, config, seed, done)
+
+
+def _sensors(
+    folder: Path, config: HandConfig, seed: int, done: Callable[[str], None]
+) -> RenderedContactSource:
+    names, library = [finger.name for finger in config.fingers], load_library()
+    found = fingertip_sensors(folder, names, 1e3 * config.control.tip_radius_m, seed, library, done)
+    return RenderedContactSource(found, library, seed)
+
+
+def chain_contacts(config: HandConfig, trial: Trial, sensors: Path | None) -> ContactSource:
+    """Return the true contacts with the trial's noise, or those estimated from the sensors' frames."""
+    if sensors is None:
+        return trial_contacts(config, trial)
+    return _sensors(sensors, config, trial.seed, lambda _text: None)
 
 
 def held(
-    case: ShakeCase, time_s: Array, place_m: Array, error_deg: float, slip_mm: float, lost_s: float | None
+    case: ShakeCase,
+    ramp_s: float,
+    time_s: Array,
+    place_m: Array,
+    error_deg: float,
+    slip_mm: float,
+    lost_s: float | None,
 ) -> Held:
-    """Return the figures of one run from times (n,) and places (n, 3); the first place is the target."""
-    moved_mm = 1e3 * np.linalg.norm(place_m - place_m[0], axis=1)
+    """Return the figures of one run from times (n,) and places (n, 3).
+
+    The first place is the target; a move leads it away within ramp_s.
+    """
+    led = np.clip((time_s - time_s[0]) / ramp_s, 0.0, 1.0) if ramp_s > 0.0 else np.ones(len(time_s))
+    target_m = place_m[0] + led[:, None] * 1e-3 * np.array(case.trial.xyz_mm)
+    moved_mm = 1e3 * np.linalg.norm(place_m - target_m, axis=1)
     later = int(np.searchsorted(time_s, FIRST_S + PUSH_S + RECOVERY_S - 1e-6))
     has_later = case.is_push and later < len(moved_mm)
     return Held(
