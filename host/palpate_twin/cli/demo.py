@@ -89,7 +89,7 @@ def demo(
     seed: int,
     report_only: bool,
 ) -> None:
-    """Run a simulated hand with the real programs: it grasps an object and turns it.
+    """Run a simulated hand with the real programs: it grasps, turns and holds an object.
 
     The twin simulates hand, object and nine drives and renders the images of three fingertip cameras. Three
     fingertips, the bus and the host run as separate processes in real time. On a slow machine the simulation

@@ -39,6 +39,7 @@ from palpate_twin.demo.truth import (
 )
 from palpate_twin.demo.turn import TurnFigures, TurnSeries, analyse_turns
 from palpate_twin.hand.motion import TrueMotion, read_motion
+from palpate_twin.hand.push_recovery import PushStep, push_steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Summary:
     """Contents of summary.json.
 
     origin: header entries of the bus log. turn: None if a recording was played, or if the host never turned
-    the object.
+    the object. pushes: of [[twin.disturbances]], as far as they ended in time.
     """
 
     started_at: str
@@ -57,6 +58,7 @@ class Summary:
     bus: Traffic
     hand: HandFigures
     turn: TurnFigures | None
+    pushes: tuple[PushStep, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +113,7 @@ def analyse(folder: RunFolder) -> Analysis:
     requests = [(begin_us, config.target.rpy_deg), *((s.after_us, s.rotate.rpy_deg) for s in sent)]
     turned = None if motion is None else analyse_turns(ticks, motion, begin_us, requests)
     turn, turn_figures = turned or (None, None)
+    pushes = config.twin.disturbances if config.twin is not None else ()
     bus = traffic(log.records, config.bus.bitrate, config)
     summary = Summary(
         started_at=datetime.fromtimestamp(begin_us // 1_000_000, UTC).isoformat(),
@@ -121,6 +124,7 @@ def analyse(folder: RunFolder) -> Analysis:
         bus=bus,
         hand=hand_figures(ticks, torques, begin_us),
         turn=turn_figures,
+        pushes=() if motion is None else push_steps(pushes, motion, begin_us),
     )
     return Analysis(summary, begin_us, config, recording, tuple(all_pairs), ticks, torques, motion, turn)
 
@@ -136,6 +140,7 @@ def summary_lines(summary: Summary) -> list[str]:
     if summary.turn is not None:
         lines += [f"{step.name}: {step.outcome}" for step in summary.turn.steps]
         lines.append(f"simulation speed: {summary.turn.pace:.2f} of real time")
+    lines += [f"{push.name}: {push.outcome}" for push in summary.pushes]
     modes = ", ".join(f"{mode_name(Mode(mode))} {s:.1f} s" for mode, s in summary.hand.mode_s.items())
     over = sum(joint.over_limit for joint in summary.hand.joints)
     lines.append(f"bus load: {summary.bus.mean_percent:.1f} % mean, {summary.bus.peak_percent:.1f} % peak")

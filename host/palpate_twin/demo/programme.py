@@ -1,4 +1,6 @@
-"""Sequence of turns in the demo: 30 deg and back, about one axis after the other.
+"""Sequence of turns in the demo: 30 deg and back, in pitch 25, about one axis after the other.
+
+In its place the object needs a friction of 0.49 at 30 deg of pitch, which leaves nothing of the twin's 0.5.
 
 The first turn is [target] of hand.toml; the others are commands to the host. Commands are not on the bus, so
 they are also written as JSON lines: replaying the bus log needs them.
@@ -23,8 +25,8 @@ from palpate_host.operator.client import OperatorClient
 TURNS_DEG = (
     (30.0, 0.0, 0.0),
     (-30.0, 0.0, 0.0),
-    (0.0, 30.0, 0.0),
-    (0.0, -30.0, 0.0),
+    (0.0, 25.0, 0.0),
+    (0.0, -25.0, 0.0),
     (0.0, 0.0, 30.0),
     (0.0, 0.0, -30.0),
 )

@@ -21,6 +21,7 @@ from palpate_twin.demo.live_view import mode_name
 from palpate_twin.demo.orchestrator import commands
 from palpate_twin.demo.run_folder import RunFolder
 from palpate_twin.demo.verdict import verdict
+from palpate_twin.hand.push_recovery import RECOVERY_S
 
 MOST_MODE_CHANGES = 40
 ABSENT = "-"
@@ -159,7 +160,30 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> lis
         "Target and estimate come from replaying the log through the host core, the truth from the twin's "
         "motion.csv."
     )
-    return [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
+    parts = [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
+    return [*parts, *_push_parts(analysis.summary)]
+
+
+def _push_parts(summary: Summary) -> list[str]:
+    """Return the table of the pushes on the held object; nothing without a push."""
+    if not summary.pushes:
+        return []
+    rows = [
+        (
+            push.name,
+            f"{push.begin_s:.1f}",
+            f"{push.moved_mm:.1f}",
+            f"{push.remaining_mm:.1f}",
+            "ok" if push.is_held else "NOT HELD",
+        )
+        for push in summary.pushes
+    ]
+    head = ("push", "time (s)", "moved by (mm)", f"{RECOVERY_S:g} s after it (mm)", "result")
+    note = (
+        "Forces at the object's centre of mass, along the axes of the hand, and the distance of the object"
+        " from its place before the push. The law is control.law of hand.toml."
+    )
+    return ["<h3>Pushes</h3>", _table(head, rows), _note(note)]
 
 
 def _film_parts(folder: RunFolder, film: Film) -> list[str]:

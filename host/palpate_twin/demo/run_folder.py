@@ -30,8 +30,11 @@ TWIN_KEYS = {
     "start_pose_rad": "[0.0, 0.06, 1.509]",  # 4 mm away from the object: the hand has to grasp it first
     "rpy_deg": str(list(TURNS_DEG[0])),
 }
-TWIN_CONTROL = "integral_per_s = 1.0\nposition_stiffness_N_m = 300.0\n"
+TWIN_CONTROL = 'law = "pose"\n'
 """Keys in which the demo's hand.toml differs from the packaged one, and keys added to its [control]."""
+PUSH_S = 0.2
+PUSHES_N = ((7.6, (0.0, 0.0, -2.0)), (15.6, (2.0, 0.0, 0.0)))
+"""Simulated time in s, and force, of each push: after a turn's ramp, unless the hand is slow to begin."""
 RECORDED_LOST_MS = 60_000  # recorded presses do not follow the hand: no object is lost when they end
 DIGEST_DIGITS = 16  # of a calibration's checksum, as 2001h of its fingertip
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of unix(7) without the terminating zero
@@ -238,7 +241,12 @@ def _hand_toml(folder: RunFolder, bitrate: int, *, is_twin: bool) -> str:
     for key, value in (RUN_KEYS | (TWIN_KEYS if is_twin else {})).items():
         text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
     if is_twin:
-        return text.replace("\n[control]\n", f"\n[control]\n{TWIN_CONTROL}")
+        pushes = "".join(
+            f"\n[[twin.disturbances]]\nstart_s = {start_s}\nduration_s = {PUSH_S}\n"
+            f"force_N = {list(force_N)}\n"
+            for start_s, force_N in PUSHES_N
+        )
+        return text.replace("\n[control]\n", f"\n[control]\n{TWIN_CONTROL}") + pushes
     return text.replace("\nwarn_ms =", f"\nlost_ms = {RECORDED_LOST_MS}\nwarn_ms =")
 
 

@@ -25,6 +25,10 @@ def verdict(summary: Summary) -> RunVerdict:
         grounds.append(f"{step.name}: {step.outcome}.")
         if step.verdict:
             faults.append(f"{step.name} {step.verdict.lower()}")
+    for push in summary.pushes:
+        grounds.append(f"{push.name}: {push.outcome}.")
+        if not push.is_held:
+            faults.append(f"{push.name} not held")
     for finger in summary.fingers:
         error = finger.position_error_mm
         if error is None:
@@ -47,6 +51,10 @@ def verdict(summary: Summary) -> RunVerdict:
         turns = {1: "once", 2: "twice"}.get(len(steps), f"{len(steps)} times")
         worst = max(step.error_deg for step in steps)
         done = f"The hand turned the object {turns}, each time to within {worst:.2f} deg of the target"
+    if steps and summary.pushes:
+        pushes = "a push" if len(summary.pushes) == 1 else f"{len(summary.pushes)} pushes"
+        furthest = max(push.remaining_mm for push in summary.pushes)
+        done += f", and held it against {pushes}: back within {furthest:.1f} mm"
     return RunVerdict(
         not faults, f"Not as it should be: {'; '.join(faults)}." if faults else f"{done}.", tuple(grounds)
     )

@@ -74,12 +74,14 @@ def test_with_the_twin_every_finger_sees_its_ring_in_memory(tmp_path):
 def test_with_the_twin_the_hand_differs_where_the_docs_say(tmp_path):
     folder = make_run_folder(tmp_path / "run", None, 1_000_000)
     packaged, written = (tomllib.loads(path.read_text()) for path in (MODEL, folder.hand_toml))
-    control = {"integral_per_s": 1.0, "position_stiffness_N_m": 300.0}
+    control = {"law": "pose"}
     assert written["control"] == packaged["control"] | control
     assert (written["staleness"], written["network"]) == (packaged["staleness"], packaged["network"])
     assert written["target"]["rpy_deg"] == [30.0, 0.0, 0.0]
     assert written["twin"]["start_pose_rad"] == [0.0, 0.06, 1.509]
     assert written["twin"]["object"] == packaged["twin"]["object"]
+    pushes = [(one["start_s"], one["duration_s"], one["force_N"]) for one in written["twin"]["disturbances"]]
+    assert pushes == [(7.6, 0.2, [0.0, 0.0, -2.0]), (15.6, 0.2, [2.0, 0.0, 0.0])]
 
 
 def test_packaged_hands_do_not_move_by_themselves() -> None:

@@ -13,10 +13,12 @@ from palpate_twin.demo.traffic import Traffic
 from palpate_twin.demo.truth import FingerFigures
 from palpate_twin.demo.turn import TurnFigures, TurnStep
 from palpate_twin.demo.verdict import verdict
+from palpate_twin.hand.push_recovery import PushStep
 
 STEP = TurnStep((30.0, 0.0, 0.0), 1.0, 5.0, 0.4, 0.1, (0.0, 0.1, 0.02), 0.4, 1.0)
 ERROR = Distribution(90, 0.2, 0.2, 0.4, 0.5, 0.6)
 FINGER = FingerFigures("finger-1", 100, 0, 0, 0, 100.0, ERROR, 0.05, 2.0, None)
+PUSH = PushStep((0.0, 0.0, -2.0), 7.6, 0.2, 7.2, 0.1)
 JOINT = JointFigures("curl_1", 0.3, 0.2, 900, 0)
 RUN = Summary(
     started_at="2026-01-01T00:00:00",
@@ -42,9 +44,22 @@ def test_a_good_run_is_praised_for_its_worst_turn():
     assert judged.grounds[-1] == "No torque command was above its limit."
 
 
+def test_pushes_that_were_held_are_part_of_the_headline():
+    one = verdict(replace(RUN, pushes=(PUSH,)))
+    assert one.is_good
+    assert one.headline == (
+        "The hand turned the object twice, each time to within 0.40 deg of the target, and held it against a"
+        " push: back within 0.1 mm."
+    )
+    assert "push 2 N along -z for 0.2 s: moved by 7.2 mm, back within 0.1 mm after 1 s." in one.grounds
+    two = verdict(replace(RUN, pushes=(PUSH, replace(PUSH, remaining_mm=0.3))))
+    assert two.headline.endswith("held it against 2 pushes: back within 0.3 mm.")
+
+
 @pytest.mark.parametrize(
     ("run", "words"),
     [
+        (replace(RUN, pushes=(replace(PUSH, remaining_mm=30.0),)), "push 2 N along -z for 0.2 s not held"),
         (replace(RUN, fingers=(replace(FINGER, dropped=3),)), "finger-1 dropped 3 frames"),
         (replace(RUN, fingers=(replace(FINGER, position_error_mm=None),)), "finger-1 published no contact"),
         (
