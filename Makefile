@@ -25,7 +25,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy console-pictures schematic bench lock format system-deps clean nightly canopennode-test
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy coverage-slow console-pictures schematic bench lock format system-deps clean nightly canopennode-test
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -133,6 +133,12 @@ coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of ma
 	  --cov-context=test --cov-report= $(PYTEST_ARGS) >build/coverage/tests.log; \
 	  tests=$$?; tail -n 1 build/coverage/tests.log; test $$tests = 0)
 	@$(BIN)/python -m tests.coverage_by_room build/coverage/data | tee build/coverage/rooms.md
+
+coverage-slow: build/coverage/data  ## add the slow tests that PYTEST_ARGS names to that coverage, into build/coverage/rooms-slow.md
+	$(call timed,COVERAGE_CORE=ctrace COVERAGE_FILE=build/coverage/slow $(PYTEST) $(WORKERS) -q --effort=full \
+	  -m "slow or reduced" --cov=palpate_edge --cov=palpate_bus --cov=palpate_host --cov=palpate_twin --cov-report= $(PYTEST_ARGS))
+	@COVERAGE_FILE=build/coverage/both $(BIN)/coverage combine --quiet --keep build/coverage/data build/coverage/slow
+	@$(BIN)/python -m tests.coverage_by_room build/coverage/both | tee build/coverage/rooms-slow.md
 
 mutation: build/coverage/data  ## change 320 lines of estimation, control, safety and node one by one, count the changes that tests detect (hours)
 	$(BIN)/python -m tests.mutation.run --workers 2 $(MUTATION_ARGS)
