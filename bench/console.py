@@ -120,6 +120,8 @@ def running_fingertip(folder: Path) -> Iterator[tuple[Path, subprocess.Popen[str
         for process in (daemon, hub):
             process.terminate()
             process.wait()
+            assert process.stderr is not None
+            process.stderr.close()
 
 
 def until_end_is_shown_s(port: int, process: subprocess.Popen[str]) -> float:
@@ -160,7 +162,7 @@ def _round(
     seconds: float,
 ) -> None:
     time.sleep(1.5)  # the health file is a second old at most
-    before_s, dropped = [busy_s(process) for process in processes], _dropped(folder)
+    before_s, dropped = [busy_s(process) for process in processes], dropped_frames(folder)
     shown, begun_s = sum(client.pictures for client in clients), time.monotonic()
     time.sleep(seconds)
     lasted_s = time.monotonic() - begun_s
@@ -171,13 +173,13 @@ def _round(
     time.sleep(1.5)
     shares.daemon_percent.append(used[0])
     shares.console_percent.append(used[1])
-    shares.dropped.append(_dropped(folder) - dropped)
+    shares.dropped.append(dropped_frames(folder) - dropped)
     shares.pictures_s.append(pictures / lasted_s / max(1, len(clients)))
     for client in clients:
         client.close()
 
 
-def _dropped(folder: Path) -> int:
+def dropped_frames(folder: Path) -> int:
     return int(json.loads((folder / "bench.health").read_bytes())["camera"]["dropped"])
 
 
