@@ -1,4 +1,4 @@
-"""How far pushes moved the grasped object in a recorded motion, and how far it came back."""
+"""Pushes on the grasped object in a recorded motion: the distance by which it moved, and what remained."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PushStep:
 
     @property
     def is_held(self) -> bool:
-        """True if the object came back within its limit."""
+        """True if the distance that remains is within its limit."""
         return self.remaining_mm <= LARGEST_DISTANCE_MM
 
     @property
