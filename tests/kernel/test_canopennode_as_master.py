@@ -130,7 +130,6 @@ def test_it_numbers_two_unconfigured_fingertips(gateway, run_fingertip, own_bus,
     for step_ms, searched in SCANS:
         first = 16 + sum("assigned" in line for line in lines)
         lines += gateway.ask(f"lss_allnodes {step_ms} {first} 1 {searched}").splitlines()
-        assert lines[-1] == "OK"
         if sum("assigned" in line for line in lines) == len(tips):
             break
     for node_id, serial in zip((16, 17), serials, strict=True):
