@@ -20,7 +20,7 @@ PATIENCE_S = 600.0
 
 @contextmanager
 def twin_in_real_time(path: Path, *host_options: str) -> Iterator[RunFolder]:
-    """Run the demo's processes in a folder; no programme turns the object.
+    """Run the demo's processes in a folder; no programme turns the object and nothing pushes it.
 
     A simulated finger has no friction that would hold it: in READY, without torque, it falls on the object.
     """
@@ -28,6 +28,7 @@ def twin_in_real_time(path: Path, *host_options: str) -> Iterator[RunFolder]:
     text = folder.hand_toml.read_text()
     first_turn = f"rpy_deg = {list(TURNS_DEG[0])}"
     assert first_turn in text
+    text, _, _ = text.partition("[[twin.disturbances]]")
     folder.hand_toml.write_text(text.replace(first_turn, "rpy_deg = [0.0, 0.0, 0.0]"))
     prepare, hub, plant, *tips, host = commands(folder, folder.hand(), None)
     with Children(folder.path) as children:
