@@ -25,7 +25,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy coverage-slow console-pictures schematic bench lock format system-deps clean nightly canopennode-test
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy coverage-slow quiet-test console-pictures schematic bench lock format system-deps clean nightly canopennode-test
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -83,6 +83,9 @@ vm-test: $(VENV)/dev.stamp vm-disks  ## run the tests in a virtual machine: Sock
 
 ros-test: $(ROS)/stamp  ## run the tests of palpate-host ros with rclpy, in an environment of their own (network namespaces: root)
 	$(call timed,OPENBLAS_NUM_THREADS=1 $(ROS)/bin/python -m pytest tests/host/ros -m ros $(PYTEST_ARGS))
+
+quiet-test: $(VENV)/dev.stamp  ## measure what needs a computer without other work: CAN FD in real time, two browsers (it prints the figures)
+	$(call timed,$(PYTEST) --effort=full -m quiet -rP $(PYTEST_ARGS))
 
 dcfgen-test: $(VENV)/dev.stamp $(DCFGEN)/stamp  ## run dcfgen of ros2_canopen on docs/ros2_canopen/bus.yml and configure a fingertip with the result
 	$(call timed,$(PYTEST) tests/edge/node/test_ros2_canopen.py -m dcfgen $(PYTEST_ARGS))

@@ -102,11 +102,11 @@ FIRST = (
 )
 """The longest files begin first: one that begins last keeps one of two workers waiting."""
 
-OWN_ENVIRONMENT = ("ros", "dcfgen", "kicad", "lerobot", "canopennode")
-"""Markers of tests that need an environment of their own: only with -m, as `make ros-test` does."""
+ONLY_WITH_MARKER = ("ros", "dcfgen", "kicad", "lerobot", "canopennode", "quiet")
+"""Markers of tests that need an environment of their own, or a computer without other work: only with -m."""
 
 NOT_IN_CHECK = (
-    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *OWN_ENVIRONMENT),
+    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *ONLY_WITH_MARKER),
     *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted"),
     "deploy_cuts",
 )
@@ -159,7 +159,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("slow")]
         items[:] = [item for item in items if item not in set(left_out)]
         config.hook.pytest_deselected(items=left_out)
-    for name in OWN_ENVIRONMENT:
+    for name in ONLY_WITH_MARKER:
         if name not in config.option.markexpr:
             left_out = [item for item in items if item.get_closest_marker(name)]
             items[:] = [item for item in items if item not in left_out]

@@ -25,7 +25,7 @@ new MutationObserver(() => { window.shown += 1; }).observe(
 """
 
 
-@pytest.mark.slow
+@pytest.mark.quiet
 def test_two_browsers_cost_three_per_cent_of_a_core_and_no_frame(tmp_path: Path, start_watch) -> None:
     missing = missing_tools()
     if missing:
