@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.timing import Row, table
 from palpate_edge.common.arrays import Array
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.control.gait.gait import GaitPhase
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED

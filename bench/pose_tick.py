@@ -11,9 +11,10 @@ import numpy as np
 import palpate_host
 from bench.timing import Row, table
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.geometry_config import Axis
-from palpate_host.config.hand_config import ControlLaw, HandConfig
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
@@ -29,7 +30,7 @@ TICK_S = 1e-3
 
 def four_by_four() -> HandConfig:
     """Return Table 4's hand with four fingers and a second flexion at the root, under the pose law."""
-    config = hand_config.load(TABLE_4)
+    config = hand_reader.load(TABLE_4)
     geometry, finger = config.geometry, config.fingers[0]
     assert geometry is not None
     links = (

@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from palpate_edge.common.contact import Contact
 from palpate_edge.estimation.slip import WINDOW_US, SlipDetector
 from palpate_edge.estimation.slip_onset import LoadHistory, detect_onset
-from palpate_host.config.hand_config import ControlLaw, ControlMode
+from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.tactile_rendering import DomeContact, TrueContactSource

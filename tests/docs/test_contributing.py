@@ -26,7 +26,7 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import read_config
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import RunConfig, StartMode
 from palpate_host.drives.drive_group import DriveGroup
 from palpate_host.operator.server import OperatorSocket
@@ -171,7 +171,7 @@ def raw_hand(packages, tmp_path):
     files = example("Add a drive")
     install(packages, {"raw_torque_drive.py": files["raw_torque_drive.py"]}, files["pyproject.toml"])
     bench = virtual_bench()
-    config = hand_config.load(with_drive(bench, tmp_path, files["hand.toml"]))
+    config = hand_reader.load(with_drive(bench, tmp_path, files["hand.toml"]))
     config = msgspec.structs.replace(config, run=RunConfig(start=StartMode.AUTO))
     index = [joint.name for joint in config.joints].index(JOINT)
     assert config.joints[index].drive_node == NODE
@@ -226,13 +226,13 @@ def test_an_unknown_drive_is_refused_with_the_allowed_keys(packages, tmp_path):
     files = example("Add a drive")
     path = with_drive(virtual_bench(), tmp_path, files["hand.toml"])
     with pytest.raises(ConfigError, match=rf"drive = 'raw' of {JOINT} is not one of cia402: [^\n]*$"):
-        DriveGroup(hand_config.load(path))
+        DriveGroup(hand_reader.load(path))
     install(packages, {}, files["pyproject.toml"])  # registered, its module left out
     with pytest.raises(ConfigError, match=r"cannot be imported \(No module named 'raw_torque_drive'\)"):
-        DriveGroup(hand_config.load(path))
+        DriveGroup(hand_reader.load(path))
     path.write_text(path.read_text().replace('"raw"', '"rwa"'))
     with pytest.raises(ConfigError, match="'rwa' of flexion_2 is not one of cia402, raw: "):
-        DriveGroup(hand_config.load(path))
+        DriveGroup(hand_reader.load(path))
 
 
 FINGERTIP = """

@@ -15,7 +15,7 @@ from palpate_edge.common.signals import stop_event
 from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import Health, MethodCode
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 
 PERIOD_US = 33_333
 LATENCY_US = 5_000
@@ -39,7 +39,7 @@ def felt(sequence: int, exposed_at_us: int) -> Contact:
 
 
 def main(config_path: Path, names: list[str]) -> None:
-    config = hand_config.load(config_path)
+    config = hand_reader.load(config_path)
     tips = [
         FingertipNode(
             finger.fingertip_node, MethodCode.CORRECTED, "0" * 16, data_bitrate=config.bus.data_bitrate

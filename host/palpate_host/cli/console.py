@@ -8,7 +8,7 @@ import click
 
 from palpate_edge.common.signals import stop_event
 from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.operator.server import default_control_socket
 
 
@@ -48,7 +48,7 @@ def console(
 
     Exit status: 0 after Ctrl-C, 2 when configuration, port or token cannot be used.
     """
-    config = hand_config.load(config_path)
+    config = hand_reader.load(config_path)
     path = socket_path or default_control_socket()
     if is_terminal:
         from palpate_host.console.terminal.command_hand import command_in_terminal  # noqa: PLC0415

@@ -16,7 +16,8 @@ from palpate_edge.common.signals import stop_event
 from palpate_host.cli.run import CONFIG, CONTROL_SOCKET
 from palpate_host.common.camera_source import parse_camera
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.config.control_config import ControlMode
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.operator.server import default_control_socket
 from palpate_host.recording.tick_stream import TickStream
 from palpate_host.ros.contents import HAND_FRAME, HandContents

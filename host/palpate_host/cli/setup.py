@@ -23,7 +23,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.check import reader
 from palpate_host.cli.documents import EXAMPLES
 from palpate_host.cli.setup_questions import ask_drives, ask_fingertips
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.service.hand_check import check_nodes, joint_angles, problem_count, table
 from palpate_host.service.host import core_of, hand_of
@@ -140,7 +140,7 @@ def setup(
         on_bus = msgspec.structs.replace(bus, data_bitrate=requests.data_bitrate(tip_ids))
         config = with_nodes(draft, on_bus, tip_ids, chosen, directions)
         text = hand_toml(with_torque_limits(config, requests.torque_caps_Nm()))
-        config = hand_config.parse(output, text)
+        config = hand_reader.parse(output, text)
         hand = hand_of(config)
         core_of(config, hand)  # refuses what a host would refuse
         reports = list(check_nodes(config, read, config.node_names.keys() - responding))
@@ -164,7 +164,7 @@ def _draft(
     output: Path, template: str, model_path: Path | None, tips: Sequence[str], ranges: Sequence[GivenRange]
 ) -> HandConfig:
     """Return the template's hand, with the fingers of the model file if one is given."""
-    draft = hand_config.load(EXAMPLES[template][0] if template in EXAMPLES else Path(template))
+    draft = hand_reader.load(EXAMPLES[template][0] if template in EXAMPLES else Path(template))
     if model_path is None:
         return draft
     return with_model(

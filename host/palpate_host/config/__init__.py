@@ -7,4 +7,6 @@ from palpate_edge.common.lazy_exports import lazy_exports
 
 __all__ = ["MODELS", "HandConfig", "load"]
 
-__getattr__ = lazy_exports(__name__, {"hand_config": "HandConfig load", "packaged": "MODELS"})
+__getattr__ = lazy_exports(
+    __name__, {"hand_config": "HandConfig", "hand_reader": "load", "packaged": "MODELS"}
+)

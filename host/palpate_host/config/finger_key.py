@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config.hand_config import parse
+from palpate_host.config.hand_reader import parse
 
 FINGER = re.compile(r"^\s*\[\[\s*fingers\s*\]\]")
 TABLE = re.compile(r"^\s*\[")

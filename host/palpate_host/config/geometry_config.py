@@ -7,8 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+from palpate_host.config.value_types import NotNegative, Positive
 
 
 class Axis(enum.Enum):

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import msgspec
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+from palpate_host.config.value_types import NotNegative, Positive
+
 Point = tuple[float, float]
 Vector = tuple[float, float, float]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlConfig, ForceLaw
+from palpate_host.config.control_config import ControlConfig, ForceLaw
 
 TRIM_RATIO = 0.5
 """Largest trim of a finger over its grasp force."""

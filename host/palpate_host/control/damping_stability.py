@@ -19,7 +19,8 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
-from palpate_host.config.hand_config import ControlLaw, HandConfig
+from palpate_host.config.control_config import ControlLaw
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.turning_stability import ADVISED_MARGIN
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.status import HoldStatus
-from palpate_host.config.hand_config import PoseLawConfig
+from palpate_host.config.control_config import PoseLawConfig
 from palpate_host.control.gait.gait import GaitPhase
 from palpate_host.control.manipulation import Manipulation
 

@@ -21,7 +21,8 @@ from palpate_host.common.gait_plan import GaitPlan
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlLaw, ControlMode, HandConfig
+from palpate_host.config.control_config import ControlLaw, ControlMode
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.contact_force import ContactForce
 from palpate_host.control.control_law import (
     Gains,

@@ -28,7 +28,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
-from palpate_host.config.hand_config import ControlConfig, PoseLawConfig
+from palpate_host.config.control_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
 from palpate_host.control.kinematics import HandPose

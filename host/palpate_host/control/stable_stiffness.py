@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.config.hand_config import PoseLawConfig
+from palpate_host.config.control_config import PoseLawConfig
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.virtual_object import Grip
 

@@ -8,7 +8,8 @@ from typing import Protocol
 
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_host.common.joint_command import Follows, JointCommand, JointState
-from palpate_host.config.hand_config import ControlConfig, HandConfig, HomingConfig, JointConfig
+from palpate_host.config.control_config import ControlConfig
+from palpate_host.config.hand_config import HandConfig, HomingConfig, JointConfig
 
 NO_STATUS = "no status"
 """The `state_name` of a drive that has not reported since it booted."""

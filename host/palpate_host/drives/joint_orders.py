@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
-from palpate_host.config.hand_config import ControlConfig, JointConfig
+from palpate_host.config.control_config import ControlConfig
+from palpate_host.config.hand_config import JointConfig
 
 LEAD_RAD = 0.05
 RANGE_TIME_S = 0.1

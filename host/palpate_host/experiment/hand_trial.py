@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError, PalpateError
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.experiment.protocol import ExperimentConfig, ExternalCameraConfig, TrialCase
 from palpate_host.experiment.result import TrialResult
 from palpate_host.groundtruth.frames import camera_frames

@@ -10,7 +10,7 @@ import msgspec
 
 from palpate_edge.common.config_file import Strict, read_toml
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 Word = Annotated[

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from palpate_edge.common.atomic_write import write_atomically
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.experiment.protocol import ExperimentConfig
 from palpate_host.experiment.result import TrialResult
 

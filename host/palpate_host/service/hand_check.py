@@ -21,7 +21,8 @@ from palpate_edge.common.contact_quantities import POSE_NODE_OFFSET
 from palpate_edge.common.errors import BusError
 from palpate_edge.node.fingertip_objects import DATA_BITRATE, METHOD, NEVER_GIVEN, ContactFlag, MethodCode
 from palpate_host.common.joint_command import Follows
-from palpate_host.config.hand_config import ControlMode, FingerConfig, ForceLaw, HandConfig, JointConfig
+from palpate_host.config.control_config import ControlMode, ForceLaw
+from palpate_host.config.hand_config import FingerConfig, HandConfig, JointConfig
 from palpate_host.drives.cia402_modes import OperationMode, choose_mode
 from palpate_host.drives.registry import CIA402
 from palpate_host.network.drive_contract import drive_contract

@@ -20,7 +20,7 @@ from palpate_edge.common.errors import BusError
 from palpate_edge.common.gc_freeze import long_lived
 from palpate_edge.common.local_sockets.sd_notify import Notifier, WatchdogGate
 from palpate_edge.common.signals import on_stop_signal
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.damping_stability import check_damping
 from palpate_host.control.hand_model import model_of, source_of
@@ -43,9 +43,9 @@ _log = logging.getLogger("palpate.host")
 
 
 def load_hand(path: Path) -> tuple[HandConfig, HandKinematics]:
-    """Read hand.toml and build its hand. Raises ConfigError as `hand_config.load`, `model_of` and
+    """Read hand.toml and build its hand. Raises ConfigError as `hand_reader.load`, `model_of` and
     `HandKinematics`."""
-    config = hand_config.load(path)
+    config = hand_reader.load(path)
     return config, hand_of(config)
 
 

@@ -40,7 +40,8 @@ from palpate_host.common.tick_inputs import (
     Planned,
     TickInputs,
 )
-from palpate_host.config.hand_config import ControlMode, HandConfig, StartMode
+from palpate_host.config.control_config import ControlMode
+from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.gait.turn_request import TurnRequest
 from palpate_host.control.hold_report import gait_text, hold_fault, hold_status, hold_warning
 from palpate_host.control.kinematics import HandKinematics

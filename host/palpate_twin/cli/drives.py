@@ -8,7 +8,7 @@ import click
 
 from palpate_edge.can_bus.bus import open_bus
 from palpate_edge.common.signals import stop_event
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.drives.serve_devices import serve_devices, states_line
 from palpate_twin.cli.options import config_option
 from palpate_twin.drives.hand_drives import drives_of
@@ -32,7 +32,7 @@ def drives(config_path: Path, pose_rad: tuple[float, float, float]) -> None:
     Example (with the bus of hand.toml running):
       palpate-host drives --config hand.toml
     """
-    config = hand_config.load(config_path)
+    config = hand_reader.load(config_path)
     simulated = drives_of(config, pose_rad)
     with stop_event() as stop, open_bus(config.bus, "drives") as bus:
         nodes = ", ".join(str(drive.slave.node_id) for drive in simulated)

@@ -74,14 +74,14 @@ def film(
     import numpy as np  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.common.rotation import to_rpy_deg  # noqa: PLC0415
-    from palpate_host.config import hand_config  # noqa: PLC0415
+    from palpate_host.config import hand_reader  # noqa: PLC0415
     from palpate_twin.demo.fingertip_film import busiest_finger, draw_sights  # noqa: PLC0415
     from palpate_twin.demo.run_folder import RunFolder  # noqa: PLC0415
     from palpate_twin.hand.film import draw_states, label, write_film, write_grid  # noqa: PLC0415
     from palpate_twin.hand.motion import film_cut, read_motion  # noqa: PLC0415
     from palpate_twin.hand.twin_model import twin_model  # noqa: PLC0415
 
-    hand = hand_config.load(config_path)
+    hand = hand_reader.load(config_path)
     twin = twin_model(hand, with_contacts=False)
     motion = read_motion(motion_path)
     states = []

@@ -88,7 +88,7 @@ def gait(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
-    from palpate_host.config.hand_config import ControlLaw, ControlMode  # noqa: PLC0415
+    from palpate_host.config.control_config import ControlLaw, ControlMode  # noqa: PLC0415
     from palpate_twin.paper.gait_runs import GaitCase, gait_table, run_gaits  # noqa: PLC0415
     from palpate_twin.paper.trial_parameters import Trial  # noqa: PLC0415
 

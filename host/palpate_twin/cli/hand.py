@@ -226,7 +226,7 @@ def loop(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
-    from palpate_host.config import hand_config  # noqa: PLC0415
+    from palpate_host.config import hand_reader  # noqa: PLC0415
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.closed_loop.tactile_rendering import (  # noqa: PLC0415
         ContactSource,
@@ -239,7 +239,7 @@ def loop(
     from palpate_twin.paper.loop import loop_table, run_loop  # noqa: PLC0415
 
     path = hand_file(hand_name)
-    config = hand_config.load(path)
+    config = hand_reader.load(path)
     radius_mm = 1e3 * config.control.tip_radius_m
     make_folder(output, ConfigError)
     with Progress() as progress:

@@ -33,11 +33,11 @@ def fingertips(hand_name: str, seed: int, output: Path) -> None:
     Example:
       palpate-host simulate fingertips -o sensors
     """
-    from palpate_host.config import hand_config  # noqa: PLC0415 (as below: keeps --help fast)
+    from palpate_host.config import hand_reader  # noqa: PLC0415 (as below: keeps --help fast)
     from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors  # noqa: PLC0415
     from palpate_twin.dome.library import load_library  # noqa: PLC0415
 
-    config = hand_config.load(hand_file(hand_name))
+    config = hand_reader.load(hand_file(hand_name))
     make_folder(output, ConfigError)
     names = [finger.name for finger in config.fingers]
     radius_mm = 1e3 * config.control.tip_radius_m

@@ -127,8 +127,8 @@ def shake(
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
-    from palpate_host.config import hand_config  # noqa: PLC0415
-    from palpate_host.config.hand_config import ControlLaw, ControlMode  # noqa: PLC0415
+    from palpate_host.config import hand_reader  # noqa: PLC0415
+    from palpate_host.config.control_config import ControlLaw, ControlMode  # noqa: PLC0415
     from palpate_twin.paper.shake import make_sensors, run_shakes, shake_cases, shake_table  # noqa: PLC0415
     from palpate_twin.paper.shake_random import LAWS, random_table, run_all  # noqa: PLC0415
     from palpate_twin.paper.trial_parameters import Trial  # noqa: PLC0415
@@ -164,7 +164,7 @@ def shake(
             if with_frames:
                 make_sensors(
                     output,
-                    hand_config.load(hand_toml),
+                    hand_reader.load(hand_toml),
                     seed,
                     lambda text: progress.update(task, description=text),
                 )

@@ -17,7 +17,7 @@ from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.common.atomic_write import make_folder, refused_as, write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import FingertipConfig, read_config
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.packaged import MODELS
 from palpate_twin.demo.programme import TURNS_DEG
@@ -128,7 +128,7 @@ class RunFolder:
 
     def hand(self) -> HandConfig:
         """Read hand.toml. Raises ConfigError."""
-        return hand_config.load(self.hand_toml)
+        return hand_reader.load(self.hand_toml)
 
     def fingertips(self) -> tuple[FingertipConfig, ...]:
         """Read the TOML file of each fingertip, in the hand's order. Raises ConfigError."""

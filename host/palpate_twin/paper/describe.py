@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.control.hand_model import compiled, spec_of
 from palpate_host.control.virtual_frame import check_numbering
 from palpate_host.service.host import load_hand
@@ -37,7 +37,7 @@ def describe(hand_toml: Path) -> str:
 
 def mjcf(hand_toml: Path) -> str:
     """Return the hand without the object as MJCF."""
-    config = hand_config.load(hand_toml)
+    config = hand_reader.load(hand_toml)
     spec = spec_of(config)
     compiled(spec, str(hand_toml))
     return str(spec.to_xml())
@@ -45,5 +45,5 @@ def mjcf(hand_toml: Path) -> str:
 
 def draw(hand_toml: Path, path: Path) -> None:
     """Draw hand and object in the start pose. Raises ConfigError as `draw_states` and `write_row`."""
-    twin = twin_model(hand_config.load(hand_toml), with_contacts=False)
+    twin = twin_model(hand_reader.load(hand_toml), with_contacts=False)
     write_row(path, draw_states(twin, [twin.start().qpos]))

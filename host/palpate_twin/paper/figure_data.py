@@ -13,8 +13,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlMode
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.paper.trial import RECORD_S, Outcome, run_trial
 from palpate_twin.paper.trial_parameters import Trial
@@ -120,7 +120,7 @@ def run_case(case: FigureCase) -> Result:
 
 def _measured_by_camera(case: FigureCase, outcome: Outcome) -> tuple[Array, list[Array]]:
     """Return times and the object's rotations since the first picture, measured on pictures of its marker."""
-    twin = hand_config.load(case.hand_toml).twin
+    twin = hand_reader.load(case.hand_toml).twin
     assert twin is not None  # the trial ran
     camera = camera_above(np.array(twin.object.position_m), twin.object.length_m)
     truth, rng = MarkerTruth(camera), np.random.default_rng(case.seed)

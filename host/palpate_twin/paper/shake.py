@@ -20,7 +20,8 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common.command import Move
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ControlLaw, HandConfig
+from palpate_host.config.control_config import ControlLaw
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
 from palpate_twin.closed_loop.fingertip_sensors import fingertip_sensors

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_twin.hand.engine import LostGraspError
 from palpate_twin.paper.shake import lifted

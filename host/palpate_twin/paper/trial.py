@@ -17,7 +17,8 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ControlMode, HandConfig
+from palpate_host.config.control_config import ControlMode
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.virtual_frame import virtual_frame

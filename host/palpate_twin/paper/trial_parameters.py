@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from palpate_host.config.hand_config import ControlLaw, ControlMode, HandConfig
+from palpate_host.config.control_config import ControlLaw, ControlMode
+from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.twin_config import DisturbanceConfig
 
 UNLIMITED = 1e3

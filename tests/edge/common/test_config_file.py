@@ -23,7 +23,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.geometry.sensor import Sensor
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.packaged import MODELS
 from palpate_host.drives.az import config as az_config
@@ -48,7 +48,7 @@ interface = "palpate"
 SENSOR = (ROOT / "demo" / "recording" / "press" / "sensor.toml").read_text()
 FILES: dict[str, tuple[str, Any, Callable[[Path], object], type[PalpateError]]] = {
     "finger.toml": (FINGER, FingertipConfig, read_config, ConfigError),
-    "hand.toml": ((MODELS / "table4-wide.toml").read_text(), HandConfig, hand_config.load, ConfigError),
+    "hand.toml": ((MODELS / "table4-wide.toml").read_text(), HandConfig, hand_reader.load, ConfigError),
     "az.toml": ((MODELS / "table4-az.toml").read_text(), AzConfig, az_config.load, ConfigError),
     "experiment.toml": (
         (MODELS / "experiment.toml").read_text(),

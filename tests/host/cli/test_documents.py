@@ -11,7 +11,7 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.daemon.config import read_config
 from palpate_edge.datasets.sensor_file import read_sensor
 from palpate_host.cli.documents import EXAMPLES, docs, example
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.drives.az import config as az_config
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -34,7 +34,7 @@ def test_every_example_is_accepted_by_the_program_that_reads_it(tmp_path: Path) 
         done = CliRunner().invoke(example, [name, "-o", str(path)], catch_exceptions=False)
         assert done.exit_code == 0
         if name in readers or name.startswith("hand"):
-            readers.get(name, hand_config.load)(path)
+            readers.get(name, hand_reader.load)(path)
     with pytest.raises(ConfigError, match="exists"):
         CliRunner().invoke(example, ["hand.toml", "-o", str(path)], catch_exceptions=False)
     with pytest.raises(ConfigError, match="give one of"):

@@ -8,7 +8,7 @@ import pytest
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.config.finger_key import with_finger_key
-from palpate_host.config.hand_config import parse
+from palpate_host.config.hand_reader import parse
 from palpate_host.config.packaged import MODELS
 
 PATH = MODELS / "table4.toml"

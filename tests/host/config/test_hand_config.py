@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.host.axes_hand import axes_text
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def table_4_text(bench):
 
 
 def test_table_4_is_the_papers(bench):
-    config = hand_config.load(bench.TABLE_4)
+    config = hand_reader.load(bench.TABLE_4)
     assert (config.control.f_d_N, config.control.tip_radius_m) == (4.0, 0.030)
     assert [joint.drive_node for joint in config.joints] == list(range(1, 10))
     assert [finger.fingertip_node for finger in config.fingers] == [0x10, 0x11, 0x12]
@@ -74,7 +74,7 @@ def test_refusals(tmp_path, table_4_text, pattern, replacement, says):
     assert changed != table_4_text
     path.write_text(changed)
     with pytest.raises(ConfigError) as caught:
-        hand_config.load(path)
+        hand_reader.load(path)
     text = str(caught.value)
     assert text.startswith(f"{path}: ") and "\n" not in text
     assert re.search(says, text), text
@@ -83,7 +83,7 @@ def test_refusals(tmp_path, table_4_text, pattern, replacement, says):
 def test_joints_may_be_axes_of_one_node_each_finger(tmp_path, table_4_text):
     path = tmp_path / "hand.toml"
     path.write_text(axes_text(table_4_text))
-    config = hand_config.load(path)
+    config = hand_reader.load(path)
     assert config.node_axes == {1: (0, 1, 2), 2: (0, 1, 2), 3: (0, 1, 2)}
     assert config.axis_names[2] == {0: "abduction_2", 1: "flexion_2", 2: "curl_2"}
     assert config.node_names[3] == "axes of abduction_3, flexion_3, curl_3"
@@ -121,9 +121,9 @@ def test_axes_may_be_homed(tmp_path, table_4_text):
     path = tmp_path / "hand.toml"
     path.write_text(axes_text(table_4_text) + "\n[homing]\nmethod = 37\n")
     with pytest.raises(ConfigError, match=r"needs fingers\.joints\.home_rad of abduction_1"):
-        hand_config.load(path)
+        hand_reader.load(path)
     path.write_text(path.read_text().replace("method = 37", "method = -1"))
-    assert hand_config.load(path).homing.method == -1
+    assert hand_reader.load(path).homing.method == -1
 
 
 def test_a_file_that_everybody_may_write_is_refused(tmp_path, table_4_text):
@@ -131,14 +131,14 @@ def test_a_file_that_everybody_may_write_is_refused(tmp_path, table_4_text):
     path.write_text(table_4_text)
     path.chmod(0o646)
     with pytest.raises(ConfigError, match=r"hand\.toml may be written by everybody .mode 646.: chmod o-w"):
-        hand_config.load(path)
+        hand_reader.load(path)
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(
         ConfigError, match=r"hand\.toml: no such file; docs/configuration.md lists every key of a hand"
     ):
-        hand_config.load(tmp_path / "hand.toml")
+        hand_reader.load(tmp_path / "hand.toml")
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -149,6 +149,6 @@ def test_damaged_files_are_refused_in_one_line_or_read(tmp_path, bench, place, d
     path = tmp_path / "hand.toml"
     path.write_bytes(data[:place] + damage + data[place + cut :])
     try:
-        hand_config.load(path)
+        hand_reader.load(path)
     except ConfigError as exc:
         assert "\n" not in str(exc)

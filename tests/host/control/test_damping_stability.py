@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.main import cli
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.damping_stability import check_damping, is_stable, slowest_tick_Hz
 from palpate_host.service.host import load_hand

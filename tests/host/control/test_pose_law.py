@@ -11,8 +11,8 @@ from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.object_orientation import contact_normal
@@ -276,7 +276,7 @@ def test_a_hand_that_cannot_follow_the_law_is_refused(tmp_path, change):
     text = HAND.read_text().replace("\n[control]\n", '\n[control]\nlaw = "pose"\n')
     path = tmp_path / "hand.toml"
     path.write_text(text)
-    assert hand_config.load(path).control.law is ControlLaw.POSE
+    assert hand_reader.load(path).control.law is ControlLaw.POSE
     path.write_text(text.replace(*change))
     with pytest.raises(ConfigError, match=r"control.law = 'pose' needs"):
-        hand_config.load(path)
+        hand_reader.load(path)

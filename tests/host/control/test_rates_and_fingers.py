@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.control.control_law import grasp_force_N, orientation_force_N
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
@@ -56,7 +56,7 @@ def hand_of(tmp_path, bench, count):
         fingers.append(finger.replace('_1"', f'_{number + 1}"'))
     path = tmp_path / "hand.toml"
     path.write_text("[[fingers]]".join([head, *fingers]))
-    config = hand_config.load(path)
+    config = hand_reader.load(path)
     joints = [joint.name for joint in config.joints]
     return config, HandKinematics(model_of(config), joints, config.model.tip_sites, source_of(config))
 

@@ -6,7 +6,7 @@ import pytest
 
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.grasp_forces import internal_ratio
 from palpate_host.control.hold_report import hold_status, hold_warning

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_host.cli.main import cli
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.control_law import orientation_force_N
 from palpate_host.control.manipulation import gains_of

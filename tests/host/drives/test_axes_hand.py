@@ -17,7 +17,8 @@ from palpate_edge.node.emcy import ErrorRegister
 from palpate_host.common.command import Grasp, Recover
 from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ForceLaw, StartMode
+from palpate_host.config.control_config import ForceLaw
+from palpate_host.config.hand_config import StartMode
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.command_frames import torque_commands
 from palpate_host.service.replay import replay

@@ -12,7 +12,7 @@ from palpate_bus.eds.cia402 import Controlword, DriveState, state_of
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import HomingConfig
 from palpate_host.config.packaged import MODELS
 from palpate_host.drives.axis_master import controlword_for
@@ -107,7 +107,7 @@ def test_wrong_length_names_the_pdo():
 
 def needs(follows=Follows.TORQUE, homing=None, **joint_keys):
     """Of node 4, the joint abduction_2 of Table 4's hand."""
-    config = hand_config.load(MODELS / "table4.toml")
+    config = hand_reader.load(MODELS / "table4.toml")
     joint = msgspec.structs.replace(config.joints[3], home_rad=0.25 * math.pi, **joint_keys)
     control = msgspec.structs.replace(config.control, drives_follow=follows)
     return DriveNeeds(4, joint, control, homing)

@@ -15,8 +15,9 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.command import Grasp, Recover, Rotate, Stop
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ForceLaw, HomingConfig, RunConfig, StartMode
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ForceLaw
+from palpate_host.config.hand_config import HomingConfig, RunConfig, StartMode
 from palpate_host.drives.cia402 import Cia402Drive
 from palpate_host.drives.cia402_device import Cia402Device
 from palpate_host.drives.cia402_modes import OperationMode
@@ -278,7 +279,7 @@ def test_hand_toml_is_refused_without_the_sensors_force_or_a_home(tmp_path, benc
     path = tmp_path / "hand.toml"
     path.write_text(text.replace("[control]", '[control]\ndrives_follow = "velocity"'))
     with pytest.raises(ConfigError, match=r"drives_follow = 'velocity' needs control\.force_law"):
-        hand_config.load(path)
+        hand_reader.load(path)
     path.write_text(text + "\n[homing]\nmethod = 17\n")
     with pytest.raises(ConfigError, match="home_rad of abduction_1"):
-        hand_config.load(path)
+        hand_reader.load(path)

@@ -25,7 +25,7 @@ from palpate_edge.can_bus.bus import Bus, BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
 from palpate_edge.node.slave import SlaveOutput
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.packaged import MODELS
 from palpate_host.drives.serve_devices import serve_devices
 from palpate_twin.drives.drive_plant import JointParameters, JointPlant
@@ -261,7 +261,7 @@ def test_no_frame_makes_a_drive_raise_or_give_torque_outside_operation_enabled(
 
 
 def test_the_drives_of_a_hand_take_direction_offset_and_limits_from_it() -> None:
-    config = hand_config.load(TABLE_4_HAND)
+    config = hand_reader.load(TABLE_4_HAND)
     drives = drives_of(config, (0.0, 0.348, 1.221))
     assert [drive.slave.node_id for drive in drives] == [joint.drive_node for joint in config.joints]
     for drive, joint in zip(drives, config.joints, strict=True):
@@ -279,14 +279,14 @@ def test_a_mirrored_drive_starts_at_its_own_angle_and_limits(tmp_path: Path) -> 
     hand.write_text(
         TABLE_4_HAND.read_text().replace(old, "drive_node = 3, direction = -1, zero_offset_rad = 0.25")
     )
-    config = hand_config.load(hand)
+    config = hand_reader.load(hand)
     plant = drives_of(config, (0.0, 0.348, 1.221))[2].plant
     assert plant.position_rad == pytest.approx(-0.971)
     assert (plant.parameters.min_rad, plant.parameters.max_rad) == pytest.approx((-1.55, 0.25))
 
 
 def test_a_pose_of_the_wrong_length_is_refused() -> None:
-    config = hand_config.load(TABLE_4_HAND)
+    config = hand_reader.load(TABLE_4_HAND)
     with pytest.raises(ConfigError, match="pose-rad"):
         drives_of(config, (0.0, 0.348))
 

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from palpate_edge.common.errors import ConfigError
 from palpate_host.cli.main import cli
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlMode
 from palpate_host.experiment.hand_trial import with_law
 from palpate_host.experiment.protocol import cases, load
 from palpate_host.recording.statuses import read_statuses
@@ -95,10 +95,10 @@ def test_the_report_is_whole(run: tuple[Path, str]) -> None:
 @pytest.mark.parametrize("name", ["table3", "table4"])
 def test_a_hands_file_gets_a_law(tmp_path: Path, name: str, law: ControlMode) -> None:
     """Nothing else of the hand changes."""
-    before = hand_config.load(MODELS / f"{name}.toml")
+    before = hand_reader.load(MODELS / f"{name}.toml")
     path = tmp_path / "hand.toml"
     path.write_text(with_law((MODELS / f"{name}.toml").read_text(), law, 0.5))
-    after = hand_config.load(path)
+    after = hand_reader.load(path)
     assert (after.control.mode, after.control.integral_per_s) == (law, 0.5)
     assert (after.fingers, after.geometry, after.target) == (before.fingers, before.geometry, before.target)
     with pytest.raises(ConfigError, match="has no control"):

@@ -21,7 +21,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.cli.command import status_text
 from palpate_host.common.status import FingerStatus, HostStatus
-from palpate_host.config.hand_config import ForceLaw
+from palpate_host.config.control_config import ForceLaw
 from palpate_host.control.contact_force import ContactForce
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.network.finger_state import FingerRecord

@@ -15,7 +15,7 @@ import pytest
 from tests.host.hand_on_hub import CLI, PATIENCE_S, Running, patient, put_on_the_bus
 
 from palpate_host.common.mode import Mode
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.operator.client import NoHostError, OperatorClient
 from palpate_host.operator.protocol import Status
 
@@ -136,7 +136,7 @@ def test_another_fingertip_is_accepted_by_name_and_written_into_hand_toml(runnin
     named = {"calibration": "2001h:00 is ", "software": "100Ah:00 is ", "serial": "1018h:04 is "}[key]
     said = run(named_command(config, named))
     status_when(config, is_ready)
-    first = hand_config.load(config).fingers[0]
+    first = hand_reader.load(config).fingers[0]
     found = getattr(first, key)
     assert found == FINGERTIP_HAS.get(key, found)
     assert said.startswith(f"finger-1: accepted {key} {found}, not {OTHERS[key].strip(chr(34))}.\n")

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.status import HostStatus
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.operator.server import OperatorSocket
 from palpate_host.service.host import load_hand

@@ -22,7 +22,8 @@ from tests.tiers import seeds
 from palpate_bus.eds.cia402 import DriveState
 from palpate_host.common.command import Grasp, Recover, Rotate
 from palpate_host.common.mode import STOPPED, Mode
-from palpate_host.config.hand_config import ForceLaw, RunConfig, StartMode
+from palpate_host.config.control_config import ForceLaw
+from palpate_host.config.hand_config import RunConfig, StartMode
 
 JOINT_SLACK_RAD = 0.01  # MuJoCo's joint limits are springs
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tests.host.axes_hand import with_axes
 
-from palpate_host.config.hand_config import ControlMode, ForceLaw
+from palpate_host.config.control_config import ControlMode, ForceLaw
 from palpate_host.service.hand_check import check_nodes, joint_angles, problem_count, table
 from palpate_host.view.hand_picture import draw_hand
 

@@ -18,7 +18,7 @@ from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.mode import Mode
 from palpate_host.common.status import HostStatus
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.control.virtual_frame import FrameError, virtual_frame
 from palpate_host.service.host_core import HostCore
 from palpate_host.service.replay import replay

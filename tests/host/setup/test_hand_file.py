@@ -8,7 +8,7 @@ import pytest
 
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config import hand_config
+from palpate_host.config import hand_config, hand_reader
 from palpate_host.config.packaged import MODELS
 from palpate_host.service.host import hand_of
 from palpate_host.service.host_core import HostCore
@@ -28,26 +28,26 @@ HOLDING = (
 
 @pytest.mark.parametrize("path", [*sorted(MODELS.glob("table*[34e].toml")), STRANGER / "hand.toml"], ids=str)
 def test_a_written_hand_is_the_hand(path: Path) -> None:
-    config = hand_config.load(path)
-    assert hand_config.parse(path.with_name("written.toml"), hand_toml(config)) == config
+    config = hand_reader.load(path)
+    assert hand_reader.parse(path.with_name("written.toml"), hand_toml(config)) == config
 
 
 def test_the_fingers_of_a_model_are_those_of_its_own_hand_toml() -> None:
     """stranger/hand.toml was written by hand."""
-    own = hand_config.load(STRANGER / "hand.toml")
-    template = hand_config.load(MODELS / "table4.toml")
+    own = hand_reader.load(STRANGER / "hand.toml")
+    template = hand_reader.load(MODELS / "table4.toml")
     made = with_model(template, "hand.xml", fingers_of_model(str(STRANGER / "hand.xml"), (), HOLDING))
     assert made.model.tip_sites == own.model.tip_sites
     kept = ("name", "drive_node", "direction", "min_rad", "max_rad")
     assert [[getattr(joint, key) for key in kept] for joint in made.joints] == [
         [getattr(joint, key) for key in kept] for joint in own.joints
     ]
-    config = hand_config.parse(STRANGER / "written.toml", hand_toml(made))
+    config = hand_reader.parse(STRANGER / "written.toml", hand_toml(made))
     HostCore(config, hand_of(config))
 
 
 def test_without_narrower_ranges_crossed_fingers_are_refused() -> None:
-    template = hand_config.load(MODELS / "table4.toml")
+    template = hand_reader.load(MODELS / "table4.toml")
     made = with_model(template, str(STRANGER / "hand.xml"), fingers_of_model(str(STRANGER / "hand.xml")))
     with pytest.raises(ConfigError, match="numbered clockwise"):
         HostCore(made, hand_of(made))
@@ -79,7 +79,7 @@ def test_fingers_of_a_urdf_run_counter_clockwise_with_range_and_effort(tmp_path:
     assert [finger.tip for finger in fingers] == ["a_tip", "c_tip", "b_tip"]
     (joint,) = fingers[1].joints
     assert (joint.name, joint.min_rad, joint.max_rad, joint.effort_Nm) == ("bend_c", -0.1, 1.2, 0.2)
-    made = with_model(hand_config.load(MODELS / "table4.toml"), str(tmp_path / "hand.urdf"), fingers)
+    made = with_model(hand_reader.load(MODELS / "table4.toml"), str(tmp_path / "hand.urdf"), fingers)
     assert {joint.torque_limit_Nm for joint in made.joints} == {0.2}
 
 
@@ -103,7 +103,7 @@ def test_a_model_that_is_no_hand_is_refused(
 
 
 def test_a_hand_waits_for_commands_whatever_its_template_does() -> None:
-    stranger = hand_config.load(STRANGER / "hand.toml")
+    stranger = hand_reader.load(STRANGER / "hand.toml")
     assert stranger.run.start is hand_config.StartMode.AUTO
     drives = [joint.drive_node for joint in stranger.joints]
     made = with_nodes(

@@ -11,7 +11,7 @@ from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.bus import BusConfig, open_bus
 from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError, ConfigError
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.service.host import load_hand
 
 STRANGER = Path(__file__).parents[1] / "stranger" / "hand.xml"
@@ -72,14 +72,14 @@ def test_fingertips_flash_and_joints_are_turned_by_hand(
     assert done.exit_code == 0, done.output
     flashes = [(0x10, 0), (0x10, 255)] * 8 + [(0x11, 0), (0x11, 255)] * 4
     assert hub.led_levels == flashes
-    fingers = hand_config.load(tmp_path / "hand.toml").fingers
+    fingers = hand_reader.load(tmp_path / "hand.toml").fingers
     assert [finger.fingertip_node for finger in fingers] == [0x11, 0x10, 0x12]
     assert [(joint.drive_node, joint.direction) for joint in fingers[0].joints] == [(2, -1), (1, 1), (3, 1)]
 
 
 def places(path: Path) -> list[list[tuple[int, int | None, int]]]:
     """Return node, axis and direction of the joints of each finger."""
-    fingers = hand_config.load(path).fingers
+    fingers = hand_reader.load(path).fingers
     return [[(one.drive_node, one.axis, one.direction) for one in finger.joints] for finger in fingers]
 
 
@@ -90,7 +90,7 @@ def test_axes_of_a_node_are_found(axes_on_fd_hub, tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert done.output.count(" ok\n") == 12
     assert places(tmp_path / "hand.toml") == [[(node, axis, 1) for axis in range(3)] for node in (1, 2, 3)]
-    limits = [joint.torque_limit_Nm for joint in hand_config.load(tmp_path / "hand.toml").joints]
+    limits = [joint.torque_limit_Nm for joint in hand_reader.load(tmp_path / "hand.toml").joints]
     assert limits[4] == pytest.approx(0.38, abs=0.005) and set(limits[:4] + limits[5:]) == {0.5}
 
 
@@ -140,7 +140,7 @@ def test_nodes_with_problems_are_written_only_when_a_person_confirms(hand_on_hub
         "has no deadline for RPDO 1" in done.output and "nodes have problems: write hand.toml?" in done.output
     )
     assert done.exit_code == 0
-    limits = [joint.torque_limit_Nm for joint in hand_config.load(tmp_path / "hand.toml").joints]
+    limits = [joint.torque_limit_Nm for joint in hand_reader.load(tmp_path / "hand.toml").joints]
     assert limits[2] == pytest.approx(0.38, abs=0.005) and set(limits[:2] + limits[3:]) == {0.5}
 
 

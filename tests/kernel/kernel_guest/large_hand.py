@@ -24,7 +24,7 @@ from palpate_edge.node.events import StoreRequested
 from palpate_edge.node.fingertip import FingertipNode
 from palpate_edge.node.fingertip_objects import MethodCode
 from palpate_host.common.status import HostStatus
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.hand_config import FingerConfig, HandConfig, JointConfig, ModelConfig, StartMode
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.kinematics import HandKinematics
@@ -82,7 +82,7 @@ def large_hand(folder: Path) -> tuple[HandConfig, HandKinematics]:
             torque_limit_Nm=0.5,
         )
 
-    like = hand_config.load(MODELS / "table4.toml")
+    like = hand_reader.load(MODELS / "table4.toml")
     fingers = tuple(
         FingerConfig(
             name=f"finger-{number}",

@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, settings
 
 from palpate_bus.logs.candump import LogRecord
 from palpate_edge.can_bus.can_frame import CanFrame
-from palpate_host.config.hand_config import HandConfig, load
+from palpate_host.config.hand_config import HandConfig
+from palpate_host.config.hand_reader import load
 from palpate_twin.demo.run_folder import MODEL
 
 PATIENCE_S = 60.0

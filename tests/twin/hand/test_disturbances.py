@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlMode
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
@@ -117,8 +117,8 @@ def test_disturbances_are_read_from_hand_toml(tmp_path):
     copy = tmp_path / "hand.toml"
     table = "\n[[twin.disturbances]]\nstart_s = 1.0\nforce_N = [0.0, 0.0, -2.0]\n"
     copy.write_text(HAND.read_text() + table)
-    (one,) = hand_config.load(copy).twin.disturbances
+    (one,) = hand_reader.load(copy).twin.disturbances
     assert (one.start_s, one.force_N, one.duration_s) == (1.0, (0.0, 0.0, -2.0), math.inf)
     copy.write_text(HAND.read_text() + table.replace("start_s = 1.0", "start_s = -1.0"))
     with pytest.raises(ConfigError, match="start_s"):
-        hand_config.load(copy)
+        hand_reader.load(copy)

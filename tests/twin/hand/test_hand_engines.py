@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.packaged import MODELS
 from palpate_host.config.twin_config import ObjectConfig
 from palpate_host.control.control_law import joint_torque_Nm
@@ -99,7 +99,7 @@ def test_a_hand_without_a_twin_or_with_another_pose_is_refused(table_3):
 
 def test_a_tapered_object_has_the_inertia_of_its_mesh():
     """MuJoCo integrates the inertia over the triangles of the convex hull."""
-    shape = hand_config.load(MODELS / "table4-four.toml").twin.object
+    shape = hand_reader.load(MODELS / "table4-four.toml").twin.object
     prism = prism_of(shape)
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="object", uservert=prism.vertices_m.ravel())
@@ -319,7 +319,7 @@ def test_geometry_and_mjcf_are_either_or(tmp_path):
     path = tmp_path / "hand.toml"
     path.write_text(text.replace("[model]", '[model]\nmjcf = "hand.xml"', 1))
     with pytest.raises(ConfigError, match=r"either model.mjcf or \[geometry\]"):
-        hand_config.load(path)
+        hand_reader.load(path)
 
 
 def test_geometry_must_fit_the_fingers(table_3):

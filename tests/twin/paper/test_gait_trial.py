@@ -10,7 +10,7 @@ from palpate_host.cli.main import cli
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.control.gait.gait import LOST_FRAMES, GaitPhase
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED

@@ -13,7 +13,7 @@ from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_host.common.command import Move
 from palpate_host.common.joint_command import DriveGoal, JointCommand
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.drives.cia402_motion import MotorState
 from palpate_host.service.host import load_hand
 from palpate_twin.camera import layouts

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from palpate_host.cli.main import cli
-from palpate_host.config.hand_config import ControlMode
+from palpate_host.config.control_config import ControlMode
 from palpate_host.config.packaged import MODELS
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
 from palpate_twin.paper.figure_data import FigureCase, Law, Result, engines_apart_deg, engines_table

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from palpate_edge.node.fingertip_objects import ContactFlag
-from palpate_host.config.hand_config import ControlLaw
+from palpate_host.config.control_config import ControlLaw
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.lockstep import LockstepLoop

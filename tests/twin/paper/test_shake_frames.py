@@ -6,8 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_host.cli.main import cli
-from palpate_host.config import hand_config
-from palpate_host.config.hand_config import ControlLaw, ControlMode
+from palpate_host.config import hand_reader
+from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.paper.shake import make_sensors, run_in_chain, shake_cases
 from palpate_twin.paper.trial_parameters import Trial
@@ -19,7 +19,7 @@ BASE = Trial(ControlMode.PROPOSED, (0.0, 0.0, 0.0), duration_s=4.0, law=ControlL
 @pytest.fixture(scope="module")
 def sensors(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sensors")
-    make_sensors(folder, hand_config.load(HAND), BASE.seed, lambda _text: None)
+    make_sensors(folder, hand_reader.load(HAND), BASE.seed, lambda _text: None)
     return folder
 
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate_host.cli.main import cli
-from palpate_host.config.hand_config import ControlLaw, ControlMode
+from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.paper.shake_random import (

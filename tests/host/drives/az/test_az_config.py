@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate_edge.common.errors import ConfigError
-from palpate_host.config import hand_config
+from palpate_host.config import hand_reader
 from palpate_host.config.packaged import MODELS
 from palpate_host.drives.az import config as az_config
 
@@ -18,7 +18,7 @@ TEXT = (MODELS / "table4-az.toml").read_text()
 
 
 def test_the_shipped_file_covers_the_joints_of_table_4() -> None:
-    hand = hand_config.load(MODELS / "table4.toml")
+    hand = hand_reader.load(MODELS / "table4.toml")
     axes = [axis for port in az_config.load(MODELS / "table4-az.toml").ports for axis in port.axes]
     assert {axis.drive_node for axis in axes} == {joint.drive_node for joint in hand.joints}
     limits = {joint.drive_node: joint.torque_limit_Nm for joint in hand.joints}
