@@ -177,7 +177,7 @@ def apart_mm(one, other):
 
 
 @pytest.mark.slow
-def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
+def test_the_sample_without_its_rings_gives_contacts_as_good(shared_data):
     sample = read_dataset(shared_data("press-sample"))
     untrained = dataclasses.replace(sample, presses=sample.split("test"))
     given, learned = (
@@ -186,7 +186,16 @@ def test_the_sample_gives_the_same_contacts_without_its_rings(shared_data):
     assert np.bincount(learned.ring_of()).tolist() == [1, 6, 12, 18, 24, 24]
     assert learned.residual_px < 2
     by = [positions(calibration, sample, "test", Method.CORRECTED) for calibration in (given, learned)]
-    assert apart_mm(*by).max() < 0.5
+    # the dome model is seen by the camera, whose pose is another one with learned places
+    assert apart_mm(*by).mean() < 0.2
+    truth = [press.position_mm for press in sample.split("test")]
+    of_given, of_learned = (
+        np.mean(
+            [math.dist(place, true) for place, true in zip(places, truth, strict=True) if place is not None]
+        )
+        for places in by
+    )
+    assert of_learned < of_given + 0.05
     by = [positions(calibration, sample, "test", Method.PAPER) for calibration in (given, learned)]
     # its virtual points start at each ring's first bead, and that is another one
     assert apart_mm(*by).mean() < 1.0
