@@ -27,6 +27,9 @@ FINGERTIP_HAS = {"calibration": "0" * 16, "serial": 0}
 OTHERS = {"calibration": '"0123456789abcdef"', "software": '"0.0.9"', "serial": "43"}
 
 
+pytestmark = pytest.mark.usefixtures("ahead_of_others")
+
+
 @pytest.fixture
 def config(tmp_path, bench):
     path = tmp_path / "hand.toml"
