@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import os
 import sys
@@ -14,6 +13,7 @@ import pytest
 
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.kinematics import HandKinematics
+from palpate_host.service.real_time import request_fifo
 
 
 def _load_bench() -> ModuleType:
@@ -28,17 +28,13 @@ def _load_bench() -> ModuleType:
 
 
 @pytest.fixture
-def ahead_of_others() -> Iterator[None]:
-    """Give the test, and what it starts, a processor before other tests where this user may do so.
-
-    A drive switches off after 200 ms without RPDO 1, while three test processes and mypy share two cores.
-    """
-    before = os.getpriority(os.PRIO_PROCESS, 0)
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
+def real_time() -> Iterator[None]:
+    """The processes that the test starts are in the real-time class, where this one may: beside busy programs
+    a local hub that waits for the processor stops the hand."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    request_fifo(10)
     yield
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, before)
+    os.sched_setscheduler(0, policy, parameters)
 
 
 @pytest.fixture(scope="session")

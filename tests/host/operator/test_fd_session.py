@@ -16,7 +16,7 @@ from palpate_host import Hand
 from palpate_host.common.command import CommandError
 from palpate_host.common.mode import Mode
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ahead_of_others")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("real_time")]
 
 CAN_FD = "data_bitrate = 5_000_000\n"
 TPDO_10 = 0x400

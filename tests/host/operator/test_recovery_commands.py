@@ -27,7 +27,7 @@ FINGERTIP_HAS = {"calibration": "0" * 16, "serial": 0}
 OTHERS = {"calibration": '"0123456789abcdef"', "software": '"0.0.9"', "serial": "43"}
 
 
-pytestmark = pytest.mark.usefixtures("ahead_of_others")
+pytestmark = pytest.mark.usefixtures("real_time")
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from palpate_host.common.mode import Mode
 from palpate_host.operator.client import NoHostError
 from palpate_host.operator.session import HandStoppedError
 
-pytestmark = pytest.mark.usefixtures("ahead_of_others")
+pytestmark = pytest.mark.usefixtures("real_time")
 
 
 @pytest.fixture

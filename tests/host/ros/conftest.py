@@ -25,14 +25,12 @@ from palpate_host.operator.server import OperatorSocket
 from palpate_host.recording.statuses import read_statuses
 from palpate_host.ros.message_contents import Transform
 from palpate_host.service.host import load_hand
-from palpate_host.service.real_time import request_fifo
 
 PROJECT = Path(__file__).resolve().parents[3]
 HAND = PROJECT / "host" / "palpate_host" / "models" / "table4.toml"
 LOG = PROJECT / "tests" / "replay" / "virtual.log.gz"
 PATIENCE_S = 60.0
 TICK_S = 0.01
-PRIORITY = 10
 
 
 class Listener:
@@ -106,16 +104,6 @@ def listener() -> Iterator[Listener]:
     made = Listener()
     yield made
     made.close()
-
-
-@pytest.fixture
-def real_time() -> Iterator[None]:
-    """The processes that the test starts are in the real-time class, where this one may: beside busy programs
-    a local hub that waits for the processor stops the hand."""
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    request_fifo(PRIORITY)
-    yield
-    os.sched_setscheduler(0, policy, parameters)
 
 
 @pytest.fixture
