@@ -14,13 +14,12 @@ from pathlib import Path
 
 import pytest
 from tests.docs.test_help_examples import PROGRAMS, parse
-from tests.host.hand_on_hub import PATIENCE_S, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import PATIENCE_S, hand_on_the_bus
 from tests.host.recording.test_live_server import SUBPROTOCOL, TOPICS, Client
 from tests.integrations_page import PAGE, all_commands, commands, shell
 from websockets.sync.client import connect
 
 from palpate_host.cli.foxglove import foxglove
-from palpate_host.config.packaged import MODELS
 
 SYSTEMS = {
     "Foxglove, live": "palpate-host foxglove",
@@ -65,26 +64,19 @@ def test_the_page_names_each_command_of_an_integration() -> None:
 
 
 @pytest.fixture
-def hand_on_the_bus(tmp_path: Path) -> Iterator[Path]:
+def running_hand(tmp_path: Path) -> Iterator[Path]:
     """A folder with the hand.toml of drives and touched fingertips, which run on a hub."""
-    path = tmp_path / "hand.toml"
-    text = (MODELS / "table4.toml").read_text()
-    path.write_text(patient(text.replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)))
-    running = Running()
-    try:
-        put_on_the_bus(running, path)
-        yield tmp_path
-    finally:
-        running.stop()
+    with hand_on_the_bus(tmp_path) as folder:
+        yield folder
 
 
 @pytest.mark.long
-def test_the_commands_for_foxglove_serve_a_running_hand(hand_on_the_bus: Path) -> None:
+def test_the_commands_for_foxglove_serve_a_running_hand(running_hand: Path) -> None:
     """As they stand on the page, except that the port is a free one."""
     (port,) = (option.default for option in foxglove.params if option.name == "port")
     assert f"`ws://localhost:{port}`" in PAGE.read_text()
     *first, last = commands("Foxglove, live")
-    with shell([*first, f"{last} --port 0"], hand_on_the_bus) as process:
+    with shell([*first, f"{last} --port 0"], running_hand) as process:
         assert process.stderr is not None
         address = (
             next(line for line in process.stderr if line.startswith("foxglove: ")).split()[1].rstrip(",")
@@ -99,4 +91,4 @@ def test_the_commands_for_foxglove_serve_a_running_hand(hand_on_the_bus: Path) -
                 topic, _, message = client.receive(PATIENCE_S)
                 found[topic] = message
     assert len(found["/joint_states"].joints) == len(found["/host/status"]["joints"]) == 9
-    assert (hand_on_the_bus / "hand-layout.json").stat().st_size > 1000
+    assert (running_hand / "hand-layout.json").stat().st_size > 1000

@@ -2,10 +2,14 @@
 
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
+
+from palpate_host.config.packaged import MODELS
 
 TIPS = Path(__file__).with_name("touching_fingertips.py")
 CLI = [sys.executable, "-m", "palpate_host.cli.main"]
+TABLE_4 = MODELS / "table4.toml"
 PATIENCE_S = 60.0
 
 
@@ -42,6 +46,25 @@ def patient(text):
         assert key in text
         text = text.replace(key, f"{key.split()[0]} = {patient_ms}")
     return text.replace("\nstop_ms = 3000", "\nstop_ms = 20000")
+
+
+def patient_hand(folder, *bus_lines):
+    """Write Table 4's hand on a hub in the folder, with those times and further lines in its [bus]."""
+    path = folder / "hand.toml"
+    bus = "\n".join(["[bus]", f'channel = "{folder / "hub"}"', *bus_lines])
+    path.write_text(patient(TABLE_4.read_text().replace("[bus]", bus, 1)))
+    return path
+
+
+@contextmanager
+def hand_on_the_bus(folder):
+    """Run the drives and the touched fingertips of that hand, and its hub."""
+    running = Running()
+    try:
+        put_on_the_bus(running, patient_hand(folder))
+        yield folder
+    finally:
+        running.stop()
 
 
 def put_on_the_bus(running, config, *hub_options):

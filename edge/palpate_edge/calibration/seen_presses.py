@@ -21,7 +21,7 @@ from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.beads import Beads
 
-NOISE_PX = 0.02  # of the beads' places, as in the dome model
+NOISE_PX = 0.02  # of the beads' places, here and in the dome model
 RIDGE = 1e-6  # of the interpolation between the points
 GOLDEN_TURN_RAD = np.pi * (3 - 5**0.5)  # from one press to the next: azimuths that repeat nowhere
 
@@ -44,7 +44,6 @@ def _presses(
     """Return the presses at azimuths all around the dome, as if tracked in pictures."""
     directions, _ = reader.geometry
     rng = np.random.default_rng(0)
-    found = np.ones(len(directions), dtype=np.bool_)
     covariance = kernel(solid.points, solid.points) + RIDGE * np.eye(len(solid.points))
     to_points: Array = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     presses = []
@@ -52,7 +51,13 @@ def _presses(
     for number, (motion_mm, direction, force) in enumerate(each):
         turn = rotation_about_z(GOLDEN_TURN_RAD * number)
         moved_mm = kernel(directions @ turn, solid.points) @ (to_points @ motion_mm) @ turn.T
-        pixels = view.project(radius_mm * directions + moved_mm)
-        pixels = pixels + NOISE_PX * rng.standard_normal(pixels.shape)
-        presses.append(TrainingPress(Beads.from_positions(pixels, found), turn @ direction, turn @ force))
+        beads = tracked_beads(view, radius_mm * directions + moved_mm, rng)
+        presses.append(TrainingPress(beads, turn @ direction, turn @ force))
     return presses
+
+
+def tracked_beads(view: View, place_mm: Array, rng: np.random.Generator) -> Beads:
+    """Return beads at these places (n, 3) as if all were tracked in a picture, with noise."""
+    pixels = view.project(place_mm)
+    pixels = pixels + NOISE_PX * rng.standard_normal(pixels.shape)
+    return Beads.from_positions(pixels, np.ones(len(pixels), dtype=np.bool_))

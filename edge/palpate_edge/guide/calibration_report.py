@@ -11,7 +11,6 @@ from palpate_edge.guide.picture_steps import Figures
 
 POOR_SPREAD_PERCENT = 5.0
 NAMED_FRAMES = 6  # of reference frames at fault
-NAMED_FRAMES = 6  # of reference frames at fault
 GOOD_MM, LEAST_HELD = 0.6, 0.8  # mean error of 20 presses (docs/accuracy.md); share in the 95 % radius
 POOR_JIG_MM = 1.2  # holes of a jig as printed are 0.3 to 0.8 mm off (python -m bench.jig)
 POOR_RESIDUAL_DIAMETERS = 0.15

@@ -13,9 +13,10 @@ from palpate_edge.can_bus.can_frame import CanFrame
 from palpate_edge.common.errors import BusError
 from palpate_host.drives.cia402_modes import MODE, OperationMode
 from palpate_host.drives.drive import DriveNeeds
+from palpate_host.drives.drive_settings import Write
 from palpate_host.drives.identify import ABORT, RETRY_US, SDO_REQUEST_ID, UPLOAD_REQUEST, WRITTEN
 
-DOWNLOAD_1_BYTE, EXPEDITED_1_BYTE = 0x2F, 0x4F
+EXPEDITED_1_BYTE = 0x4F
 
 
 class AxisMode:
@@ -25,7 +26,7 @@ class AxisMode:
     """
 
     def __init__(self, needs: DriveNeeds) -> None:
-        self._name = f"{needs.name} (node 0x{needs.node_id:02X}, axis {needs.axis})"
+        self._name = needs.name_on_bus
         self._request_id = SDO_REQUEST_ID + needs.node_id
         self._mode_key, self._display_key = (axis_key(key, needs.axis) for key in (MODE, MODE_DISPLAY))
         self.restart()
@@ -53,7 +54,7 @@ class AxisMode:
         if self._is_written:
             data = struct.pack("<BHB4x", UPLOAD_REQUEST, *self._display_key)
         else:
-            data = struct.pack("<BHBb3x", DOWNLOAD_1_BYTE, *self._mode_key, self.wanted)
+            data = Write(*self._mode_key, 1, self.wanted, "its mode").request()
         return CanFrame(self._request_id, data)
 
     def receive(self, frame: CanFrame) -> None:

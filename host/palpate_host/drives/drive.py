@@ -51,6 +51,12 @@ class DriveNeeds:
         return f"drive of {self.joint.name}"
 
     @property
+    def name_on_bus(self) -> str:
+        """The drive's name with its node, and its axis of a node with several."""
+        axis = f", axis {self.axis}" if self.axes else ""
+        return f"{self.name} (node 0x{self.node_id:02X}{axis})"
+
+    @property
     def follows(self) -> Follows:
         return self.control.drives_follow
 

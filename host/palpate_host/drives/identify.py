@@ -39,8 +39,7 @@ class DriveIdentification:
         self.reply_id = SDO_REPLY_ID + needs.node_id
         self.mode = OperationMode.CYCLIC_TORQUE
         self._node_id = needs.node_id
-        where = f", axis {needs.axis}" if needs.axes else ""
-        self._name = f"{needs.name} (node 0x{needs.node_id:02X}{where})"
+        self._name = needs.name_on_bus
         self._eds = "cia402_axes.eds" if needs.axes else "cia402.eds"
         self._needs = needs
         self.restart()

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate_edge.calibration.seen_presses import tracked_beads
 from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses, TwistedPresses
 from palpate_edge.calibration.training.samples import Samples, TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
-from palpate_edge.vision.beads import Beads
 from palpate_twin.dome import field_grid
 from palpate_twin.dome.library import FieldLibrary
 from palpate_twin.dome.probe import Probe
@@ -33,7 +33,6 @@ LEAST_DEPTH_SHARE = 0.01
 PLATE_SHARE = 0.6  # share of presses by the plate; the others use any probe of the library
 MOST_SLIDE_SHARE = 0.4
 BEAD_TOLERANCE_MM = 0.15
-NOISE_PX = 0.02
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
 LAYOUTS = (
     ((0, 1), (15, 6), (30, 12), (45, 18), (60, 24), (75, 24)),
@@ -95,9 +94,7 @@ def _one_sensor(library: FieldLibrary, rng: np.random.Generator, *, twisted: boo
     view = View(CAMERA, _random_pose(rng))
     reference_px = view.project(directions * field_grid.BEAD_RADIUS_MM)
     reader = DisplacementReader(reference_px, view, field_grid.BEAD_RADIUS_MM)
-    presses = [
-        _press(library, directions, view, reference_px, rng, twisted=twisted) for _ in range(PRESSES_A_SENSOR)
-    ]
+    presses = [_press(library, directions, view, rng, twisted=twisted) for _ in range(PRESSES_A_SENSOR)]
     return make_samples(reader, presses, int(rng.integers(2**31)), COPIES, vary_all=True)
 
 
@@ -115,17 +112,14 @@ def _press(
     library: FieldLibrary,
     directions: Array,
     view: View,
-    reference_px: Array,
     rng: np.random.Generator,
     *,
     twisted: bool,
 ) -> TrainingPress:
     contact = _random_contact(library, rng, twisted=twisted)
     field = library.field(directions, *contact)
-    moved_px = view.project(directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm)
-    moved_px = moved_px + NOISE_PX * rng.standard_normal(moved_px.shape)
-    found = np.ones(len(reference_px), dtype=np.bool_)
-    beads, torsion = Beads.from_positions(moved_px, found), field.torsion_per_mu_mm3
+    beads = tracked_beads(view, directions * field_grid.BEAD_RADIUS_MM + field.displacement_mm, rng)
+    torsion = field.torsion_per_mu_mm3
     return TrainingPress(beads, contact.direction, field.force_per_mu_mm2, torsion_Nmm=torsion)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common.command import Move
 from palpate_host.common.mode import Mode
+from palpate_host.config import hand_reader
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.config.twin_config import DisturbanceConfig
@@ -186,7 +187,7 @@ def run_shake(hand_toml: Path, case: ShakeCase) -> Held:
     outcome = run_trial(hand_toml, "mujoco", case.trial)
     places = np.array([place for _, place in outcome.poses])
     slip_mm = float(outcome.slip_mm.max())
-    ramp_s = load_hand(hand_toml)[0].target.ramp_s
+    ramp_s = hand_reader.load(hand_toml).target.ramp_s
     return held(case, ramp_s, outcome.time_s, places, outcome.error_deg, slip_mm, outcome.lost_s)
 
 
@@ -219,17 +220,13 @@ def run_in_chain(hand_toml: Path, case: ShakeCase, sensors: Path | None = None) 
     return held(case, config.target.ramp_s, times, places, error_deg, slip_mm, lost_s)
 
 
-def make_sensors(folder: Path, config: HandConfig, seed: int, done: Callable[[str], None]) -> None:
-    """Create and calibrate a simulated sensor for each finger, unless the folder has them.
+def make_sensors(
+    folder: Path, config: HandConfig, seed: int, done: Callable[[str], None]
+) -> RenderedContactSource:
+    """Return contacts of a simulated sensor for each finger, made and calibrated unless the folder has it.
 
     done: called with a text before each step. Raises ConfigError as `fingertip_sensors`.
     """
-    _sensors(folder, config, seed, done)
-
-
-def _sensors(
-    folder: Path, config: HandConfig, seed: int, done: Callable[[str], None]
-) -> RenderedContactSource:
     names, library = [finger.name for finger in config.fingers], load_library()
     found = fingertip_sensors(folder, names, 1e3 * config.control.tip_radius_m, seed, library, done)
     return RenderedContactSource(found, library, seed)
@@ -239,7 +236,7 @@ def chain_contacts(config: HandConfig, trial: Trial, sensors: Path | None) -> Co
     """Return the true contacts with the trial's noise, or those estimated from the sensors' frames."""
     if sensors is None:
         return trial_contacts(config, trial)
-    return _sensors(sensors, config, trial.seed, lambda _text: None)
+    return make_sensors(sensors, config, trial.seed, lambda _text: None)
 
 
 def held(

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 from tests.host.console_process import ConsoleProcess
-from tests.host.hand_on_hub import CLI, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import CLI, Running, patient_hand, put_on_the_bus
 
 
 class HandConsole(ConsoleProcess):
@@ -31,11 +31,9 @@ class HandConsole(ConsoleProcess):
 
 
 @pytest.fixture
-def console(tmp_path, bench):
+def console(tmp_path):
     running = Running()
-    text = bench.TABLE_4.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)
-    config = tmp_path / "hand.toml"
-    config.write_text(patient(text))
+    config = patient_hand(tmp_path)
     try:
         put_on_the_bus(running, config)
         with closing(HandConsole(config, running)) as console:

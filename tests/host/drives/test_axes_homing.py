@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 from tests.host.axes_hand import with_axes
+from tests.host.homing import check_homed, homing_config, shifted
 
 from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -12,7 +13,7 @@ from palpate_edge.common.errors import BusError
 from palpate_host.common.command import Grasp, Recover, Stop
 from palpate_host.common.joint_command import DriveGoal, Follows, JointCommand
 from palpate_host.common.mode import Mode
-from palpate_host.config.hand_config import HomingConfig, RunConfig, StartMode
+from palpate_host.config.hand_config import HomingConfig
 from palpate_host.drives.cia402_axes import axes_of_node
 from palpate_host.drives.drive import DriveNeeds, HomingState
 from palpate_twin.drives.drive_plant import JointParameters
@@ -153,28 +154,10 @@ def test_without_homing_no_mode_is_changed(table_4):
 def homing_hand(bench, table_4):
     """Table 4's hand with three nodes of three axes; each drive's zero is 0.2 rad off."""
     config, hand = table_4
-    config = with_axes(config)
-    fingers = tuple(
-        msgspec.structs.replace(
-            finger,
-            joints=tuple(msgspec.structs.replace(joint, home_rad=joint.min_rad) for joint in finger.joints),
-        )
-        for finger in config.fingers
-    )
-    config = msgspec.structs.replace(
-        config,
-        fingers=fingers,
-        homing=HomingConfig(method=17, search_rad_s=3.0),
-        run=RunConfig(start=StartMode.COMMAND),
-    )
+    config = homing_config(with_axes(config))
     rig = bench.VirtualBench(config, hand)
     for motor, joint in zip((m for d in rig.drives for m in d.motors), config.joints, strict=True):
-        parameters = JointParameters(
-            load_stiffness_Nm_rad=0.0,
-            grasp_rad=joint.min_rad + 0.1,
-            min_rad=joint.min_rad - 0.2,
-            max_rad=joint.max_rad - 0.2,
-        )
+        parameters = shifted(joint)
         motor.plant.parameters = parameters
         motor.plant.position_rad = parameters.grasp_rad
     return config, rig
@@ -183,12 +166,7 @@ def homing_hand(bench, table_4):
 def test_the_host_homes_every_axis_before_it_is_ready_and_not_again_after_recover(homing_hand):
     config, rig = homing_hand
     rig.run(5.5)
-    modes = list(dict.fromkeys(status.mode for status in rig.statuses))
-    assert modes == [Mode.INIT, Mode.CHECK, Mode.HOME, Mode.READY]
-    reasons = list(dict.fromkeys(s.reason for s in rig.statuses if s.mode is Mode.HOME))
-    assert reasons == [f"homing drive of {joint.name}" for joint in config.joints]
-    for joint, told in zip(config.joints, rig.statuses[-1].joints, strict=True):
-        assert told.position_rad == pytest.approx(joint.min_rad, abs=0.01)
+    check_homed(config, rig)
     rig.core.command(Stop())
     rig.run(1.0)
     rig.drives[0].motors[0].plant.position_rad += 0.1

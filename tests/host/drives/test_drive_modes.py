@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from tests.host.homing import check_homed, homing_config, shifted
 
 from palpate_bus.eds.cia402 import DriveState
 from palpate_edge.can_bus.can_frame import CanFrame
@@ -217,44 +218,16 @@ def test_the_hand_grasps_and_turns_with_drives_that_follow(bench, table_4, follo
 
 def homing_bench(bench, table_4, **homing):
     config, hand = table_4
-    fingers = [
-        msgspec.structs.replace(
-            finger,
-            joints=tuple(msgspec.structs.replace(joint, home_rad=joint.min_rad) for joint in finger.joints),
-        )
-        for finger in config.fingers
-    ]
-    config = msgspec.structs.replace(
-        config,
-        fingers=tuple(fingers),
-        homing=HomingConfig(**{"method": 17, "search_rad_s": 3.0, **homing}),
-        run=RunConfig(start=StartMode.COMMAND),
-    )
+    config = homing_config(config, **homing)
     rig = bench.VirtualBench(config, hand)
-    rig.drives = [
-        SimulatedDrive(
-            joint.drive_node,
-            JointParameters(
-                load_stiffness_Nm_rad=0.0,
-                grasp_rad=joint.min_rad - 0.2 + 0.3,  # its zero is 0.2 rad off
-                min_rad=joint.min_rad - 0.2,
-                max_rad=joint.max_rad - 0.2,
-            ),
-        )
-        for joint in config.joints
-    ]
+    rig.drives = [SimulatedDrive(joint.drive_node, shifted(joint)) for joint in config.joints]
     return config, rig
 
 
 def test_the_host_homes_every_drive_before_it_is_ready_and_not_again_after_recover(bench, table_4):
     config, rig = homing_bench(bench, table_4)
     rig.run(5.0)
-    modes = list(dict.fromkeys(status.mode for status in rig.statuses))
-    assert modes == [Mode.INIT, Mode.CHECK, Mode.HOME, Mode.READY]
-    reasons = list(dict.fromkeys(s.reason for s in rig.statuses if s.mode is Mode.HOME))
-    assert reasons == [f"homing drive of {joint.name}" for joint in config.joints]
-    for joint, told in zip(config.joints, rig.statuses[-1].joints, strict=True):
-        assert told.position_rad == pytest.approx(joint.min_rad, abs=0.01)
+    check_homed(config, rig)
     rig.core.command(Stop())
     rig.run(1.0)
     rig.drives[0].plant.position_rad += 0.1

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 from tests.host.axes_hand import axes_text
-from tests.host.hand_on_hub import PATIENCE_S, TIPS, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import PATIENCE_S, TIPS, Running, patient_hand, put_on_the_bus
 
 from palpate_bus.logs.candump import read_log
 from palpate_host import Hand
@@ -18,7 +18,7 @@ from palpate_host.common.mode import Mode
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("real_time")]
 
-CAN_FD = "data_bitrate = 5_000_000\n"
+CAN_FD = "data_bitrate = 5_000_000"
 TPDO_10 = 0x400
 HUB = ("--data-bitrate", "5000000", "--txqueuelen", "1000")  # a queue for a machine that others share
 
@@ -31,12 +31,9 @@ def running():
 
 
 @pytest.fixture
-def config(tmp_path, bench):
+def config(tmp_path):
     """Table 4's hand on a CAN FD hub."""
-    text = bench.TABLE_4.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"\n{CAN_FD}', 1)
-    path = tmp_path / "hand.toml"
-    path.write_text(patient(text))
-    return path
+    return patient_hand(tmp_path, CAN_FD)
 
 
 def test_the_host_takes_contacts_from_can_fd_frames(config, tmp_path, running):

@@ -12,7 +12,7 @@ import subprocess
 import time
 
 import pytest
-from tests.host.hand_on_hub import CLI, PATIENCE_S, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import CLI, PATIENCE_S, Running, patient_hand, put_on_the_bus
 
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_reader
@@ -31,11 +31,8 @@ pytestmark = pytest.mark.usefixtures("real_time")
 
 
 @pytest.fixture
-def config(tmp_path, bench):
-    path = tmp_path / "hand.toml"
-    text = bench.TABLE_4.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)
-    path.write_text(patient(text))
-    return path
+def config(tmp_path):
+    return patient_hand(tmp_path)
 
 
 @pytest.fixture

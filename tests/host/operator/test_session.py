@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from tests.host.hand_on_hub import CLI, PATIENCE_S, TIPS, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import CLI, PATIENCE_S, TIPS, Running, patient_hand, put_on_the_bus
 
 from palpate_edge.common.errors import PalpateError
 from palpate_host import Hand
@@ -29,12 +29,9 @@ def running():
 
 
 @pytest.fixture
-def config(tmp_path, running, bench):
+def config(tmp_path, running):
     """Table 4's hand, everything but its host being on the hub."""
-    hub = tmp_path / "hub"
-    text = bench.TABLE_4.read_text().replace("[bus]", f'[bus]\nchannel = "{hub}"', 1)
-    path = tmp_path / "hand.toml"
-    path.write_text(patient(text))
+    path = patient_hand(tmp_path)
     put_on_the_bus(running, path)
     return path
 

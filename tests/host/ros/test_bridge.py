@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from tests.host.hand_on_hub import CLI, Running, patient, put_on_the_bus
+from tests.host.hand_on_hub import CLI, Running, patient_hand, put_on_the_bus
 from tests.host.ros.action_clients import ABORTED, SUCCEEDED, ActionClients
 from tests.host.ros.conftest import (
     HAND,
@@ -248,8 +248,7 @@ def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, 
     """A host with drives and fingertips on the hub. A stop takes effect in the tick after its response."""
     from geometry_msgs.msg import Vector3
 
-    path = tmp_path / "hand.toml"
-    path.write_text(patient(HAND.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)))
+    path = patient_hand(tmp_path)
     put_on_the_bus(running, path)
     with Hand.open(path, tmp_path / "s", timeout_s=PATIENCE_S) as hand:
         bridge(path, tmp_path / "s", "--commands", "--namespace", "left")
@@ -281,8 +280,7 @@ def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, 
 @pytest.mark.usefixtures("real_time")
 def test_goals_of_a_real_host_that_is_killed(bridge, listener: Listener, tmp_path, running) -> None:
     """Grasp and release succeed on the hub; SIGKILL of the host aborts a turn, and the mode is `no host`."""
-    path = tmp_path / "hand.toml"
-    path.write_text(patient(HAND.read_text().replace("[bus]", f'[bus]\nchannel = "{tmp_path / "hub"}"', 1)))
+    path = patient_hand(tmp_path)
     put_on_the_bus(running, path)
     run = [*CLI, "run", "--config", str(path), "--start", "command", "--socket", str(tmp_path / "s")]
     running.processes["host"] = subprocess.Popen(run, stderr=subprocess.PIPE, text=True)

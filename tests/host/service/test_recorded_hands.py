@@ -120,7 +120,7 @@ def test_a_replay_repeats_the_run_with_its_commands(run: Run) -> None:
 
 
 def test_every_missing_command_and_plan_is_named(run: Run, tmp_path) -> None:
-    """Of a turn by gaiting, command and plan are two."""
+    """A turn by gaiting has two records: its command and its plan."""
     lines = run.log.read_text().splitlines(keepends=True)
     places = [i for i, line in enumerate(lines) if line.startswith("#! ") and " input " in line]
     plans = [
