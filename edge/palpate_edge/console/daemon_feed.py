@@ -114,14 +114,14 @@ class DaemonFeed:
                 self._stopped.wait(RETRY_S)
                 continue
             self._connection = connection
-            self._follow(connection)
-            self._forget(connection)
+            self._forget(connection, self._follow(connection))
 
-    def _follow(self, connection: socket.socket) -> None:
-        """Publish messages until the daemon ends."""
+    def _follow(self, connection: socket.socket) -> str:
+        """Publish messages until the daemon ends; return the text that states why none follow."""
         with suppress(WatchRefusedError):
             self._want_pictures(self._broadcast.listeners > 0)
         heard_s, is_silent = time.monotonic(), False
+        ended = f"the daemon of {self._name} has ended: see its log; this page reconnects"
         self._say(True, "live, from the daemon")
         while not self._stopped.is_set():
             try:
@@ -132,17 +132,17 @@ class DaemonFeed:
                     self._say(False, f"the daemon of {self._name} does not answer: see its log")
                 continue
             except OSError:
-                return
+                return ended
             if not packet:
-                return
+                return ended
             message = decode_message(packet)
             if message is None:
-                self._say(False, "the daemon is of another version: restart it and this console")
-                return
+                return "the daemon is of another version: restart it and this console"
             if is_silent:
                 self._say(True, "live, from the daemon")
             heard_s, is_silent = time.monotonic(), False
             self._handle(message)
+        return ended
 
     def _handle(self, message: WatchMessage) -> None:
         match message:
@@ -169,13 +169,13 @@ class DaemonFeed:
         frame = console_frame(picture.image, message.contact, message.latency_ms, beads, self._widest_px)
         self._broadcast.publish("frame", frame)
 
-    def _forget(self, connection: socket.socket) -> None:
+    def _forget(self, connection: socket.socket, why: str) -> None:
         self._connection = None
         connection.close()
         if self._ring is not None:
             self._ring.close()
         if not self._stopped.is_set():
-            self._say(False, f"the daemon of {self._name} has ended: see its log; this page reconnects")
+            self._say(False, why)
             self._stopped.wait(RETRY_S)
 
     def _want_pictures(self, wanted: bool) -> None:
