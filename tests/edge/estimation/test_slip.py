@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from palpate_edge.common.contact import Contact, refused_contact
 from palpate_edge.common.frame import Frame
@@ -75,3 +77,44 @@ def test_the_recorded_presses_do_not_slip(shared_data, sample_calibration):
             if answer.slip:
                 false_alarms.append((finger, press.frame, press.normal_force_N))
     assert not false_alarms
+
+
+@pytest.mark.parametrize(("ratio", "slides"), [(0.44, False), (0.46, True)])
+def test_travel_is_slip_from_a_friction_ratio_of_0_45_on(ratio, slides):
+    moving = [contact(n, 0.3 + 0.1 * n / 30, across_N=2.0 * ratio) for n in range(40)]
+    assert slips(moving)[-1] is slides
+
+
+@pytest.mark.parametrize(("angle_deg", "slides"), [(59.0, True), (61.0, False)])
+def test_travel_is_slip_within_60_deg_of_the_tangential_force(angle_deg, slides):
+    """The force turns in the tangential plane; the contact travels towards the base."""
+    angle = math.radians(angle_deg)
+
+    def turned(number):
+        theta = 0.3 + 0.1 * number / 30
+        outward = np.array([math.sin(theta), 0.0, math.cos(theta)])
+        to_base = np.array([math.cos(theta), 0.0, -math.sin(theta)])
+        across = math.cos(angle) * to_base + math.sin(angle) * np.array([0.0, 1.0, 0.0])
+        force = tuple(map(float, 1.2 * across - 2.0 * outward))
+        return replace(contact(number, theta), force_N=force)
+
+    assert slips(turned(number) for number in range(40))[-1] is slides
+
+
+@pytest.mark.parametrize(("radius95_mm", "slides"), [(0.45, True), (0.7, False), (None, False)])
+def test_travel_is_more_than_1_mm_and_twice_the_95_percent_radius(radius95_mm, slides):
+    """30 mm times 0.04 rad in the means of three frames at either end: 1.2 mm less a tenth."""
+    moving = [contact(n, 0.3 + 0.04 * n / 29, radius95_mm=radius95_mm) for n in range(30)]
+    assert slips(moving)[-1] is slides
+
+
+def test_travel_longer_than_a_second_ago_does_not_count():
+    moved = [contact(n, 0.3 + 0.1 * min(n, 20) / 30) for n in range(60)]
+    said = slips(moved)
+    assert said[20]
+    assert not said[-1]
+
+
+def test_no_slip_without_a_push():
+    pulled = [contact(n, 0.3 + 0.1 * n / 30, normal_N=-0.5) for n in range(40)]
+    assert not any(slips(pulled))

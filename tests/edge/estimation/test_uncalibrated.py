@@ -46,3 +46,17 @@ def test_no_contact_is_valid_and_the_picture_is_measured_every_two_seconds() -> 
         assert (contact.beads_found, contact.beads_expected) == (30 if k < 61 else 0, 30)
     assert estimator.health.refused == estimator.health.frames == 62
     assert estimator.method is None
+
+
+def test_a_pixel_is_saturated_from_250_on_in_its_brightest_channel() -> None:
+    image = np.full((40, 50, 3), 100, np.uint8)
+    image[:10, :, 1] = 250
+    image[10:20, :, 2] = 249
+    assert measure_picture(image).saturated_share == pytest.approx(0.25)
+
+
+def test_the_sharpness_of_a_ramp_is_its_slope_over_the_contrast() -> None:
+    """Over 100 columns grey grows by 2 a pixel; the contrast is that between 2 and 98 % of the pixels."""
+    ramp = np.tile(2 * np.arange(100, dtype=np.uint8), (20, 1))
+    assert sharpness(ramp) == pytest.approx(2.0 / (0.96 * 198.0), rel=0.02)
+    assert sharpness(np.ascontiguousarray(ramp.T)) == pytest.approx(sharpness(ramp))
