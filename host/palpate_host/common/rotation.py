@@ -28,40 +28,51 @@ def norm(v: Array) -> float:
 
 def log(R: Array) -> Array:
     """Rotation vector (3,) of `R`, angle in 0..pi; the axis' sign is arbitrary at pi."""
+    return np.array(vector_of(R))
+
+
+def vector_of(R: Array) -> tuple[float, float, float]:
+    """Return the rotation vector of `R` as `log`, in plain floats."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
     x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
     sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (xx + yy + zz - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > _NEAR_HALF_TURN:
         per_sine = angle / sine
-        return np.array([per_sine * x, per_sine * y, per_sine * z])
-    s = np.array([x, y, z])
+        return per_sine * x, per_sine * y, per_sine * z
     if cosine > 0.0:
-        return s
+        return x, y, z
+    s = np.array([x, y, z])
     # (R + R^T)/2 = 2 a a^T - I at half a turn: the largest column of a a^T is the axis, up to its length.
     columns = 0.25 * (R + R.T) + 0.5 * np.eye(3)
     axis = columns[:, int(np.argmax(np.diag(columns)))]
     if axis @ s < 0.0:
         axis = -axis
-    return np.asarray(axis * (angle / norm(axis)))
+    x, y, z = (axis * (angle / norm(axis))).tolist()
+    return x, y, z
 
 
 def exp(rotation_vector_rad: Array) -> Array:
     """Rodrigues' formula: the rotation by |v| about v."""
     x, y, z = rotation_vector_rad.tolist()
+    return about(x, y, z)
+
+
+def about(x: float, y: float, z: float) -> Array:
+    """Return the rotation `exp` of a vector in plain floats."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < _SMALL_ANGLE_RAD:
         return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
     x, y, z = x / angle, y / angle, z / angle
     s, c = math.sin(angle), math.cos(angle)
-    v = 1.0 - c
-    return np.array(
-        [
-            [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
-            [v * x * y + s * z, c + v * y * y, v * y * z - s * x],
-            [v * x * z - s * y, v * y * z + s * x, c + v * z * z],
-        ]
+    vx, vy, vz = (1.0 - c) * x, (1.0 - c) * y, (1.0 - c) * z
+    sx, sy, sz = s * x, s * y, s * z
+    rows = (
+        *(c + vx * x, vx * y - sz, vx * z + sy),
+        *(vx * y + sz, c + vy * y, vy * z - sx),
+        *(vx * z - sy, vy * z + sx, c + vz * z),
     )
+    return np.array(rows).reshape(3, 3)  # in half the time of nested rows
 
 
 def from_rpy_deg(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:

@@ -11,19 +11,21 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 
+_Row = tuple[float, float, float]
+
 
 def inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Array:
     """Return the inverse (3, 3) by cofactors. Raises ZeroDivisionError when the determinant is 0."""
+    return np.array(inverse_rows(a, b, c, d, e, f))
+
+
+def inverse_rows(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[_Row, _Row, _Row]:
+    """Return the rows of `inverse` in plain floats."""
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
     per = 1.0 / (a * aa + b * ab + c * ac)
-    return np.array(
-        [
-            [per * aa, per * ab, per * ac],
-            [per * ab, per * bb, per * bc],
-            [per * ac, per * bc, per * cc],
-        ]
-    )
+    ab, ac, bc = per * ab, per * ac, per * bc
+    return (per * aa, ab, ac), (ab, per * bb, bc), (ac, bc, per * cc)
 
 
 def determinant(a: float, b: float, c: float, d: float, e: float, f: float) -> float:

@@ -9,7 +9,7 @@ too, and only then does the law not depend on how the hand's frame is laid.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,12 @@ class Gains:
     position_stiffness_N_m: float = 0.0
     soft_limit_rad: float = 0.05
     velocity_joints: bool = False
+    joint_rows: tuple[tuple[float, float, float], ...] = field(init=False, repr=False, compare=False)
+    """Range and torque limit of each joint in plain floats, for `limit_torque_Nm`."""
+
+    def __post_init__(self) -> None:
+        low, high, most = self.q_min_rad.tolist(), self.q_max_rad.tolist(), self.torque_limit_Nm.tolist()
+        object.__setattr__(self, "joint_rows", tuple(zip(low, high, most, strict=True)))
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
@@ -170,8 +176,6 @@ def force_torque_Nm(
     """Return the sum over the tips of J_i^T F_i (nq,), less damping, plus gravity.
 
     moment_Nm: moments (n, 3) of the forces about the tips' centres, which add J_wi^T m_i.
-    Without damping and gravity for joints that turn with torque / B_d: their drives hold them up, and a
-    torque against gravity would make them climb.
     """
     jacobian = pose.tip_jacobian_m
     forces_to_joints = force_N.ravel().dot(jacobian.reshape(-1, jacobian.shape[2]))
@@ -179,6 +183,15 @@ def force_torque_Nm(
         turn = pose.tip_turn_jacobian
         assert turn is not None
         forces_to_joints += moment_Nm.ravel().dot(turn.reshape(-1, turn.shape[2]))
+    return with_damping_Nm(pose, qdot_rad_s, forces_to_joints, gains)
+
+
+def with_damping_Nm(pose: HandPose, qdot_rad_s: Array, forces_to_joints: Array, gains: Gains) -> Array:
+    """Return torques (nq,) less damping, plus gravity.
+
+    Without damping and gravity for joints that turn with torque / B_d: their drives hold them up, and a
+    torque against gravity would make them climb.
+    """
     if gains.velocity_joints:
         return np.asarray(forces_to_joints)
     return np.asarray(forces_to_joints - gains.B_Nms_rad * qdot_rad_s + pose.gravity_Nm)
@@ -188,14 +201,7 @@ def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
     """Limit each joint's torque (nq,); outwards it fades to 0 over the last `soft_limit_rad` of the range."""
     soft_rad = max(gains.soft_limit_rad, 1e-9)
     limited = []
-    for u, q, low, high, most in zip(
-        u_Nm.tolist(),
-        q_rad.tolist(),
-        gains.q_min_rad.tolist(),
-        gains.q_max_rad.tolist(),
-        gains.torque_limit_Nm.tolist(),
-        strict=True,
-    ):
+    for u, q, (low, high, most) in zip(u_Nm.tolist(), q_rad.tolist(), gains.joint_rows, strict=True):
         ahead_rad = high - q if u > 0.0 else q - low
         limit = most if ahead_rad >= soft_rad else most * max(ahead_rad, 0.0) / soft_rad
         limited.append(limit if u > limit else -limit if u < -limit else u)

@@ -30,31 +30,41 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.control.virtual_object import Grip
+from palpate_host.control.virtual_object import Grip, Row, times
 
 LEAST_MARGIN = 0.1
 """Smallest friction ratio left to the wrench; far turned, internal forces alone may use up `friction`."""
 _TINY = 1e-12
-_Row = tuple[float, float, float]
 _Products = tuple[float, float, float, float, float]
 
 
 class ContactForces(NamedTuple):
-    """The tips' forces (n, 3) on the object, their normal parts (n,), the grip, the share of the wrench.
+    """The tips' forces on the object (n rows), their normal parts (n), the grip, the share of the wrench.
 
     reserve: smallest friction of a contact less the ratio that internal forces alone use up there.
     """
 
-    force_N: Array
-    normal_N: Array
+    rows_N: Sequence[Row]
+    normals_N: Sequence[float]
     grip_N: float
     share: float
     reserve: float
 
+    @property
+    def force_N(self) -> Array:
+        """The tips' forces (n, 3)."""
+        return np.array(self.rows_N)
+
+    @property
+    def normal_N(self) -> Array:
+        """Their normal parts (n,)."""
+        return np.array(self.normals_N)
+
 
 def wrench_forces_N(grip: Grip, force_N: Array, torque_Nm: Array) -> Array:
     """Return the smallest contact forces (n, 3) with this force and torque about the contacts' centroid."""
-    return np.array(_wrench_forces(_Rows.of(grip), force_N.tolist(), torque_Nm.tolist()))
+    (fx, fy, fz), (tx, ty, tz) = force_N.tolist(), torque_Nm.tolist()
+    return np.array(_wrench_forces(_Rows.of(grip), (fx, fy, fz), (tx, ty, tz)))
 
 
 def internal_forces(grip: Grip) -> Array:
@@ -62,56 +72,59 @@ def internal_forces(grip: Grip) -> Array:
 
     With shares, nearest to the normals times the shares, with a sum of normal parts equal to that of shares.
     """
-    return np.array(_internal_forces(_Rows.of(grip)))
+    at = _Rows.of(grip)
+    own = _own_forces(at)
+    inward = -sum(hx * x + hy * y + hz * z for (hx, hy, hz), (x, y, z) in zip(own, at.normal, strict=True))
+    per = _per_inward(at, inward)
+    return np.array([(per * x, per * y, per * z) for x, y, z in own])
 
 
 class _Rows(NamedTuple):
     """A grip as plain floats: for rows of three numbers numpy's overhead exceeds the computation."""
 
-    arm_m: list[_Row]
-    normal: list[_Row]
-    per_spread: list[_Row]
+    arm_m: list[Row]
+    normal: list[Row]
+    per_spread: tuple[Row, Row, Row]
     total_weight: float
     share: list[float] | None
 
     @staticmethod
     def of(grip: Grip) -> _Rows:
         share = None if grip.share is None else grip.share.tolist()
-        arm_m, normal, per_spread = grip.arm_m.tolist(), grip.normal.tolist(), grip.per_spread.tolist()
-        return _Rows(arm_m, normal, per_spread, grip.total_weight, share)
+        return _Rows(grip.arm_m.tolist(), grip.normal.tolist(), grip.per_spread, grip.total_weight, share)
 
 
-def _wrench_forces(grip: _Rows, force_N: Sequence[float], torque_Nm: Sequence[float]) -> list[_Row]:
-    per, (fx, fy, fz), (tx, ty, tz) = 1.0 / grip.total_weight, force_N, torque_Nm
+def _wrench_forces(grip: _Rows, force_N: Row, torque_Nm: Row) -> list[Row]:
+    per, (fx, fy, fz) = 1.0 / grip.total_weight, force_N
     fx, fy, fz = per * fx, per * fy, per * fz
-    x, y, z = [sx * tx + sy * ty + sz * tz for sx, sy, sz in grip.per_spread]
+    x, y, z = times(grip.per_spread, torque_Nm)
     rows = [(fx + y * az - z * ay, fy + z * ax - x * az, fz + x * ay - y * ax) for ax, ay, az in grip.arm_m]
     if grip.share is None:
         return rows
     return [(s * s * x, s * s * y, s * s * z) for s, (x, y, z) in zip(grip.share, rows, strict=True)]
 
 
-def _internal_forces(grip: _Rows) -> list[_Row]:
-    normal, shares = grip.normal, float(len(grip.normal))
-    wanted: list[_Row] = normal
+def _own_forces(grip: _Rows) -> list[Row]:
+    """Return internal forces along h, not scaled."""
+    wanted: list[Row] = grip.normal
     if grip.share is not None:
-        wanted = [(s * x, s * y, s * z) for s, (x, y, z) in zip(grip.share, normal, strict=True)]
-        shares = sum(grip.share)
+        wanted = [(s * x, s * y, s * z) for s, (x, y, z) in zip(grip.share, grip.normal, strict=True)]
     fx = fy = fz = tx = ty = tz = 0.0
     for (ax, ay, az), (x, y, z) in zip(grip.arm_m, wanted, strict=True):
         fx, fy, fz = fx + x, fy + y, fz + z
         tx, ty, tz = tx + ay * z - az * y, ty + az * x - ax * z, tz + ax * y - ay * x
     least = _wrench_forces(grip, (fx, fy, fz), (tx, ty, tz))
-    own = [(hx - x, hy - y, hz - z) for (hx, hy, hz), (x, y, z) in zip(least, wanted, strict=True)]
-    outward = 0.0
-    for (hx, hy, hz), (x, y, z) in zip(own, normal, strict=True):
-        outward += hx * x + hy * y + hz * z
-    per = -shares / min(outward, -_TINY)
-    return [(per * x, per * y, per * z) for x, y, z in own]
+    return [(hx - x, hy - y, hz - z) for (hx, hy, hz), (x, y, z) in zip(least, wanted, strict=True)]
+
+
+def _per_inward(grip: _Rows, inward: float) -> float:
+    """Return the factor that makes h of the own forces, whose normal parts have this sum."""
+    shares = float(len(grip.normal)) if grip.share is None else sum(grip.share)
+    return shares / max(inward, _TINY)
 
 
 def forces_within_cones(
-    grip: Grip, force_N: Array, torque_Nm: Array, friction: Sequence[float], least_N: float, most_N: float
+    grip: Grip, force_N: Row, torque_Nm: Row, friction: Sequence[float], least_N: float, most_N: float
 ) -> ContactForces:
     """Return contact forces with this wrench and the smallest grip from least_N on that friction needs.
 
@@ -119,8 +132,8 @@ def forces_within_cones(
     wrench is scaled down to what it holds; least_N gives way before that.
     """
     at = _Rows.of(grip)
-    asked, inner = _wrench_forces(at, force_N.tolist(), torque_Nm.tolist()), _internal_forces(at)
-    rows = _products(asked, inner, at.normal)
+    asked, own = _wrench_forces(at, force_N, torque_Nm), _own_forces(at)
+    rows = _products(at.normal, asked, own)
     needed, fits, reserve = 0.0, math.inf, math.inf
     for mu, (an, hn, aa, ah, hh) in zip(friction, rows, strict=True):
         if aa == hh == an == hn == 0.0:  # a lifted finger
@@ -129,20 +142,22 @@ def forces_within_cones(
         used = math.sqrt(hh) / hn_at_least if hh > 0.0 else 0.0
         left = mu - used
         reserve = left if left < reserve else reserve
-        mu2 = max(mu, used + LEAST_MARGIN) ** 2
+        most_mu = mu if left > LEAST_MARGIN else used + LEAST_MARGIN
+        mu2 = most_mu * most_mu
         needs = _least_grip(mu2 * hn * hn - hh, mu2 * hn * an - ah, mu2 * an * an - aa, hn, an)
         needed = needs if needs > needed else needed
         most = (most_N - an) / hn_at_least
         fits = most if most < fits else fits
-    g, share = min(max(least_N, needed), fits), 1.0
+    per = _per_inward(at, sum(row[1] for row in rows))  # h = per own, k = g per
+    k, share = min(max(least_N * per, needed), fits), 1.0
     if needed > fits:
-        g, share = _scaled(rows, needed, most_N)
+        k, share = _scaled(rows, needed, most_N)
     forces = [
-        (share * ax + g * hx, share * ay + g * hy, share * az + g * hz)
-        for (ax, ay, az), (hx, hy, hz) in zip(asked, inner, strict=True)
+        (share * ax + k * hx, share * ay + k * hy, share * az + k * hz)
+        for (ax, ay, az), (hx, hy, hz) in zip(asked, own, strict=True)
     ]
-    normal_N = np.array([share * an + g * hn for an, hn, *_ in rows])
-    return ContactForces(np.array(forces), normal_N, g, share, reserve)
+    normals = [share * an + k * hn for an, hn, *_ in rows]
+    return ContactForces(forces, normals, k / per, share, reserve)
 
 
 def internal_ratio(grip: Grip, contact: int) -> float:
@@ -152,11 +167,13 @@ def internal_ratio(grip: Grip, contact: int) -> float:
     return math.sqrt(max(float(force.dot(force)) - inward * inward, 0.0)) / inward
 
 
-def _products(asked: list[_Row], inner: list[_Row], normal: list[_Row]) -> list[_Products]:
-    """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh."""
+def _products(normal: list[Row], asked: list[Row], own: list[Row]) -> list[_Products]:
+    """Return for each contact the normal parts an, hn, and the tangential parts' products aa, ah, hh.
+
+    a: the wrench's force; h: the contact's force of `own`.
+    """
     rows = []
-    forces = zip(asked, inner, normal, strict=True)
-    for (ax, ay, az), (hx, hy, hz), (nx, ny, nz) in forces:
+    for (ax, ay, az), (hx, hy, hz), (nx, ny, nz) in zip(asked, own, normal, strict=True):
         an, hn = -(ax * nx + ay * ny + az * nz), -(hx * nx + hy * ny + hz * nz)
         aa = ax * ax + ay * ay + az * az - an * an
         ah = ax * hx + ay * hy + az * hz - an * hn

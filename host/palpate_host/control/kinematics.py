@@ -28,6 +28,7 @@ class HandPose(NamedTuple):
     tip_rotation: (n, 3, 3), columns of [i] are the axes of frame F of dome i.
     gravity_Nm: (nq,) g(q), the torque that holds the hand up.
     tip_turn_jacobian: (n, 3, nq), the tips' angular velocities are [i] dq/dt; None where it was not computed.
+    jacobian: (2 n 3, nq), the rows of tip_jacobian_m above those of tip_turn_jacobian; None likewise.
     """
 
     q_rad: Array
@@ -36,6 +37,7 @@ class HandPose(NamedTuple):
     tip_rotation: Array
     gravity_Nm: Array
     tip_turn_jacobian: Array | None = None
+    jacobian: Array | None = None
 
 
 class HandKinematics:
@@ -65,6 +67,9 @@ class HandKinematics:
         self._scratch = data = mujoco.MjData(model)
         # Every access to a field of MjData makes a new array; these views stay valid.
         self._q_rad, self._site_m, self._axes = data.qpos, data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
+        self._gravity_Nm = np.zeros(self._joint_count)
+        self._jacobians = np.zeros((2, len(self._sites), 3, self._joint_count))
+        self._of_sites = list(zip(*self._jacobians, self._sites, strict=True))
 
     def __deepcopy__(self, _memo: object) -> HandKinematics:
         return self
@@ -85,18 +90,18 @@ class HandKinematics:
         model, data = self._model, self._scratch
         tip_centres_m = self.tip_centres_m(q_rad)
         mujoco.mj_comPos(model, data)
-        gravity = np.zeros(self._joint_count)
-        mujoco.mj_rne(model, data, 0, gravity)
-        jacobian, turn_jacobian = np.zeros((2, len(self._sites), 3, self._joint_count))
-        for i, site in enumerate(self._sites):
-            mujoco.mj_jacSite(model, data, jacobian[i], turn_jacobian[i], site)
+        mujoco.mj_rne(model, data, 0, self._gravity_Nm)
+        for along, turning, site in self._of_sites:
+            mujoco.mj_jacSite(model, data, along, turning, site)
+        jacobians = np.array(self._jacobians[..., self._v_address])
         return HandPose(
             q_rad=np.array(q_rad, dtype=np.float64),
             tip_centre_m=tip_centres_m,
-            tip_jacobian_m=jacobian[:, :, self._v_address],
+            tip_jacobian_m=jacobians[0],
             tip_rotation=self._axes[self._site_rows].copy(),
-            gravity_Nm=gravity[self._v_address],
-            tip_turn_jacobian=turn_jacobian[:, :, self._v_address],
+            gravity_Nm=np.array(self._gravity_Nm[self._v_address]),
+            tip_turn_jacobian=jacobians[1],
+            jacobian=jacobians.reshape(-1, self._joint_count),
         )
 
     def inertia_kgm2(self, q_rad: Array) -> Array:

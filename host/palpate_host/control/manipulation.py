@@ -69,6 +69,7 @@ class Manipulation:
         self._ramp_s = config.target.ramp_s
         self._turned_s = 0.0
         self._start: Array | None = None
+        self._is_led = False
         self._carries = control.object_weight_N > 0.0 or control.position_stiffness_N_m > 0.0
         self._hold_at_m: Array | None = None
         self._integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
@@ -140,7 +141,7 @@ class Manipulation:
         if was_gaiting:
             self._forget_normals()
         self._turn_rad, self._ramp_s, self._turned_s = np.zeros(3), 0.0, 0.0
-        self._start = self.R_d
+        self._start, self._is_led = self.R_d, False
 
     def take_plan(self, plan: GaitPlan | None, problem: str) -> None:
         """Take the answer to `request_turn`: start the turn, or note why not."""
@@ -165,7 +166,7 @@ class Manipulation:
 
     def _end_gait(self, problem: str = "") -> None:
         """End a turn by finger gaiting, done or not; problem: why, if it is not."""
-        was_gaiting = self.gait is not None
+        was_gaiting, self._is_led = self.gait is not None, False
         self.reorientation.end(problem)
         if was_gaiting:
             self._forget_normals()
@@ -379,8 +380,10 @@ class Manipulation:
             return
         if self._start is None:
             self._start = R_vir @ M
-        self._turned_s = max(0.0, min(self._turned_s + dt_s, self._ramp_s))
-        self.R_d = target_step(self._turn_rad, self._turned_s, self._ramp_s).dot(self._start)
+        turned_s = max(0.0, min(self._turned_s + dt_s, self._ramp_s))
+        if self.R_d is None or not self._is_led or turned_s != self._turned_s:
+            self.R_d = target_step(self._turn_rad, turned_s, self._ramp_s).dot(self._start)
+        self._turned_s, self._is_led = turned_s, True
         desired = self.R_d
         if self._integral_per_s > 0.0:
             if self.turned >= 1.0:

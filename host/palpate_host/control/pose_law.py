@@ -29,12 +29,12 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.config.control_config import ControlConfig, PoseLawConfig
-from palpate_host.control.control_law import Gains, force_torque_Nm, grasp_force_N
+from palpate_host.control.control_law import Gains, grasp_force_N, with_damping_Nm
 from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
-from palpate_host.control.virtual_object import Grip, VirtualObject, moments
+from palpate_host.control.virtual_object import Grip, Row, VirtualObject, moment_rows
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
@@ -50,6 +50,7 @@ FIRMER_PER_S = 2.0
 """Rate at which that factor changes: faster changes of the grip push the object away."""
 NARROW_RESERVE = 0.02
 """Friction ratio beyond the internal forces' below which a turn rests after a slip; below 0 it is undone."""
+_ZERO: Row = (0.0, 0.0, 0.0)
 
 
 class PoseLaw:
@@ -67,15 +68,16 @@ class PoseLaw:
         self.place_d_m = self.R_d = None  # type: Array | None
         self._origin_m, self._origin_R = np.zeros(3), np.eye(3)
         self._from_m: Array | None = None
-        self._shift_m = np.zeros(3)
+        self._shift_m, self._shifted = np.zeros(3), 0.0
         self.grip_N = self._least_grip_N = self._firm_N = 0.0
         self._rest_radius_m = np.zeros(fingers)
         self.is_firm, self._firmness = False, 1.0
         self.share = 1.0
         self.reserve = math.inf
         self.is_grip_at_limit = False
-        self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
-        self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
+        # Three numbers are plain floats here: numpy's overhead exceeds the computation.
+        self._force_I_N = self._torque_I_Nm = _ZERO
+        self._twist = np.zeros(6)
         self.uncertainty = PoseUncertainty()
         self.is_load_known = False
         self._still_s = 0.0
@@ -88,7 +90,7 @@ class PoseLaw:
     @property
     def load_N(self) -> Array:
         """The steady force (3,) that the law has learned to carry."""
-        return self._force_I_N
+        return np.array(self._force_I_N)
 
     @property
     def moved_mm(self) -> float:
@@ -146,7 +148,7 @@ class PoseLaw:
         """End the hold: the object is no longer followed, and its load is forgotten."""
         self._object = None
         self.place_d_m = self.R_d = self._from_m = None
-        self._force_I_N, self._torque_I_Nm = np.zeros(3), np.zeros(3)
+        self._force_I_N = self._torque_I_Nm = _ZERO
 
     def hold(self, pose: HandPose, R_vir: Array, R: Array, dt_s: float) -> None:
         """Begin to hold the object where it is; R is its orientation. Every finger must have references."""
@@ -154,9 +156,9 @@ class PoseLaw:
         normal = mean / np.linalg.norm(mean, axis=1, keepdims=True)
         pull_N = np.linalg.norm(grasp_force_N(pose.tip_centre_m, self._gains), axis=1)
         self.grip_N = self._least_grip_N = float(pull_N.mean())
-        radius_m = self._radius_m(np.full(len(normal), self.grip_N))
+        radius_m = self._radius_m([self.grip_N] * len(normal))
         self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
-        self._velocity_m_s, self._spin_rad_s = np.zeros(3), np.zeros(3)
+        self._twist = np.zeros(6)
         self.renew_stiffness(pose, dt_s)
         self._origin_m, self._origin_R = self._object.place_m, R
         self.uncertainty = PoseUncertainty()
@@ -235,11 +237,12 @@ class PoseLaw:
 
     def shift(self, shift_m: Array) -> None:
         """Start to move the target by (3,) from where it is now; `follow_shift` leads it there."""
-        self._from_m, self._shift_m = self.place_d_m, shift_m
+        self._from_m, self._shift_m, self._shifted = self.place_d_m, shift_m, 0.0
 
     def follow_shift(self, share: float) -> None:
         """Set the target after this share of the shift."""
-        if self._from_m is not None:
+        if self._from_m is not None and share != self._shifted:
+            self._shifted = share
             self.place_d_m = self._from_m + share * self._shift_m
 
     def advance(self, pose: HandPose, dt_s: float) -> None:
@@ -269,34 +272,46 @@ class PoseLaw:
         """Return u (nq,) before the limits. The object must be held. friction: of each tip."""
         found, config = self._object, self._config
         assert found is not None
-        gains = self._follow_stiffness(dt_s)
-        assert self.place_d_m is not None and self.R_d is not None
-        grip = found.grip
-        fresh = dt_s / (dt_s + VELOCITY_FILTER_S)
-        self._velocity_m_s = self._velocity_m_s + fresh * (found.velocity_m_s - self._velocity_m_s)
-        self._spin_rad_s = self._spin_rad_s + fresh * (found.spin_rad_s - self._spin_rad_s)
-        away_m, turned_rad = self.place_d_m - found.place_m, rotation.log(self.R_d.dot(found.R.T))
-        pull_N, twist_Nm = gains.K_p_N_m.dot(away_m), gains.K_o_Nm_rad.dot(turned_rad)
-        self._note_pull(rotation.norm(pull_N), dt_s)
+        gains, grip = self._follow_stiffness(dt_s), found.grip
+        pull_N, pull_Nm, more_N_s, more_Nm_s = self._pulls(gains)
+        self._twist += dt_s / (dt_s + VELOCITY_FILTER_S) * (found.twist - self._twist)
+        resist_N, resist_Nm = gains.dampers.dot(self._twist).reshape(2, 3).tolist()
+        self._note_pull(_length(pull_N), dt_s)
         most_N, most_Nm = self._most_load(grip, friction)
         if self.share >= 1.0:
-            self._force_I_N = _bounded(self._force_I_N + dt_s * gains.I_p_N_ms.dot(away_m), most_N)
-            more_Nm = dt_s * gains.I_o_Nm_rads.dot(turned_rad)
-            self._torque_I_Nm = _bounded(self._torque_I_Nm + more_Nm, most_Nm)
-        wanted_N = pull_N - gains.D_p_Ns_m.dot(self._velocity_m_s) + self._force_I_N
+            self._force_I_N = _bounded(_plus(self._force_I_N, more_N_s, dt_s), most_N)
+            self._torque_I_Nm = _bounded(_plus(self._torque_I_Nm, more_Nm_s, dt_s), most_Nm)
+        wanted_N = _plus(_plus(pull_N, resist_N, -1.0), self._force_I_N)
         force_N = _bounded(wanted_N, most_N)
-        torque_Nm = twist_Nm - gains.D_o_Nms_rad.dot(self._spin_rad_s) + self._torque_I_Nm
-        torque_Nm = torque_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
+        torque_Nm = _plus(_plus(pull_Nm, resist_Nm, -1.0), self._torque_I_Nm)
+        torque_Nm = _bounded(_plus(torque_Nm, self._moment_Nm(force_N)), most_Nm)
         least_N = self._least_now_N(dt_s)
         relaxed_N = least_N + max(0.0, self.grip_N - least_N) * math.exp(-dt_s / config.relax_s)
-        forces = forces_within_cones(
-            *(grip, force_N, _bounded(torque_Nm, most_Nm), friction, relaxed_N, self.most_grip_N)
-        )
+        forces = forces_within_cones(grip, force_N, torque_Nm, friction, relaxed_N, self.most_grip_N)
         self.grip_N, self.share, self.reserve = forces.grip_N, forces.share, forces.reserve
         self.is_grip_at_limit = self.share < 1.0 or wanted_N is not force_N
-        found.set_radius(self._radius_m(forces.normal_N))
-        moment_Nm = moments(grip.to_contact_m, forces.force_N)
-        return force_torque_Nm(pose, qdot_rad_s, forces.force_N, self._gains, moment_Nm)
+        found.set_radius(self._radius_m(forces.normals_N))
+        moments_Nm = moment_rows(grip.to_contact_m.tolist(), forces.rows_N)
+        assert pose.jacobian is not None
+        to_joints_Nm = np.array([*forces.rows_N, *moments_Nm]).ravel().dot(pose.jacobian)
+        return with_damping_Nm(pose, qdot_rad_s, to_joints_Nm, self._gains)
+
+    def _pulls(self, gains: Stiffness) -> tuple[Row, Row, Row, Row]:
+        """Return the stiffness' force and torque, and the rates of the integrals' force and torque."""
+        found = self._object
+        assert found is not None and self.place_d_m is not None and self.R_d is not None
+        (x, y, z), (x_d, y_d, z_d) = found.place_m.tolist(), self.place_d_m.tolist()
+        turned_rad = rotation.vector_of(self.R_d.dot(found.R.T))
+        error = np.array((x_d - x, y_d - y, z_d - z, *turned_rad))
+        pull_N, pull_Nm, more_N_s, more_Nm_s = gains.springs.dot(error).reshape(4, 3).tolist()
+        return pull_N, pull_Nm, more_N_s, more_Nm_s
+
+    def _moment_Nm(self, force_N: Row) -> Row:
+        """Return the moment about the contacts' centroid of a force at the object's place."""
+        assert self._object is not None
+        (x, y, z), (x_c, y_c, z_c) = self._object.place_m.tolist(), self._object.grip.centroid_m.tolist()
+        (fx, fy, fz), x, y, z = force_N, x - x_c, y - y_c, z - z_c
+        return y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
 
     def rest(self, friction: Sequence[float]) -> None:
         """Take the present pose as the target, what pulls the object now as its load, and plan a firm grip.
@@ -305,14 +320,12 @@ class PoseLaw:
         """
         found, gains = self._object, self.stiffness
         assert found is not None and gains is not None
-        assert self.place_d_m is not None and self.R_d is not None
         most_N, most_Nm = self._most_load(found.grip, friction)
-        pull_N = gains.K_p_N_m.dot(self.place_d_m - found.place_m)
-        twist_Nm = gains.K_o_Nm_rad.dot(rotation.log(self.R_d.dot(found.R.T)))
+        pull_N, pull_Nm, _, _ = self._pulls(gains)
         self._rest_radius_m = found.radius_m
         self._firm_N = max(self.grip_N, min(FIRM * self.grip_N, 0.5 * self._config.most_grip_N))
-        self._force_I_N = _bounded(self._force_I_N + pull_N, most_N)
-        self._torque_I_Nm = _bounded(self._torque_I_Nm + twist_Nm, most_Nm)
+        self._force_I_N = _bounded(_plus(self._force_I_N, pull_N), most_N)
+        self._torque_I_Nm = _bounded(_plus(self._torque_I_Nm, pull_Nm), most_Nm)
         self.hold_here()
 
     def still_forces(self, friction: Sequence[float], dt_s: float) -> ContactForces:
@@ -324,10 +337,10 @@ class PoseLaw:
         found = self._object
         assert found is not None
         grip, force_N = found.grip, self._force_I_N
-        torque_Nm = self._torque_I_Nm + rotation.cross(found.place_m - grip.centroid_m, force_N)
+        torque_Nm = _plus(self._torque_I_Nm, self._moment_Nm(force_N))
         torque_Nm = _bounded(torque_Nm, self._most_load(grip, friction)[1])
         forces = forces_within_cones(grip, force_N, torque_Nm, friction, self.grip_N, self.most_grip_N)
-        found.set_radius(self._radius_m(forces.normal_N))
+        found.set_radius(self._radius_m(forces.normals_N))
         return forces
 
     @property
@@ -362,16 +375,30 @@ class PoseLaw:
         elif pull_N > NEW_LOAD_N:
             self.is_load_known = False
 
-    def _radius_m(self, normal_N: Array) -> Array:
+    def _radius_m(self, normal_N: Sequence[float]) -> Array:
         """Return the tips' radii (n,) less their indentation, Eq. (8)."""
         radius_m, k = self._gains.tip_radius_m, self._config.tip_stiffness_N_m2
         if k == 0.0:
             return np.full(len(normal_N), radius_m)
-        depths_m = [math.sqrt(one / k) if one > 0.0 else 0.0 for one in normal_N.tolist()]
+        depths_m = [math.sqrt(one / k) if one > 0.0 else 0.0 for one in normal_N]
         return np.array([max(radius_m - depth_m, 0.5 * radius_m) for depth_m in depths_m])
 
 
-def _bounded(vector: Array, most: float) -> Array:
-    """Return the vector (3,), shortened to at most this length."""
-    length = rotation.norm(vector)
-    return vector if length <= most else vector * (most / length)
+def _plus(a: Row, b: Row, factor: float = 1.0) -> Row:
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ax + factor * bx, ay + factor * by, az + factor * bz
+
+
+def _length(v: Row) -> float:
+    x, y, z = v
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def _bounded(v: Row, most: float) -> Row:
+    """Return the vector, shortened to at most this length."""
+    length = _length(v)
+    if length <= most:
+        return v
+    x, y, z = v
+    per = most / length
+    return per * x, per * y, per * z

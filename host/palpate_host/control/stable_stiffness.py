@@ -33,19 +33,27 @@ INTEGRAL_SHARE = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Stiffness:
-    """The gains in use (3, 3) in the hand's frame; I_p, I_o: of the integrals.
+    """The gains in use, in the hand's frame.
 
-    margin_p, margin_o: how many times larger the stiffnesses could be before the loop is unstable.
+    springs: (12, 6), by which error of place and rotation vector give the stiffnesses' force and torque, and
+    then the rates of the integrals' force and torque. dampers: (6, 6), by which velocity and spin give the
+    damping's. margin_p, margin_o: how many times larger the stiffnesses could be before the loop is unstable.
     """
 
-    K_p_N_m: Array
-    D_p_Ns_m: Array
-    K_o_Nm_rad: Array
-    D_o_Nms_rad: Array
-    I_p_N_ms: Array
-    I_o_Nm_rads: Array
+    springs: Array
+    dampers: Array
     margin_p: float
     margin_o: float
+
+    @property
+    def K_p_N_m(self) -> Array:
+        """The stiffness (3, 3) of the place."""
+        return self.springs[:3, :3]
+
+    @property
+    def K_o_Nm_rad(self) -> Array:
+        """The stiffness (3, 3) of the orientation."""
+        return self.springs[3:6, 3:]
 
     def towards(self, other: Stiffness, share: float) -> Stiffness:
         """Return these gains after this share, 0 to 1, of the way to others; the margins are the others'."""
@@ -53,12 +61,8 @@ class Stiffness:
             return other
         rest = 1.0 - share
         return Stiffness(
-            K_p_N_m=rest * self.K_p_N_m + share * other.K_p_N_m,
-            D_p_Ns_m=rest * self.D_p_Ns_m + share * other.D_p_Ns_m,
-            K_o_Nm_rad=rest * self.K_o_Nm_rad + share * other.K_o_Nm_rad,
-            D_o_Nms_rad=rest * self.D_o_Nms_rad + share * other.D_o_Nms_rad,
-            I_p_N_ms=rest * self.I_p_N_ms + share * other.I_p_N_ms,
-            I_o_Nm_rads=rest * self.I_o_Nm_rads + share * other.I_o_Nm_rads,
+            springs=rest * self.springs + share * other.springs,
+            dampers=rest * self.dampers + share * other.dampers,
             margin_p=other.margin_p,
             margin_o=other.margin_o,
         )
@@ -92,9 +96,8 @@ def coupled_margin(found: Stiffness, D: Array, place_m: Array, grip: Grip, dt_s:
     x, y, z = (place_m - grip.centroid_m).tolist()
     to_place = np.eye(6)
     to_place[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    K = np.zeros((6, 6))
-    K[:3, :3], K[3:, 3:] = found.K_p_N_m, found.K_o_Nm_rad
-    rates = np.linalg.eigvals(np.linalg.pinv(to_place @ D @ to_place.T, rcond=1e-9) @ K)
+    D_there = to_place @ D @ to_place.T
+    rates = np.linalg.eigvals(np.linalg.pinv(D_there, rcond=1e-9) @ found.springs[:6])
     return 0.5 * math.pi / float(rates.real.max() * DELAY_TICKS * dt_s)
 
 
@@ -117,16 +120,11 @@ def _stiffness(config: PoseLawConfig, D: Array, dt_s: float, share: float) -> St
         dt_s,
         share,
     )
-    return Stiffness(
-        K_p_N_m=place.K,
-        D_p_Ns_m=place.D,
-        K_o_Nm_rad=turn.K,
-        D_o_Nms_rad=turn.D,
-        I_p_N_ms=place.integral,
-        I_o_Nm_rads=turn.integral,
-        margin_p=place.margin,
-        margin_o=turn.margin,
-    )
+    springs, dampers = np.zeros((12, 6)), np.zeros((6, 6))
+    springs[:3, :3], springs[3:6, 3:] = place.K, turn.K
+    springs[6:9, :3], springs[9:, 3:] = place.integral, turn.integral
+    dampers[:3, :3], dampers[3:, 3:] = place.D, turn.D
+    return Stiffness(springs, dampers, margin_p=place.margin, margin_o=turn.margin)
 
 
 class _Limited(NamedTuple):

@@ -17,6 +17,7 @@ faces give no position along the faces: there the estimate of x_o is the integra
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -29,13 +30,14 @@ from palpate_host.control.kinematics import HandPose
 KEPT = 128
 """Number of earlier estimates kept for late contacts."""
 KEEP_EVERY_S = 0.004
+Row = tuple[float, float, float]
 
 
 class Grip(NamedTuple):
     """The contacts at one time.
 
     arm_m: (n, 3) from their centroid to each contact. centroid_m: (3,). normal: (n, 3) outward unit normals
-    of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: (3, 3) the inverse
+    of the object. to_contact_m: (n, 3) from each tip's centre to its contact. per_spread: rows of the inverse
     of S, the sum of |a|^2 I - a a^T over the arms a. spread_m2: the sum of |a|^2. total_weight: the sum of
     the squared shares, the number of contacts when all are 1. share: (n,) of each contact in the grip, 0 for
     a lifted finger; None: all are 1. Centroid and S are weighted by its square; mean_weight: (n,) these
@@ -46,7 +48,7 @@ class Grip(NamedTuple):
     centroid_m: Array
     normal: Array
     to_contact_m: Array
-    per_spread: Array
+    per_spread: tuple[Row, Row, Row]
     spread_m2: float
     total_weight: float
     mean_weight: Array
@@ -55,7 +57,7 @@ class Grip(NamedTuple):
 
 
 class VirtualObject:
-    """The estimate: `place_m` (3,) and `R` (3, 3), `velocity_m_s` and `spin_rad_s` (3,) of the last tick.
+    """The estimate: `place_m` (3,) and `R` (3, 3), and `twist` (6,) of the last tick: velocity and spin.
 
     residual_deg: angle of the last normal from the expected one. doubted: number of normals left out.
     """
@@ -73,7 +75,7 @@ class VirtualObject:
         self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
         self.grip = grip_of(pose.tip_centre_m, normal, self._radius_m)
         self.place_m = self.grip.centroid_m
-        self.velocity_m_s, self.spin_rad_s = np.zeros(3), np.zeros(3)
+        self.twist = np.zeros(6)
         self.residual_deg, self.doubted = 0.0, 0
         self._doubt_rad = math.radians(doubt_deg)
         self._share = self._shared = None  # type: Array | None
@@ -84,17 +86,22 @@ class VirtualObject:
     def advance(self, pose: HandPose, dt_s: float) -> Grip:
         """Move the object with the tips' motion since the last tick, and return its contacts."""
         before = self.grip
-        reach_m, last = before.to_contact_m, self._tip_rotation
-        in_tip = np.matmul(reach_m[:, None, :], last)
-        reach_now_m = np.matmul(in_tip, pose.tip_rotation.transpose(0, 2, 1))[:, 0]
-        skin_m = pose.tip_centre_m + reach_now_m  # where it was has no moment: sum w a = 0
-        turn = before.per_spread.dot(moment(before.weighted_arm_m, skin_m))
-        mean_m = before.mean_weight.dot(skin_m) - before.centroid_m
-        moved_m = mean_m + rotation.cross(turn, self.place_m - before.centroid_m)
+        in_tip_m = np.vecmat(before.to_contact_m, self._tip_rotation)
+        # Where the skin was has no moment: sum w a = 0.
+        skin_m = pose.tip_centre_m + np.matvec(pose.tip_rotation, in_tip_m)
+        # Plain floats from here on: for three numbers numpy's overhead exceeds the computation.
+        (_, xy, xz), (yx, _, yz), (zx, zy, _) = before.weighted_arm_m.T.dot(skin_m).tolist()
+        wx, wy, wz = times(before.per_spread, (yz - zy, zx - xz, xy - yx))
+        mx, my, mz = before.mean_weight.dot(skin_m).tolist()
+        cx, cy, cz = before.centroid_m.tolist()
+        x, y, z = self.place_m.tolist()
+        dx = mx - cx + wy * (z - cz) - wz * (y - cy)
+        dy = my - cy + wz * (x - cx) - wx * (z - cz)
+        dz = mz - cz + wx * (y - cy) - wy * (x - cx)
         self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
-        self.place_m = self.place_m + moved_m
-        self.R = rotation.exp(turn).dot(self.R)
-        self.velocity_m_s, self.spin_rad_s = moved_m / dt_s, turn / dt_s
+        self.place_m = np.array((x + dx, y + dy, z + dz))
+        self.R = rotation.about(wx, wy, wz).dot(self.R)
+        self.twist = np.array((dx, dy, dz, wx, wy, wz)) / dt_s
         self._keep(pose, dt_s)
         self.grip = grip_of(
             pose.tip_centre_m, self._normal_in_object.dot(self.R.T), self._radius_m, self._share
@@ -167,7 +174,7 @@ def grip_of(tip_centre_m: Array, normal: Array, radius_m: Array, share: Array | 
     arm_m = contact_m - centroid_m
     weighted_arm_m = arm_m if share is None else arm_m * squared[:, None]
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = arm_m.T.dot(weighted_arm_m).tolist()
-    per_spread = symmetric.inverse(yy + zz, -xy, -xz, xx + zz, -yz, xx + yy)
+    per_spread = symmetric.inverse_rows(yy + zz, -xy, -xz, xx + zz, -yz, xx + yy)
     return Grip(
         arm_m,
         centroid_m,
@@ -187,15 +194,21 @@ def _equal_weights(contacts: int) -> Array:
     return np.full(contacts, 1.0 / contacts)
 
 
+def times(matrix: Sequence[Row], v: Row) -> Row:
+    """Return a matrix (3, 3) times a vector (3,), in plain floats."""
+    x, y, z = v
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+
+
 def moments(arm_m: Array, force: Array) -> Array:
     """Return a_i x f_i (n, 3) of rows (n, 3)."""
-    pairs = zip(arm_m.tolist(), force.tolist(), strict=True)
-    return np.array(
-        [(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx) for (x, y, z), (fx, fy, fz) in pairs]
-    )
+    return np.array(moment_rows(arm_m.tolist(), force.tolist()))
 
 
-def moment(arm_m: Array, force: Array) -> Array:
-    """Return the sum (3,) of a_i x f_i over rows (n, 3)."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = arm_m.T.dot(force).tolist()
-    return np.array([yz - zy, zx - xz, xy - yx])
+def moment_rows(arm_m: Sequence[Row], force: Sequence[Row]) -> list[Row]:
+    """Return `moments` in plain floats."""
+    return [
+        (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
+        for (x, y, z), (fx, fy, fz) in zip(arm_m, force, strict=True)
+    ]

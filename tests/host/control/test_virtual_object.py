@@ -58,7 +58,7 @@ def test_rolling_tips_carry_the_estimate_with_the_object():
     assert np.degrees((Rotation.from_matrix(found.R) * turned.inv()).magnitude()) < 0.05
     true_place = PLACE_M + VELOCITY * times[-1] + turned.apply(arm)
     np.testing.assert_allclose(found.place_m, true_place, atol=5e-5)
-    np.testing.assert_allclose(found.spin_rad_s, SPIN, atol=2e-3)
+    np.testing.assert_allclose(found.twist[3:], SPIN, atol=2e-3)
 
 
 def test_late_normals_turn_a_wrong_estimate_to_the_object():
