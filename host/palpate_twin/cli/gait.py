@@ -39,6 +39,12 @@ AXES = ("roll", "pitch", "yaw")
     help="Angle of the turn in deg.",
 )
 @click.option(
+    "--chain",
+    "in_chain",
+    is_flag=True,
+    help="Run the whole chain in lock step: host core, CAN bus, nodes and drives at the hand's tick rate.",
+)
+@click.option(
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Number of runs of each turn."
 )
 @friction_option
@@ -66,6 +72,7 @@ def gait(
     hand_name: str,
     axes: tuple[str, ...],
     angle_deg: float,
+    in_chain: bool,
     seeds: int,
     friction: float | None,
     noise_mm: float,
@@ -77,13 +84,14 @@ def gait(
     """Turn a held object far: one finger lifts and takes hold again while the others hold.
 
     The engine is mujoco, the object has its weight. The law runs 1000 times a second without bus and drives,
-    and contacts arrive at 30 Hz with a delay of 50 ms. Each seed has its own noise, and its own place of the
-    object within 1.5 mm. The same options give the same numbers.
+    and contacts arrive at 30 Hz with a delay of 50 ms; --chain runs the whole chain. Each seed has its own
+    noise, and its own place of the object within 1.5 mm. The same options give the same numbers.
 
     \b
     Examples:
       palpate-host simulate gait --axis yaw
       palpate-host simulate gait --seeds 20 -o gait-20
+      palpate-host simulate gait --chain --axis roll --axis yaw --seeds 20 -o gait-chain
       palpate-host simulate gait --axis roll --angle 45 --friction 0.8
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
@@ -107,6 +115,7 @@ def gait(
                 friction=friction,
                 law=ControlLaw.POSE,
             ),
+            in_chain,
         )
         for axis in axes or AXES
         for number in range(seeds)

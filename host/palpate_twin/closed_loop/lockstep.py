@@ -72,7 +72,10 @@ class LoopRecord:
 
 
 class LockstepLoop:
-    """All parts on one simulated bus. status: newest status of the host; is_over: the host has stopped."""
+    """All parts on one simulated bus.
+
+    status: newest status of the host; planned: newest plan that it got; is_over: the host has stopped.
+    """
 
     def __init__(
         self,
@@ -98,6 +101,7 @@ class LockstepLoop:
         self._config = config
         self._request: TurnRequest | None = None
         self._planned_us = 0
+        self.planned: Planned | None = None
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._contact_source = hand, contact_source
         self._on_frame, self._on_step, self._on_tick = on_frame, on_step, on_tick
@@ -185,10 +189,10 @@ class LockstepLoop:
         if request is None or now_us < self._planned_us:
             return
         try:
-            planned = Planned(plan_of(request, self._hand, self._config))
+            self.planned = Planned(plan_of(request, self._hand, self._config))
         except GaitRefusedError as error:
-            planned = Planned(None, str(error))
-        self.host.planned(planned)
+            self.planned = Planned(None, str(error))
+        self.host.planned(self.planned)
 
     def _send(self, now_us: int, frames: Sequence[CanFrame], from_host: bool) -> None:
         """Transmit frames one after the other."""

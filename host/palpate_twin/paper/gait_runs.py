@@ -10,19 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_host.common.gait_plan import GaitRefusedError
+from palpate_host.common.command import CommandError
 from palpate_twin.paper.figure_data import AXES
+from palpate_twin.paper.gait_chain import run_gait_in_chain
 from palpate_twin.paper.gait_trial import GaitOutcome, run_gait
 from palpate_twin.paper.trial_parameters import Trial
 
 
 @dataclass(frozen=True, slots=True)
 class GaitCase:
-    """One run: a turn by an angle about the hand's axis with this number."""
+    """One run: a turn by an angle about the hand's axis with this number, in the whole chain or not."""
 
     axis: int
     angle_deg: float
     trial: Trial
+    in_chain: bool = False
 
     @property
     def name(self) -> str:
@@ -32,9 +34,13 @@ class GaitCase:
 
 def run_case(hand_toml: Path, case: GaitCase) -> GaitOutcome | str:
     """Run one case; return why the turn was refused in place of an outcome."""
+    axis = np.eye(3)[case.axis]
     try:
-        return run_gait(hand_toml, np.eye(3)[case.axis], case.angle_deg, case.trial)
-    except GaitRefusedError as error:
+        if case.in_chain:
+            x, y, z = (case.angle_deg * axis).tolist()
+            return run_gait_in_chain(hand_toml, (x, y, z), case.trial)
+        return run_gait(hand_toml, axis, case.angle_deg, case.trial)
+    except CommandError as error:
         return str(error)
 
 

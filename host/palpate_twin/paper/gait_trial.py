@@ -38,6 +38,7 @@ AFTER_S = 1.0
 MOST_S = 120.0
 DROPPED_M = 0.05
 START_SHIFT_M = 0.0015
+NOT_OVER = "gait not over in time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +62,55 @@ class GaitOutcome:
     is_dropped: bool = False
 
 
+class GaitMeasurement:
+    """The true object and tips from the moment of its creation on."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._start_R, self._start_m = engine.object_rotation, engine.object_position_m
+        self._slip_m, self._moved_most_m, self._normal_N = engine.slip_m.copy(), 0.0, 0.0
+        self.is_dropped = False
+
+    @property
+    def _moved_m(self) -> float:
+        return rotation.norm(self._engine.object_position_m - self._start_m)
+
+    def note(self) -> None:
+        """Take the present state of the engine."""
+        self._moved_most_m = max(self._moved_most_m, self._moved_m)
+        self.is_dropped = self.is_dropped or self._moved_m > DROPPED_M
+        touching = [one.normal_force_N for one in self._engine.tip_contacts() if one is not None]
+        self._normal_N = max(self._normal_N, *touching, 0.0)
+
+    def outcome(
+        self, plan: GaitPlan, turn: Array, regrasped: int, duration_s: float, problem: str
+    ) -> GaitOutcome:
+        """Return the result of a turn by `turn` (3, 3) that took duration_s."""
+        return GaitOutcome(
+            plan=plan,
+            regrasped=regrasped,
+            error_deg=rotation.angle_deg(turn @ self._start_R @ self._engine.object_rotation.T),
+            moved_mm=1e3 * self._moved_m,
+            moved_most_mm=1e3 * self._moved_most_m,
+            slip_mm=1e3 * float((self._engine.slip_m - self._slip_m).max()),
+            normal_N=self._normal_N,
+            duration_s=duration_s,
+            problem=problem,
+            is_dropped=self.is_dropped,
+        )
+
+
 def run_gait(hand_toml: Path, axis: Array, angle_deg: float, trial: Trial) -> GaitOutcome:
     """Run one turn by an angle about an axis (3,) of the hand; the same arguments give the same bits.
 
     Raises GaitRefusedError when the turn cannot be planned.
     """
     loaded, hand = load_hand(hand_toml)
-    config, engine = trial_setup(_shifted(loaded, trial.seed), "mujoco", trial)
+    config, engine = trial_setup(shifted(loaded, trial.seed), "mujoco", trial)
     return GaitRun(config, hand, engine, trial).run(axis, math.radians(angle_deg))
 
 
-def _shifted(config: HandConfig, seed: int) -> HandConfig:
+def shifted(config: HandConfig, seed: int) -> HandConfig:
     """Return the hand with the object up to `START_SHIFT_M` away along each axis."""
     if config.twin is None:
         return config
@@ -107,36 +146,23 @@ class GaitRun:
         if self._trial.has_weight:
             engine.remove_support()
         plan = self.plan(axis, angle_rad)
-        start_R, start_m = engine.object_rotation, engine.object_position_m
-        slip_m, moved_most_m, normal_N = engine.slip_m.copy(), 0.0, 0.0
+        measured = GaitMeasurement(engine)
         control.start_gait(plan)
         assert control.gait is not None
         gait, begin, end = control.gait, self._ticks, None
-        is_dropped = False
         while end is None or self._ticks < end + round(AFTER_S / TICK_S):
             self._tick()
-            moved_m = rotation.norm(engine.object_position_m - start_m)
-            moved_most_m, is_dropped = max(moved_most_m, moved_m), moved_m > DROPPED_M
-            normal_N = max(
-                normal_N, *(one.normal_force_N for one in engine.tip_contacts() if one is not None)
-            )
+            measured.note()
             if end is None and gait.is_over:
                 end = self._ticks
-            if is_dropped or self._ticks - begin > MOST_S / TICK_S:
+            if measured.is_dropped or self._ticks - begin > MOST_S / TICK_S:
                 break
-        goal = rotation.exp(angle_rad * axis) @ start_R
-        is_done = gait.phase is GaitPhase.DONE
-        return GaitOutcome(
-            plan=plan,
-            regrasped=gait.regrasped,
-            error_deg=rotation.angle_deg(goal @ engine.object_rotation.T),
-            moved_mm=1e3 * rotation.norm(engine.object_position_m - start_m),
-            moved_most_mm=1e3 * moved_most_m,
-            slip_mm=1e3 * float((engine.slip_m - slip_m).max()),
-            normal_N=normal_N,
-            duration_s=TICK_S * ((self._ticks if end is None else end) - begin),
-            problem="" if is_done else gait.reason or "gait not over in time",
-            is_dropped=is_dropped,
+        return measured.outcome(
+            plan,
+            rotation.exp(angle_rad * axis),
+            gait.regrasped,
+            TICK_S * ((self._ticks if end is None else end) - begin),
+            "" if gait.phase is GaitPhase.DONE else gait.reason or NOT_OVER,
         )
 
     def plan(self, axis: Array, angle_rad: float) -> GaitPlan:
