@@ -52,7 +52,8 @@ DIRECTIONS = ("1", "6", "26")
     "--random",
     "random_count",
     type=click.IntRange(1, 100_000),
-    help="Instead of the table: so many runs with random loads, friction, delays and gaps, under both laws.",
+    help="Instead of the table: so many runs with random loads, friction, delays and gaps, under both laws; "
+    "with --frames, one of three has rendered frames.",
 )
 @friction_option
 @click.option(
@@ -124,13 +125,14 @@ def shake(
       palpate-host simulate shake --law pose --chain --frames
       palpate-host simulate shake --directions 26 --friction 0.8 -o shake-26
       palpate-host simulate shake --random 200 --seed 1 --noise 0.25 --force-noise 0.03
+      palpate-host simulate shake --random 20 --law pose --chain --frames --noise 0.25 --force-noise 0.03
     """
     from rich.progress import Progress  # noqa: PLC0415 (as below: keeps --help fast)
 
     from palpate_host.config import hand_reader  # noqa: PLC0415
     from palpate_host.config.control_config import ControlLaw, ControlMode  # noqa: PLC0415
+    from palpate_twin.paper.random_runs import LAWS, random_table, run_all  # noqa: PLC0415
     from palpate_twin.paper.shake import make_sensors, run_shakes, shake_cases, shake_table  # noqa: PLC0415
-    from palpate_twin.paper.shake_random import LAWS, random_table, run_all  # noqa: PLC0415
     from palpate_twin.paper.trial_parameters import Trial  # noqa: PLC0415
 
     if with_frames and not in_chain:
@@ -149,28 +151,29 @@ def shake(
         law=None if law is None else ControlLaw(law),
     )
     hand_toml, jobs = hand_file(hand_name), jobs or os.cpu_count() or 1
-    if random_count is not None:
-        if in_chain:
-            raise click.UsageError("--random runs the law alone: leave out --chain")
-        laws = LAWS if base.law is None else (base.law,)
-        with Progress() as progress:
-            task = progress.add_task("runs", total=random_count * len(laws))
-            runs = run_all(hand_toml, base, laws, random_count, jobs, lambda: progress.advance(task))
-        text = random_table(runs)
-    else:
-        cases = shake_cases(base, int(directions))
-        with Progress() as progress:
-            task = progress.add_task("runs", total=len(cases))
-            if with_frames:
-                make_sensors(
-                    output,
-                    hand_reader.load(hand_toml),
-                    seed,
-                    lambda text: progress.update(task, description=text),
-                )
-            progress.update(task, description="runs")
-            sensors = output if with_frames else None
+    sensors = output if with_frames else None
+    with Progress() as progress:
+        task = progress.add_task("runs", total=None)
+        if with_frames:
+            make_sensors(
+                *(output, hand_reader.load(hand_toml), seed),
+                lambda text: progress.update(task, description=text),
+            )
+        progress.update(task, description="runs")
+        if random_count is not None:
+            laws = LAWS if base.law is None else (base.law,)
+            progress.update(task, total=random_count * len(laws))
+            runs = run_all(
+                *(hand_toml, base, laws, random_count, jobs),
+                lambda: progress.advance(task),
+                in_chain,
+                sensors,
+            )
+            text = random_table(runs)
+        else:
+            cases = shake_cases(base, int(directions))
+            progress.update(task, total=len(cases))
             results = run_shakes(hand_toml, cases, in_chain, jobs, lambda: progress.advance(task), sensors)
-        text = shake_table(results)
+            text = shake_table(results)
     write_atomically(output / "results.md", f"{text}\n".encode(), ConfigError)
     click.echo(text)

@@ -38,7 +38,7 @@ from palpate_twin.hand.engine import Engine, LostGraspError
 START_US = 1_700_000_000_000_000
 FRAME_PERIOD_US = 33_333
 DELAY_US = 40_000
-"""Time from a frame's exposure to its contact in the node: half the exposure, read-out and estimate."""
+"""Usual time from a frame's exposure to its contact in the node: half the exposure, read-out and estimate."""
 FILM_PERIOD_US = 500_000
 PLAN_US = 1_000_000
 """Time from a turn's request to its plan; a planner needs some seconds, which change nothing here."""
@@ -87,13 +87,15 @@ class LockstepLoop:
         on_frame: Callable[[int, CanFrame], None] = lambda _stamp_us, _frame: None,
         on_step: Callable[[int], None] = lambda _now_us: None,
         on_tick: Callable[[HostStatus], None] = lambda _status: None,
+        delay_us: int = DELAY_US,
     ) -> None:
         """Connect the parts. Raises ConfigError when the hand's frames do not fit on the bus, or its tick is
         too slow for the joints' damping.
 
         has_weight: the object's support is removed when the host begins to turn the object. on_frame: called
         with each CAN frame and the time at which its transmission ends. on_step: called before each step.
-        on_tick: called with the host's status after each tick.
+        on_tick: called with the host's status after each tick. delay_us: time from a frame's exposure to its
+        contact in the node.
         """
         check_bus_load(config)
         check_damping(config, hand)
@@ -105,6 +107,7 @@ class LockstepLoop:
         self.engine, self.record = engine, LoopRecord()
         self._hand, self._contact_source = hand, contact_source
         self._on_frame, self._on_step, self._on_tick = on_frame, on_step, on_tick
+        self._delay_us = delay_us
         self._radius_mm = 1e3 * config.control.tip_radius_m
         self.host = HostCore(config.starting(StartMode.AUTO), hand)
         self.status: HostStatus | None = None
@@ -215,7 +218,7 @@ class LockstepLoop:
         return to_nodes, to_host
 
     def _expose(self, now_us: int) -> None:
-        """Expose each camera that is due; its contact reaches the node DELAY_US later."""
+        """Expose each camera that is due; its contact reaches the node delay_us later."""
         due = [finger for finger, exposure_us in enumerate(self._exposure) if now_us >= exposure_us]
         if not due:
             return
@@ -230,7 +233,7 @@ class LockstepLoop:
             self._exposure[finger] += FRAME_PERIOD_US
 
     def _publish(self, now_us: int) -> None:
-        while self._pending and self._pending[0][0] + DELAY_US <= now_us:
+        while self._pending and self._pending[0][0] + self._delay_us <= now_us:
             exposed_us, finger, contact = self._pending.popleft()
             self._tips[finger].publish(contact, now_us - exposed_us)
             self._due_us[self._nodes.index(self._tips[finger])] = now_us

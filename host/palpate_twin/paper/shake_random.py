@@ -7,10 +7,8 @@ so that both laws meet the same runs. A drop is explained by what acted when the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+import enum
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,6 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.twin_config import DisturbanceConfig
-from palpate_twin.hand.engine import LostGraspError
 from palpate_twin.paper.shake import lifted
 from palpate_twin.paper.trial import run_trial
 from palpate_twin.paper.trial_parameters import Gap, Trial
@@ -29,7 +26,14 @@ MOST_PUSHES = 3
 FRICTION = (0.3, 1.0)
 MASS_KG = (0.05, 0.3)
 GAP_S, DELAY_S = (0.010, 0.5), (0.02, 0.2)
-LAWS = (ControlLaw.POSE, ControlLaw.PAPER)
+
+
+class RunKind(enum.Enum):
+    """Parts of the hand that run: the law alone; the whole chain; the chain with rendered frames."""
+
+    LAW = ""
+    CHAIN = ", chain"
+    FRAMES = ", chain, frames"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,12 @@ class RandomRun:
     normal_N: float
     slips: int
     explanation: str
+    kind: RunKind = RunKind.LAW
+
+    @property
+    def row(self) -> str:
+        """The row of the table."""
+        return f"{self.law.value}{self.kind.value}"
 
 
 def random_trial(base: Trial, number: int) -> Trial:
@@ -97,12 +107,9 @@ def explanation(trial: Trial, slid_s: float) -> str:
 
 
 def run_random(hand_toml: Path, base: Trial, law: ControlLaw, number: int) -> RandomRun:
-    """Run one of the random runs under one law."""
+    """Run one of the random runs with one law alone. Raises LostGraspError if it is lost before the turn."""
     trial = replace(random_trial(base, number), law=law)
-    try:
-        outcome = run_trial(hand_toml, "mujoco", trial)
-    except LostGraspError:  # before the turn: nothing of the schedule has acted
-        return RandomRun(law, number, 0.0, 0.0, 0.0, 0.0, 0, "lost while it was grasped")
+    outcome = run_trial(hand_toml, "mujoco", trial)
     places = np.array([place for _, place in outcome.poses])
     return RandomRun(
         law=law,
@@ -114,58 +121,3 @@ def run_random(hand_toml: Path, base: Trial, law: ControlLaw, number: int) -> Ra
         slips=outcome.slips,
         explanation="" if outcome.slid_s is None else explanation(trial, outcome.slid_s),
     )
-
-
-def run_all(
-    hand_toml: Path,
-    base: Trial,
-    laws: Sequence[ControlLaw],
-    count: int,
-    jobs: int,
-    done: Callable[[], None] = lambda: None,
-) -> list[RandomRun]:
-    """Run `count` random runs under each law; order and results do not depend on `jobs`."""
-    wanted = [(law, number) for law in laws for number in range(count)]
-    if jobs == 1:
-        results = []
-        for law, number in wanted:
-            results.append(run_random(hand_toml, base, law, number))
-            done()
-        return results
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_random, hand_toml, base, law, number) for law, number in wanted]
-        for future in futures:
-            future.add_done_callback(lambda _: done())
-        return [future.result() for future in futures]
-
-
-def random_table(runs: Sequence[RandomRun]) -> str:
-    """Return a Markdown table with a row for each law, and a line for each run that dropped the object."""
-    lines = [
-        "| law | runs | dropped | slid by 1 mm | slip mm: median | 95 % | largest | place mm: median"
-        " | largest | largest normal force N | answered slips |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for law in dict.fromkeys(run.law for run in runs):
-        own = [run for run in runs if run.law is law]
-        kept = [run for run in own if run.lost_s is None]
-        cells = [
-            law.value,
-            str(len(own)),
-            str(len(own) - len(kept)),
-            str(sum(bool(run.explanation) for run in own)),
-        ]
-        slips, ways = [run.slip_mm for run in kept], [run.moved_mm for run in kept]
-        if kept:
-            cells += [f"{np.quantile(slips, share):.2f}" for share in (0.5, 0.95, 1.0)]
-            cells += [f"{np.quantile(ways, share):.1f}" for share in (0.5, 1.0)]
-        else:
-            cells += [""] * 5
-        cells += [f"{max(run.normal_N for run in own):.1f}", str(sum(run.slips for run in own))]
-        lines.append(f"| {' | '.join(cells)} |")
-    dropped = [run for run in runs if run.lost_s is not None]
-    lines += [""] * bool(dropped)
-    for run in dropped:
-        why = run.explanation or "no tip slid"
-        lines.append(f"- {run.law.value}, run {run.number}: dropped at {run.lost_s:.2f} s; {why}")
-    return "\n".join(lines)

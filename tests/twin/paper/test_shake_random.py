@@ -10,16 +10,17 @@ from palpate_host.cli.main import cli
 from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_twin.cli.options import PACKAGED
+from palpate_twin.closed_loop.tactile_rendering import DomeContact, TrueContactSource
+from palpate_twin.paper.random_chain import GappedContacts, run_in_chain
+from palpate_twin.paper.random_runs import LAWS, kind_of, random_table, run_all
 from palpate_twin.paper.shake_random import (
     DELAY_S,
     FRICTION,
     GAP_S,
-    LAWS,
     RandomRun,
+    RunKind,
     explanation,
-    random_table,
     random_trial,
-    run_all,
 )
 from palpate_twin.paper.trial import run_trial
 from palpate_twin.paper.trial_parameters import Gap, Trial
@@ -100,6 +101,36 @@ def test_the_command_writes_a_table_of_both_laws(tmp_path):
     assert result.exit_code == 0, result.output
     rows = (tmp_path / "results.md").read_text().splitlines()
     assert [row.split("|")[1].strip() for row in rows[2:4]] == ["pose", "paper"]
-    result = CliRunner().invoke(cli, [*words, "--chain"])
-    assert result.exit_code == 2
-    assert "--random runs the law alone" in result.output
+
+
+def test_one_run_of_three_in_the_chain_has_frames():
+    kinds = [kind_of(number, in_chain=True, has_sensors=True) for number in range(6)]
+    assert kinds == [RunKind.FRAMES, RunKind.CHAIN, RunKind.CHAIN] * 2
+    assert {kind_of(number, in_chain=True, has_sensors=False) for number in range(6)} == {RunKind.CHAIN}
+    assert kind_of(0, in_chain=False, has_sensors=False) is RunKind.LAW
+
+
+def test_a_run_in_the_whole_chain_holds_the_object(tmp_path):
+    words = f"simulate shake --random 1 --law pose --chain --seconds 2.5 --jobs 1 -o {tmp_path}".split()
+    result = CliRunner().invoke(cli, words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    row = (tmp_path / "results.md").read_text().splitlines()[2]
+    assert [cell.strip() for cell in row.split("|")[1:4]] == ["pose, chain", "1", "0"]
+
+
+def test_frames_in_a_gap_are_rejected():
+    truth = DomeContact(np.array([0.0, 0.0, 29.0]), 2.0, np.zeros(3))
+    contacts = GappedContacts(TrueContactSource(30.0, 0.0, 1), (Gap(1, 0.5, 0.1),), 1_000_000)
+    found = [contacts.contact(1, truth, at_us, 0) for at_us in (1_499_999, 1_500_000, 1_599_999, 1_600_000)]
+    assert [one.valid for one in found] == [True, False, False, True]
+    assert contacts.contact(0, truth, 1_550_000, 0).valid
+
+
+def test_an_object_that_is_lost_in_the_chain_is_dropped_with_the_reason():
+    """A weight of 3 kg is too much for the largest grip."""
+    heavy = DisturbanceConfig(start_s=0.2, force_N=(0.0, 0.0, -30.0))
+    trial = replace(BASE, law=ControlLaw.POSE, disturbances=(heavy,), duration_s=1.5)
+    run = run_in_chain(HAND, trial, 7, None)
+    assert run.lost_s == pytest.approx(0.4, abs=0.3)
+    assert run.explanation.startswith("slid from 0.2")
+    assert run.kind is RunKind.CHAIN
