@@ -37,6 +37,7 @@ ALSO_NAMED = {
         "edge/palpate_edge/cli/estimate.py",  # its help text
         "edge/palpate_edge/console/terminal/dome_lines.py",  # draws a circle of this radius
         "edge/palpate_edge/console/terminal/fingertip_lines.py",  # a figure of the view
+        "host/palpate_host/control/manipulation.py",  # within it a contact corrects nothing
         "host/palpate_twin/demo/fingertip_panels.py",  # draws a ring of this radius
     },
     "torsion_Nmm": {

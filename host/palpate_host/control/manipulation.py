@@ -237,7 +237,10 @@ class Manipulation:
             if self.gait is None:  # it follows no finger that takes hold of another face
                 self.orientation.add(finger, normal_in_vir, contact.exposed_at_us, contact.position_mm)
             if self.pose_law is not None and self._still is None:
-                self.pose_law.add_contact(finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us)
+                radius95_rad = 1e-3 * (contact.radius95_mm or 0.0) / self.gains.tip_radius_m
+                self.pose_law.add_contact(
+                    finger, normal, exposure_pose, R_vir_then, contact.exposed_at_us, radius95_rad
+                )
 
     def _note_friction(self, finger: int, contact: TipContact) -> None:
         """Estimate the tip's friction, and answer slip with more grip; slip of several tips is one slip.

@@ -120,8 +120,19 @@ class PoseLaw:
         """True when every finger has given the references for its normal."""
         return all(len(seen) >= self._control.reference_frames for seen in self._seen)
 
-    def add_contact(self, finger: int, normal: Array, pose: HandPose, R_vir: Array, exposed_us: int) -> None:
-        """Take an outward normal (3,) of one finger, with hand and R_vir at its exposure."""
+    def add_contact(
+        self,
+        finger: int,
+        normal: Array,
+        pose: HandPose,
+        R_vir: Array,
+        exposed_us: int,
+        radius95_rad: float = 0.0,
+    ) -> None:
+        """Take an outward normal (3,) of one finger, with hand and R_vir at its exposure.
+
+        radius95_rad: the normal's 95 % radius, 0 where it is not known.
+        """
         seen = self._seen[finger]
         seen.append(R_vir.T @ normal)
         del seen[: -self._control.reference_frames]
@@ -130,7 +141,7 @@ class PoseLaw:
         if self._object is None:
             return
         share = min(1.0, since_s / self._config.contact_time_s)
-        is_believed = self._object.correct(finger, normal, pose, share)
+        is_believed = self._object.correct(finger, normal, pose, share, radius95_rad)
         if is_believed:
             residual_rad = math.radians(self._object.residual_deg)
             self.uncertainty = self.uncertainty.after_normal(residual_rad)

@@ -10,8 +10,10 @@ contacts. This follows the object without delay, at any rate, with the tips' rol
 
 The integral of w_o drifts where tips slip or joint angles are wrong. Each measured normal d_i, Eq. (16),
 therefore turns R towards it. As Eq. (15) does, it is compared with the estimate at its own exposure, which is
-kept for the last half second; the same small rotation is applied to all later estimates. Contacts on flat
-faces give no position along the faces: there the estimate of x_o is the integral alone.
+kept for the last half second; the same small rotation is applied to all later estimates. The error of a
+contact depends on its place on the dome, so that no average removes it, while rolling tips are known well: a
+normal therefore corrects by the angle beyond its own 95 % radius alone, where the fingertip gives one.
+Contacts on flat faces give no position along the faces: there the estimate of x_o is the integral alone.
 """
 
 from __future__ import annotations
@@ -108,10 +110,13 @@ class VirtualObject:
         )
         return self.grip
 
-    def correct(self, finger: int, normal: Array, exposure_pose: HandPose, share: float) -> bool:
+    def correct(
+        self, finger: int, normal: Array, exposure_pose: HandPose, share: float, radius95_rad: float = 0.0
+    ) -> bool:
         """Turn the estimates by `share` of the angle to a measured outward normal (3,) at its exposure.
 
-        Return False for a normal that is in doubt; it changes nothing.
+        radius95_rad: the normal's 95 % radius; only the angle beyond it counts. Return False for a normal in
+        doubt; it changes nothing.
         """
         then = int(np.argmin(((self._kept_q - exposure_pose.q_rad) ** 2).sum(axis=1)))
         expected = self._kept_R[then].dot(self._normal_in_object[finger])
@@ -121,7 +126,9 @@ class VirtualObject:
         if angle > self._doubt_rad:
             self.doubted += 1
             return False
-        small = rotation.exp(share * turn)
+        if angle <= radius95_rad:
+            return True
+        small = rotation.exp(share * (1.0 - radius95_rad / angle) * turn)
         self.R = small.dot(self.R)
         self._kept_R = np.matmul(small, self._kept_R)
         return True

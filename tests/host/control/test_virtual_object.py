@@ -93,3 +93,17 @@ def test_a_normal_in_doubt_changes_nothing():
     found.touch_elsewhere(0, outlier)
     assert found.correct(0, outlier, pose, 0.5)
     np.testing.assert_allclose(found.R, np.eye(3), atol=1e-12)
+
+
+def test_a_normal_corrects_by_the_angle_beyond_its_own_radius():
+    """A normal 1 deg away with a radius of 0.4 deg turns by half of 0.6 deg; with 1.1 deg not at all."""
+    _, centres = rolling(0.01)
+    pose = pose_at(0.0, centres[0])
+    seen = Rotation.from_euler("z", 1.0, degrees=True).apply(NORMAL_IN_OBJECT[0])
+    found = object_at(pose)
+    assert found.correct(0, seen, pose, 0.5, np.radians(1.1))
+    np.testing.assert_array_equal(found.R, np.eye(3))
+    assert found.residual_deg == pytest.approx(1.0)
+    assert found.correct(0, seen, pose, 0.5, np.radians(0.4))
+    turned_deg = Rotation.from_matrix(found.R).as_rotvec(degrees=True)
+    np.testing.assert_allclose(turned_deg, [0.0, 0.0, 0.3], atol=1e-4)
