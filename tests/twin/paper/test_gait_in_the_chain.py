@@ -15,14 +15,26 @@ from palpate_host.common.command import CommandError, Grasp, Move, Reorient
 from palpate_host.common.gait_plan import GaitPlan, Regrasp
 from palpate_host.common.mode import Mode
 from palpate_host.common.tick_inputs import Planned
+from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.service.host import load_hand
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.lockstep import LockstepLoop
 from palpate_twin.closed_loop.tactile_rendering import TrueContactSource
+from palpate_twin.paper.gait_chain import corners_mm
+from palpate_twin.paper.gait_runs import GaitCase, run_case
+from palpate_twin.paper.gait_trial import shifted
 from palpate_twin.paper.trial import make_engine
+from palpate_twin.paper.trial_parameters import Trial
 
 pytestmark = pytest.mark.slow
-SHIFT_M = 0.0015
+HAND = PACKAGED["table4-four"]
+TRIAL = Trial(
+    *(ControlMode.PROPOSED, (0.0, 0.0, 0.0)),
+    noise_mm=0.15,
+    force_noise=0.03,
+    has_weight=True,
+    law=ControlLaw.POSE,
+)
 HELD_S, TICK_S = 2.5, 0.01
 SHARE = (1.0, 0.0, 1.0, 0.45)
 
@@ -43,15 +55,9 @@ class HeldHand:
     """The hand of four fingers in the chain; it holds the object within 1.5 mm of its place."""
 
     def __init__(self, seed=1):
-        config, hand = load_hand(PACKAGED["table4-four"])
-        grasped = config.twin.object
-        shift_m = SHIFT_M * np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
-        grasped = msgspec.structs.replace(grasped, position_m=tuple((grasped.position_m + shift_m).tolist()))
-        config = msgspec.structs.replace(
-            config,
-            target=msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 0.0), ramp_s=0.5),
-            twin=msgspec.structs.replace(config.twin, object=grasped),
-        )
+        config, hand = load_hand(HAND)
+        target = msgspec.structs.replace(config.target, rpy_deg=(0.0, 0.0, 0.0), ramp_s=0.5)
+        config = msgspec.structs.replace(shifted(config, seed), target=target)
         self.engine = make_engine(config, "mujoco", has_B=False)
         self.contacts, self.statuses = DoubtfulContacts(seed), []
         self.moved_m, self.normal_N = [], []
@@ -76,9 +82,7 @@ class HeldHand:
 
     @property
     def corners_mm(self):
-        engine = self.engine
-        corners_m = engine.twin.prism.vertices_m @ engine.object_rotation.T + engine.object_position_m
-        return tuple(map(tuple, (1e3 * corners_m).round(2).tolist()))
+        return corners_mm(self.engine)
 
     def command(self, command):
         self.loop.host.command(command)
@@ -107,19 +111,20 @@ class HeldHand:
 
 @pytest.mark.parametrize(("axis", "seed"), [(0, 1), (2, 1), (2, 2)])
 def test_a_quarter_turn_by_command(axis, seed):
-    held = HeldHand(seed)
-    rpy_deg = tuple((90.0 * np.eye(3)[axis]).tolist())
-    held.command(Reorient(rpy_deg, held.corners_mm))
-    with pytest.raises(CommandError, match="finger gaiting is under way"):
-        held.command(Move((0.0, 0.0, 1.0)))
-    held.run_until(lambda status: status.hold.gait in ("done", "stopped", "refused"), 70.0)
-    assert held.hold.gait == "done", held.hold
-    held.loop.run(1.0)
-    goal = rotation.from_rpy_deg(*rpy_deg) @ held.start_R
-    assert rotation.angle_deg(goal @ held.engine.object_rotation.T) < 2.0
-    assert held.moved_m[-1] < 2e-3
-    assert max(held.moved_m) < 3e-3
-    assert max(held.normal_N) < 10.0
+    outcome = run_case(HAND, GaitCase(axis, 90.0, replace(TRIAL, seed=seed), in_chain=True))
+    assert not isinstance(outcome, str), outcome
+    assert (outcome.problem, outcome.is_dropped) == ("", False)
+    assert outcome.regrasped == outcome.plan.regrasps > 0
+    assert outcome.error_deg < 2.0
+    assert outcome.moved_mm < 2.0
+    assert outcome.moved_most_mm < 3.0
+    assert outcome.normal_N < 10.0
+
+
+def test_the_refusal_of_a_turn_is_the_result_of_its_run():
+    found = run_case(PACKAGED["table4-wide"], GaitCase(2, 90.0, TRIAL, in_chain=True))
+    assert isinstance(found, str)
+    assert "a hand of 3 fingers holds with too few" in found
 
 
 def test_a_turn_that_cannot_be_planned_is_refused_with_the_reason_and_the_hand_holds():
@@ -160,6 +165,8 @@ def test_a_gait_rests_while_a_contact_is_in_doubt(which):
 def test_a_gait_stops_when_a_finger_loses_the_object_and_grasp_ends_it():
     held = HeldHand()
     held.lift()
+    with pytest.raises(CommandError, match="finger gaiting is under way"):
+        held.command(Move((0.0, 0.0, 1.0)))
     held.contacts.lost.add(3)
     held.run_until(lambda status: status.hold.gait == "stopped", 0.5)
     held.contacts.lost.clear()
