@@ -70,10 +70,10 @@ def run_random_in_chain(
     hand_toml: Path, base: Trial, law: ControlLaw, number: int, sensors: Path | None
 ) -> RandomRun:
     """Run one of the random runs under one law in the whole chain. sensors: as for `shake.run_in_chain`."""
-    return run_in_chain(hand_toml, replace(random_trial(base, number), law=law), number, sensors)
+    return run_trial_in_chain(hand_toml, replace(random_trial(base, number), law=law), number, sensors)
 
 
-def run_in_chain(hand_toml: Path, trial: Trial, number: int, sensors: Path | None) -> RandomRun:
+def run_trial_in_chain(hand_toml: Path, trial: Trial, number: int, sensors: Path | None) -> RandomRun:
     """Run one trial with its delay and gaps in the whole chain.
 
     The object is lost when fewer than two tips touch it to the end of the run.

@@ -11,7 +11,7 @@ from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.config.twin_config import DisturbanceConfig
 from palpate_twin.cli.options import PACKAGED
 from palpate_twin.closed_loop.tactile_rendering import DomeContact, TrueContactSource
-from palpate_twin.paper.random_chain import GappedContacts, run_in_chain
+from palpate_twin.paper.random_chain import GappedContacts, run_trial_in_chain
 from palpate_twin.paper.random_runs import LAWS, kind_of, random_table, run_all
 from palpate_twin.paper.shake_random import (
     DELAY_S,
@@ -130,7 +130,7 @@ def test_an_object_that_is_lost_in_the_chain_is_dropped_with_the_reason():
     """A weight of 3 kg is too much for the largest grip."""
     heavy = DisturbanceConfig(start_s=0.2, force_N=(0.0, 0.0, -30.0))
     trial = replace(BASE, law=ControlLaw.POSE, disturbances=(heavy,), duration_s=1.5)
-    run = run_in_chain(HAND, trial, 7, None)
+    run = run_trial_in_chain(HAND, trial, 7, None)
     assert run.lost_s == pytest.approx(0.4, abs=0.3)
     assert run.explanation.startswith("slid from 0.2")
     assert run.kind is RunKind.CHAIN
