@@ -3,7 +3,8 @@
 Two kinds of layout are distinguished:
 
 - hexagonal: one bead in the middle, and 6 k beads at k steps from it along the edges of the Delaunay
-  triangles (a TacTip's 127 and 331 pins). A shell of the lattice is used as a ring.
+  triangles (a TacTip's 127 and 331 pins). A shell of the lattice is used as a ring. Where beads are missing,
+  the steps are counted in lattice coordinates.
 - concentric: polar angles form steps, and the beads of a step are evenly spaced in azimuth.
 
 Any other layout is divided into shells of any size about the bead nearest to the apex.
@@ -22,6 +23,7 @@ from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.camera_pose import fit_pose
+from palpate_edge.geometry.hexagonal_lattice import lattice_shells
 from palpate_edge.geometry.points import distances, spacing
 from palpate_edge.geometry.sensor import Camera, CameraPose, View
 from palpate_edge.geometry.triangulation import delaunay
@@ -74,12 +76,13 @@ def learn_layout(camera: Camera, radius_mm: float, position_px: Array) -> Marker
     pose = _first_pose(camera, radius_mm, position_px)
     for _ in range(ROUNDS):
         direction = _directions(camera, pose, radius_mm, position_px)
-        ring_of, turns, _ = _rings(direction)
-        ideal_mm = radius_mm * _symmetrised(direction, ring_of, turns)
+        rings = _rings(direction)
+        ring_of = rings.ring_of
+        ideal_mm = radius_mm * _symmetrised(direction, ring_of, rings.turns)
         pose = fit_pose(camera, ideal_mm, position_px)
     order = np.lexsort((azimuth(ideal_mm), ring_of)).astype(np.intp)
     _check_residual(View(camera, pose).project(ideal_mm), position_px)
-    return MarkerLayout(ideal_mm[order], ring_of[order], order, pose, _is_hexagonal(ring_of))
+    return MarkerLayout(ideal_mm[order], ring_of[order], order, pose, rings.hexagonal)
 
 
 def _check_regular(position_px: Array) -> None:
@@ -120,7 +123,8 @@ def _first_pose(camera: Camera, radius_mm: float, position_px: Array) -> CameraP
     centroid = position_px.mean(axis=0)
     reach = float(np.median(np.linalg.norm(position_px - centroid, axis=1)))
     best, clearest = fit_pose(camera, apex_mm, centroid[None]), 0.0
-    if _is_hexagonal(_shells(_directions(camera, best, radius_mm, position_px))):
+    _, hexagonal = _shells(_directions(camera, best, radius_mm, position_px))
+    if hexagonal:
         return best
     for x in SEARCH_STEPS:
         for y in SEARCH_STEPS:
@@ -128,9 +132,9 @@ def _first_pose(camera: Camera, radius_mm: float, position_px: Array) -> CameraP
             direction = View(camera, pose).onto_sphere(position_px, radius_mm) / radius_mm
             if np.isnan(direction).any():
                 continue
-            _, _, clear = _rings(direction)
-            if clear > clearest:
-                best, clearest = pose, clear
+            separation = _rings(direction).separation
+            if separation > clearest:
+                best, clearest = pose, separation
     return best
 
 
@@ -148,21 +152,30 @@ def _directions(camera: Camera, pose: CameraPose, radius_mm: float, position_px:
     return np.asarray(direction)
 
 
-def _rings(direction: Array) -> tuple[Indices, Indices, float]:
-    """Return each bead's ring (n,), each ring's rotational symmetry (rings,), and how well rings separate.
+@dataclass(frozen=True, slots=True)
+class _Rings:
+    """Rings of n beads.
 
-    A symmetry of k means: unchanged by 1/k of a full turn. The separation is 0 for shells.
+    ring_of (n,): each bead's ring; turns (rings,): rotational symmetry of each ring, k if 1/k of a full turn
+    leaves it unchanged; separation: how well the rings separate, 0 for shells; hexagonal: whether they are
+    the shells of a lattice.
     """
-    shell_of = _shells(direction)
-    if _is_hexagonal(shell_of):
-        return shell_of, np.full(shell_of.max() + 1, HEXAGONAL), 0.0
-    concentric = _concentric(direction)
-    if concentric is not None:
-        return concentric
-    return shell_of, np.ones(shell_of.max() + 1, dtype=np.intp), 0.0
+
+    ring_of: Indices
+    turns: Indices
+    separation: float = 0.0
+    hexagonal: bool = False
 
 
-def _concentric(direction: Array) -> tuple[Indices, Indices, float] | None:
+def _rings(direction: Array) -> _Rings:
+    shell_of, hexagonal = _shells(direction)
+    shells = int(shell_of.max()) + 1
+    if hexagonal:
+        return _Rings(shell_of, np.full(shells, HEXAGONAL), hexagonal=True)
+    return _concentric(direction) or _Rings(shell_of, np.ones(shells, dtype=np.intp))
+
+
+def _concentric(direction: Array) -> _Rings | None:
     """Return steps of the polar angle as rings, if they separate well and each is evenly spaced."""
     theta = polar_angle(direction)
     phi = azimuth(direction)
@@ -177,7 +190,7 @@ def _concentric(direction: Array) -> tuple[Indices, Indices, float] | None:
     ring_of = np.zeros(len(theta), dtype=np.intp)
     ring_of[order[1:]] = np.cumsum(step >= widest_first[last])
     turns = np.array([_places(phi[ring_of == ring]) for ring in range(ring_of.max() + 1)], dtype=np.intp)
-    return (ring_of, turns, float(ratio[last])) if (turns > 0).all() else None
+    return _Rings(ring_of, turns, float(ratio[last])) if (turns > 0).all() else None
 
 
 def _places(phi: Array) -> int:
@@ -195,12 +208,16 @@ def _places(phi: Array) -> int:
     return 0
 
 
-def _shells(direction: Array) -> Indices:
-    """Return the steps (n,) from the bead nearest to the apex along the edges of Delaunay triangles."""
+def _shells(direction: Array) -> tuple[Indices, bool]:
+    """Return the steps (n,) from the bead nearest to the apex along the edges of Delaunay triangles, and
+    whether they are the shells of a hexagonal lattice."""
     theta = polar_angle(direction)
     phi = azimuth(direction)
     flat = 1e3 * theta[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
     joined = _edges(direction, delaunay(flat))
+    in_lattice = lattice_shells(flat, joined)
+    if in_lattice is not None:
+        return in_lattice, True
     shell_of = np.full(len(theta), -1, dtype=np.intp)
     front = np.arange(len(theta)) == np.argmin(theta)
     shell = 0
@@ -209,7 +226,8 @@ def _shells(direction: Array) -> Indices:
         front = joined[front].any(axis=0) & (shell_of < 0)
         shell += 1
     shell_of[shell_of < 0] = shell  # not joined to the others: outermost
-    return np.asarray(np.minimum(shell_of, _last_shell(shell_of)))
+    shell_of = np.minimum(shell_of, _last_shell(shell_of))
+    return shell_of, _is_hexagonal(shell_of)
 
 
 def _edges(direction: Array, triangles: Indices) -> Mask:
@@ -248,6 +266,8 @@ def _symmetrised(direction: Array, ring_of: Indices, turns: Indices) -> Array:
     ideal = direction.copy()
     for ring, count in enumerate(turns):
         beads = np.flatnonzero(ring_of == ring)
+        if not len(beads):
+            continue  # no bead in the middle
         own = direction[beads]
         total = np.zeros_like(own)
         for angle in 2 * np.pi * np.arange(count) / count:
