@@ -34,11 +34,13 @@ h1 { font-size: 1.6em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 
 div.scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 0.8em 0; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.2em 0.8em; text-align: right; border-bottom: 1px solid #e4e4e4; }
-th { font-weight: 600; } th:first-child, td:first-child, .text td, .text th { text-align: left; }
+td { white-space: nowrap; } .text td:last-child { white-space: normal; min-width: 18em; }
+th { font-weight: 600; vertical-align: bottom; }
+th:first-child, td:first-child, .text td, .text th { text-align: left; }
 p.verdict { font-size: 1.25em; font-weight: 600; padding: 0.5em 0.8em; border-left: 6px solid #2a8a3e;
             background: #f0f8f1; } p.verdict.bad { border-color: #b3261e; background: #fdf1f0; }
 @media (max-width: 640px) { body { margin: 0.5em auto; padding: 0 0.6em; } th, td { padding: 0.2em 0.5em; } }
-img { max-width: 100%; height: auto; } p.note { color: #555; }
+img { max-width: 100%; height: auto; } .plot img { min-width: 640px; } p.note { color: #555; }
 pre { background: #f5f5f5; padding: 0.8em; overflow-x: auto; }
 """
 
@@ -51,24 +53,24 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
     summary = analysis.summary
     parts = [
         "<h1>palpate demo</h1>",
-        _verdict(summary),
+        *_verdict_parts(summary, folder, film),
         *_turn_parts(analysis, folder, film),
         *_sight_parts(analysis, folder),
         "<h2>Contact and force</h2>",
         _finger_table(summary, analysis),
         *(
             f"<h3>{escape(finger.name)}</h3>"
-            + _picture(plots.contact_plot(pairs, analysis.begin_us), finger.name)
+            + _plot(plots.contact_plot(pairs, analysis.begin_us), finger.name)
             for finger, pairs in zip(summary.fingers, analysis.pairs, strict=True)
         ),
         "<h2>From exposure to the bus</h2>",
         _latency_table(summary),
-        _picture(plots.latency_plot(analysis), "latency"),
+        _plot(plots.latency_plot(analysis), "latency"),
         "<h2>The hand</h2>",
-        _picture(plots.hand_plot(analysis), "modes, orientation error and torques"),
+        _plot(plots.hand_plot(analysis), "modes, orientation error and torques"),
         _hand_tables(summary, analysis),
         "<h2>Bus load</h2>",
-        _picture(plots.load_plot(analysis), "bus load"),
+        _plot(plots.load_plot(analysis), "bus load"),
         _traffic_table(summary),
         "<h2>How to reproduce this report</h2>",
         _commands(analysis, folder),
@@ -83,11 +85,16 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
     write_atomically(path, page.encode(), ConfigError)
 
 
-def _verdict(summary: Summary) -> str:
+def _verdict_parts(summary: Summary, folder: RunFolder, film: Film | None) -> list[str]:
+    """Return the verdict, the film (None if a recording was played) and the verdict's grounds."""
     judged = verdict(summary)
     grounds = "".join(f"<li>{escape(line)}</li>" for line in judged.grounds)
     kind = "verdict" if judged.is_good else "verdict bad"
-    return f'<p class="{kind}">{escape(judged.headline)}</p>\n<ul>{grounds}</ul>\n'
+    return [
+        f'<p class="{kind}">{escape(judged.headline)}</p>',
+        *([] if film is None else _film_parts(folder, film)),
+        f"<ul>{grounds}</ul>",
+    ]
 
 
 def _sight_parts(analysis: Analysis, folder: RunFolder) -> list[str]:
@@ -120,10 +127,12 @@ def _header_table(summary: Summary, analysis: Analysis) -> str:
 
 
 def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> list[str]:
-    """Return film, stills and the comparison of target and truth; nothing if a recording was played."""
+    """Return stills and the comparison of target and truth; nothing if a recording was played."""
     if film is None:
         return []
-    parts = ["<h2>The object</h2>", *_film_parts(folder, film)]
+    parts = ["<h2>The object</h2>"]
+    if film.is_there:
+        parts.append(_picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six times"))
     turn, figures = analysis.turn, analysis.summary.turn
     if turn is None or figures is None:
         return [*parts, _note("The host never turned the object.")]
@@ -160,7 +169,7 @@ def _turn_parts(analysis: Analysis, folder: RunFolder, film: Film | None) -> lis
         "Target and estimate come from replaying the log through the host core, the truth from the twin's "
         "motion.csv."
     )
-    parts = [*parts, _picture(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
+    parts = [*parts, _plot(plots.turn_plot(turn), "orientation"), _table(head, rows), _note(note)]
     return [*parts, *_push_parts(analysis.summary)]
 
 
@@ -191,7 +200,6 @@ def _film_parts(folder: RunFolder, film: Film) -> list[str]:
         return [_note(f"No film: {film.description}")]
     return [
         _picture(folder.film.read_bytes(), "the hand turning the object", "webp"),
-        _picture(folder.film.with_suffix(".png").read_bytes(), "the hand at six times"),
         _note(
             "Left: what the camera of one fingertip sees, and the contact that it publishes. Right: the true "
             f"motion of hand and object. {film.description}."
@@ -349,6 +357,11 @@ def _note(text: str) -> str:
 
 def _code(lines: Iterable[str]) -> str:
     return "<pre>" + escape("\n".join(lines)) + "</pre>\n"
+
+
+def _plot(data: bytes, alternative: str) -> str:
+    """Return a plot that scrolls sideways where the page is narrower than its text is readable."""
+    return f'<div class="scroll plot">{_picture(data, alternative)}</div>\n'
 
 
 def _picture(data: bytes, alternative: str, kind: str = "png") -> str:
