@@ -21,8 +21,9 @@ import pytest
 
 from deploy_rig.fingertip_board import SlowCamera, release_of
 from deploy_rig.image import changed_wheelhouse, missing
+from deploy_rig.mounting_kernel import mounting_kernel
 from deploy_rig.playbooks import Playbooks
-from deploy_rig.power_cuts import Cut, drawn, fault, seen_on
+from deploy_rig.power_cuts import Cut, drawn, fault, served_from
 from deploy_rig.provisioned_card import provisioned_card
 from deploy_rig.user_mode_board import HARDWARE, SET_UP, UserModeBoard
 from deploy_rig.write_log import FLUSH, CutDisk, Entry, read_log
@@ -95,13 +96,15 @@ def test_a_board_has_one_whole_release_after_a_cut_at_any_instant(update: Update
     between = drawn(update.entries, update.begin, CUTS, SEED)
     cuts = [Cut(update.begin), *between, Cut(len(update.entries))]
     seen, taken_s = [], {True: 0.0, False: 0.0}
-    for number, cut in enumerate(cuts):
-        booted, begin_s = number % BOOT_EVERY == 0 or number > CUTS, time.monotonic()
-        seen.append(seen_on(disk.cut(cut.before, cut.lost), tmp_path / "board", booted))
-        cut_s = time.monotonic() - begin_s
-        taken_s[booted] += cut_s
-        words = f"{number} of {CUTS}: before {cut.before}, {len(cut.lost)} blocks lost"
-        print(f"{words}, {cut_s:.1f} s: {seen[-1]}", flush=True)
+    with mounting_kernel(tmp_path, update.disk) as kernel:
+        for number, cut in enumerate(cuts):
+            booted, begin_s = number % BOOT_EVERY == 0 or number > CUTS, time.monotonic()
+            disk.cut(cut.before, cut.lost)
+            seen.append(served_from(update.disk, tmp_path / "board") if booted else kernel.card())
+            cut_s = time.monotonic() - begin_s
+            taken_s[booted] += cut_s
+            words = f"{number} of {CUTS}: before {cut.before}, {len(cut.lost)} blocks lost"
+            print(f"{words}, {cut_s:.1f} s: {seen[-1]}", flush=True)
     report(update, seen, taken_s)
     whole = {each.get("current"): each.get("digest") for each in (seen[0], seen[-1])}
     assert list(whole) == [update.old, update.new]

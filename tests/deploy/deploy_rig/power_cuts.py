@@ -13,7 +13,6 @@ from deploy_rig.write_log import FLUSH, Block, Entry, cached
 
 CONTACT_S = 60.0
 RMEM_MAX = 1 << 20  # of ansible/roles/base/files/sysctl.conf
-WITNESS_ALONE = "init=/usr/local/sbin/witness"
 
 
 @dataclass(frozen=True)
@@ -44,16 +43,15 @@ def drawn(entries: Sequence[Entry], begin: int, cuts: int, seed: int) -> list[Cu
     return sorted(found, key=lambda cut: cut.before)
 
 
-def seen_on(disk: Path, folder: Path, booted: bool) -> dict[str, Any]:
-    """Return what the witness prints on a board with this disk, which stays as it is.
+def served_from(disk: Path, folder: Path) -> dict[str, Any]:
+    """Return what the witness prints on a board that boots this disk until it serves.
 
-    booted: the board boots until it serves; else the kernel mounts the disk and starts only the witness. The
-    only key is `fault` where the witness prints nothing.
+    The disk stays as it is. The only key is `fault` where the witness prints nothing.
     """
     folder.mkdir(exist_ok=True)
     board = UserModeBoard(folder)
     try:
-        board.boot_layer(disk, *([] if booted else [WITNESS_ALONE]))
+        board.boot_layer(disk)
         return board.witness()
     except AssertionError as error:
         return {"fault": str(error)}

@@ -83,11 +83,11 @@ class UserModeBoard:
         outside = ("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro")
         self._start(*outside, f"ubd0={disk}", f"ubd1={log}", f"init={RIG}/record-writes.sh")
 
-    def boot_layer(self, disk: Path, *words: str) -> None:
-        """Start from a disk that stays as it is; words: of the kernel's command line."""
+    def boot_layer(self, disk: Path) -> None:
+        """Start from a disk that stays as it is."""
         layer = self.folder / "layer"
         layer.unlink(missing_ok=True)
-        self._start("root=/dev/ubda", "rw", f"ubd0={layer},{disk}", *words)
+        self._start("root=/dev/ubda", "rw", f"ubd0={layer},{disk}")
 
     def _start(self, *words: str) -> None:
         self._cgroup.mkdir(exist_ok=True)
@@ -120,7 +120,7 @@ class UserModeBoard:
         }
 
     def witness(self) -> dict[str, Any]:
-        """Return what witness.py prints: as a service at the first contact, as the first process at once.
+        """Return what witness.py prints at the first contact.
 
         waited_s: how long, until the contact, other programs of this machine had the processor.
         """

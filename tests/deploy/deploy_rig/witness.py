@@ -2,8 +2,8 @@
 """Run on a board: print to the console what is active, previous and whole, as a line "witness: " with JSON.
 
 As a service: start node 10h, wait for its first valid contact; the line has also the seconds from the
-kernel's start to the contact, and what runs. As the kernel's first process: do with the card what
-palpate-settle.service does, start nothing, and end.
+kernel's start to the contact, and what runs. With the word "alone": do with the card what
+palpate-settle.service does, and start nothing.
 """
 
 import hashlib
@@ -13,6 +13,7 @@ import re
 import socket
 import struct
 import subprocess
+import sys
 from pathlib import Path
 
 BASE, CONSOLE = Path("/opt/palpate"), Path("/dev/console")
@@ -40,11 +41,23 @@ def running() -> str:
 
 
 def digest(release: Path) -> str:
-    whole = hashlib.sha256()
-    for path in sorted(
-        path for path in release.rglob("*") if path.is_file() and "__pycache__" not in path.parts
-    ):
-        whole.update(f"{path} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    """Of all files but compiled Python; few system calls, which are slow in user-mode Linux."""
+    whole, folders, buffer = hashlib.sha256(), [str(release)], memoryview(bytearray(16 << 20))
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in sorted(entries, key=lambda entry: entry.name):
+                if entry.is_dir(follow_symlinks=False):
+                    folders += [entry.path] if entry.name != "__pycache__" else []
+                    continue
+                whole.update(f"{entry.path} ".encode())
+                if entry.is_symlink():
+                    whole.update(str(Path(entry.path).readlink()).encode())
+                    continue
+                file, size = os.open(entry.path, os.O_RDONLY), len(buffer)
+                while size == len(buffer):
+                    size = os.readv(file, [buffer])
+                    whole.update(buffer[:size])
+                os.close(file)
     return whole.hexdigest()
 
 
@@ -77,7 +90,7 @@ def served() -> dict[str, object]:
 
 
 seen = {}
-if os.getpid() == 1:
+if sys.argv[1:] == ["alone"]:
     settle()
 else:
     seen = served()
