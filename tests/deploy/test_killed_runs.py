@@ -1,6 +1,8 @@
 """site.yml killed (signal 9) after any of its tasks, on a board of today and on one of an earlier version.
 
-One further run must end with the state of a run that was not killed, as deploy_rig/card_state.py reads it.
+One further run must end with the state of a run that was not killed (deploy_rig/card_state.py).
+No run is killed after a task that reports no change and leaves the board as it was: the kill before it is the
+same one. A run that is not killed measures that, by files and processes (callbacks/list_tasks.py).
 PALPATE_KILLS is the number of kills, drawn by PALPATE_SEED; or "11-20", the 11th to the 20th of that draw, so
 that the kills can be spread over several runs; or "all" (hours). The switch of releases is killed before each
 of its steps.
@@ -17,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +49,16 @@ PREVIOUS = (
 
 @dataclass(frozen=True)
 class Start:
-    """A board before a run; tasks: those of a run that was not killed; state: the state after it."""
+    """A board before a run.
+
+    tasks: those of a run that was not killed; state: the state after it; kills: the numbers, from 1, of tasks
+    that report a change or left the board in another state than the task before.
+    """
 
     name: str
     layers: tuple[Path, ...]
     tasks: tuple[str, ...]
+    kills: tuple[int, ...]
     state: dict[str, str]
 
 
@@ -122,17 +130,21 @@ def start(boot: Callable[..., Any], name: str, *layers: Path, cards: Path) -> St
     """Run site.yml once from this start, for its tasks and the state afterwards."""
     tasks = cards / f"{name}.tasks"
     with boot(*layers) as board:
-        board.play("site", tasks=tasks, **WANTED).well()
+        board.play("site", listing=board.machine.listing(tasks), **WANTED).well()
         board.master.contact_after(time.monotonic())
         state = card_state(board)
-    names = tuple(line.partition(" ")[2] for line in tasks.read_text().splitlines())
-    print(f"{name}: {len(names)} tasks run, {tasks.read_text().count('unchanged ')} of them without a change")
-    return Start(name, layers, names, state)
+    lines = [line.split(" ", 2) for line in tasks.read_text().splitlines()]
+    names, changed = tuple(task for _, _, task in lines), [change == "changed" for _, change, _ in lines]
+    steps = pairwise(["", *(digest for digest, _, _ in lines)])
+    other = [said or before != after for said, (before, after) in zip(changed, steps, strict=True)]
+    kills = tuple(number for number, kill in enumerate(other, 1) if kill)
+    print(f"{name}: {len(names)} tasks ran, {sum(changed)} with a change; {len(kills)} kills stand for all")
+    return Start(name, layers, names, kills, state)
 
 
 def drawn(starts: list[Start]) -> list[Case]:
     """Return the kills of this run."""
-    every = [Case(start, number) for start in starts for number in range(1, len(start.tasks) + 1)]
+    every = [Case(start, number) for start in starts for number in start.kills]
     random.Random(SEED).shuffle(every)
     if KILLS == "all":
         return every
@@ -177,7 +189,8 @@ def test_a_run_killed_after_any_task_is_made_good_by_the_next(
             fault = kill_and_run_again(board, case)
         print(f"{done} of {len(cases)}: {case}: {fault or 'good'}", flush=True)
         wrong += [f"{case}: {fault}"] if fault else []
-    print(f"killed after {len(cases)} of {sum(len(start.tasks) for start in starts)} tasks (seed {SEED})")
+    kills, tasks = sum(len(start.kills) for start in starts), sum(len(start.tasks) for start in starts)
+    print(f"{len(cases)} of {kills} kills, which stand for {tasks} tasks (seed {SEED})")
     assert wrong == []
 
 

@@ -85,6 +85,15 @@ class NamespaceBoard:
             "ansible_ssh_transfer_method": "piped",
         }
 
+    def listing(self, tasks: Path) -> dict[str, str]:
+        """Return the environment of callbacks/list_tasks.py, which lists a playbook's tasks in this file."""
+        return {
+            "PALPATE_TASKS": str(tasks),
+            "PALPATE_WRITTEN": str(self.written),
+            "PALPATE_FIRST": str(self._pid),
+            "PALPATE_CGROUP": str(self._cgroup),
+        }
+
     def power_cut(self) -> None:
         """Every process is gone at once; what it wrote stays."""
         if self._first is None:

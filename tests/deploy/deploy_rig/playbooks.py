@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,12 +41,17 @@ class Playbooks:
         self._folder, self._key, self._groups = folder, key, groups
 
     def play(
-        self, book: str, *words: str, kill_after: str | int = "", tasks: Path | None = None, **variables: Any
+        self,
+        book: str,
+        *words: str,
+        kill_after: str | int = "",
+        listing: Mapping[str, str] | None = None,
+        **variables: Any,
     ) -> Played:
         """One playbook with these words.
 
         variables: of all boards. kill_after: ansible is killed after this task (its name or number).
-        tasks: a file that lists the tasks that ran (callbacks/kill_after.py).
+        listing: of NamespaceBoard, to list the tasks that ran.
         """
         common = {
             "ansible_user": "root",
@@ -68,15 +74,13 @@ class Playbooks:
             "ANSIBLE_LOCAL_TEMP": str(self._folder / "ansible"),
             "ANSIBLE_SSH_CONTROL_PATH_DIR": str(self._folder / "cp"),
             "ANSIBLE_NOCOLOR": "1",
+            "ANSIBLE_CALLBACK_PLUGINS": str(Path(__file__).with_name("callbacks")),
             "PATH": f"{ansible('').absolute()}:{os.environ['PATH']}",
         }
-        if kill_after or tasks:
-            surroundings["ANSIBLE_CALLBACK_PLUGINS"] = str(Path(__file__).with_name("callbacks"))
-            surroundings["ANSIBLE_CALLBACKS_ENABLED"] = "kill_after"
         if kill_after:
-            surroundings["PALPATE_KILL_AFTER"] = str(kill_after)
-        if tasks:
-            surroundings["PALPATE_TASKS"] = str(tasks)
+            surroundings |= {"ANSIBLE_CALLBACKS_ENABLED": "kill_after", "PALPATE_KILL_AFTER": str(kill_after)}
+        if listing:
+            surroundings |= {"ANSIBLE_CALLBACKS_ENABLED": "list_tasks", **listing}
         answer = subprocess.run(
             command, capture_output=True, text=True, env=surroundings, check=False, start_new_session=True
         )
