@@ -23,8 +23,8 @@ class MountingKernel:
     def __init__(self, folder: Path, disk: Path) -> None:
         self._console, self._layer = folder / "console", folder / "layer"
         self._command = [
-            *("setpriv", "--pdeathsig", "KILL", *boot_command(folder, INIT)),
-            *(f"ubd0={self._layer},{disk}", "con0=fd:0,fd:1"),
+            *("setpriv", "--pdeathsig", "KILL", "unshare", "--pid", "--fork", "--kill-child"),
+            *(*boot_command(folder, INIT), f"ubd0={self._layer},{disk}", "con0=fd:0,fd:1"),
         ]
         self._machine: subprocess.Popen[bytes] | None = None
 
