@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -52,10 +53,13 @@ class FingertipBoard:
     folder: Path
 
     def play(self, book: str, *words: str, **variables: Any) -> Played:
-        """Run a playbook on the board and print its time."""
-        begin_s = time.monotonic()
+        """Run a playbook on the board and print its time, and the processor time that it took."""
+        begin_s, before = time.monotonic(), (_children_s(), self.machine.processor_s())
         played = self.playbooks.play(book, *words, **variables)
-        print(f"{book} {' '.join(words)}: {played.changed} changed, {time.monotonic() - begin_s:.0f} s")
+        taken_s = time.monotonic() - begin_s
+        ansible_s, board_s = _children_s() - before[0], self.machine.processor_s() - before[1]
+        processor = f"processor: ansible {ansible_s:.0f} s, board {board_s:.0f} s"
+        print(f"{book} {' '.join(words)}: {played.changed} changed, {taken_s:.0f} s ({processor})")
         return played
 
     def shown(self, name: str, unit: str = SERVICE) -> str:
@@ -65,6 +69,12 @@ class FingertipBoard:
     def serving(self) -> str:
         """Return the active release."""
         return self.machine.run("readlink", "/opt/palpate/current", check=False).removeprefix("releases/")
+
+
+def _children_s() -> float:
+    """Return the processor time of the programs that this process has waited for."""
+    used = os.times()
+    return used.children_user + used.children_system
 
 
 @contextmanager

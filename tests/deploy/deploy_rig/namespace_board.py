@@ -85,6 +85,11 @@ class NamespaceBoard:
             "ansible_ssh_transfer_method": "piped",
         }
 
+    def processor_s(self) -> float:
+        """Return the processor time of all its processes since its boot."""
+        used = (self._cgroup / "cpu.stat").read_text().partition("usage_usec ")[2]
+        return int(used.partition("\n")[0]) / 1e6
+
     def listing(self, tasks: Path) -> dict[str, str]:
         """Return the environment of callbacks/list_tasks.py, which lists a playbook's tasks in this file."""
         return {
