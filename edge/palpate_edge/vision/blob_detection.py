@@ -32,53 +32,77 @@ class Blobs(msgspec.Struct, frozen=True):
         return Blobs(self.position_px[:count], self.strength[:count])
 
 
-def find_blobs(
-    dark: Plane,
-    diameter_px: float,
-    min_strength: float = MIN_STRENGTH,
-    *,
-    most: int | None = None,
-    halvings: int = 0,
-) -> Blobs:
-    """Return dark blobs of about `diameter_px` in a plane, at least `min_strength` grey levels strong.
-
-    most: at most so many, the strongest; None: all. halvings: how often the plane was halved before;
-    diameter_px and the blobs' places are of the whole image.
+class BlobDetector:
+    """Finds dark blobs of about one diameter in a stream of planes; its memory is reused.
 
     Strength is the scale-normalised root of the Hessian's determinant, about the blob's depth in grey levels.
     Large blobs are searched at a half or a quarter of the resolution: their filter is then as wide as small
     blobs' is. Places are right to a few tenths of a pixel.
     """
-    wanted = max(halvings, sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX))
-    binning = 2**wanted
-    for _ in range(wanted - halvings):  # OpenCV takes means of two by two much faster than of four by four
-        dark = halved(dark)
-    smooth: Floats = dark.astype(np.float32)
-    sigma = SCALE_OF_DIAMETER * diameter_px / binning
-    width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
-    cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
-    xx, yy, xy = (
-        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3), np.float32)
-        for order in ((2, 0), (0, 2), (1, 1))
-    )
-    cv2.threshold(xx, 0.0, 0.0, cv2.THRESH_TOZERO, dst=xx)  # bright spots then have no positive determinant
-    determinant: Floats = np.multiply(xx, yy, out=xx)
-    determinant -= np.multiply(xy, xy, out=xy)
-    to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
-    limit = (min_strength / to_strength) ** 2
-    reach = max(1, round(0.45 * diameter_px / binning))
+
+    def __init__(
+        self, diameter_px: float, min_strength: float = MIN_STRENGTH, most: int | None = None
+    ) -> None:
+        """min_strength: grey levels; most: at most so many, the strongest; None: all."""
+        self._halvings = sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX)
+        self._diameter_px, self._min_strength, self._most = diameter_px, min_strength, most
+        self._planes: tuple[Floats, ...] = (np.empty((0, 0), np.float32),)
+
+    def find(self, dark: Plane, halvings: int = 0) -> Blobs:
+        """Return the blobs of a plane.
+
+        halvings: how often the plane was halved before; the blobs' places are of the whole image.
+        """
+        wanted = max(halvings, self._halvings)
+        binning = 2**wanted
+        for _ in range(
+            wanted - halvings
+        ):  # OpenCV takes means of two by two much faster than of four by four
+            dark = halved(dark)
+        if self._planes[0].shape != dark.shape:
+            self._planes = tuple(np.empty(dark.shape, np.float32) for _ in range(4))
+        smooth, xx, yy, xy = self._planes
+        diameter = self._diameter_px / binning
+        sigma = SCALE_OF_DIAMETER * diameter
+        width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
+        np.copyto(smooth, dark)
+        cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
+        cv2.Sobel(smooth, cv2.CV_32F, 2, 0, dst=xx, ksize=3)
+        cv2.Sobel(smooth, cv2.CV_32F, 0, 2, dst=yy, ksize=3)
+        cv2.Sobel(smooth, cv2.CV_32F, 1, 1, dst=xy, ksize=3)
+        cv2.threshold(xx, 0.0, 0.0, cv2.THRESH_TOZERO, dst=xx)  # so bright spots have no positive determinant
+        determinant: Floats = np.multiply(xx, yy, out=xx)
+        determinant -= np.multiply(xy, xy, out=xy)
+        to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
+        index = _peaks(
+            determinant, max(1, round(0.45 * diameter)), (self._min_strength / to_strength) ** 2, yy
+        )
+        strength = to_strength * np.sqrt(determinant.ravel()[index]).astype(np.float64)
+        order = np.argsort(-strength, kind="stable")[: self._most]
+        place = _highest_points(determinant, index[order])
+        place *= binning
+        place += 0.5 * (binning - 1)
+        return Blobs(place, strength[order])
+
+
+def find_blobs(
+    dark: Plane, diameter_px: float, min_strength: float = MIN_STRENGTH, *, most: int | None = None
+) -> Blobs:
+    """Return dark blobs of about `diameter_px` in one plane; see :class:`BlobDetector`."""
+    return BlobDetector(diameter_px, min_strength, most).find(dark)
+
+
+def _peaks(values: Floats, reach: int, limit: float, work: Floats) -> Indices:
+    """Return the flat indices (n,) of pixels above `limit` that are highest within `reach` pixels.
+
+    The pixels of the plane's edge are left out. work: memory of the shape of `values`.
+    """
     near = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * reach + 1, 2 * reach + 1))
-    highest = cv2.dilate(determinant, near, dst=yy)
-    peak = determinant >= highest
-    peak &= determinant > limit
+    highest = cv2.dilate(values, near, dst=work)
+    peak = values >= highest
+    peak &= values > limit
     peak[0] = peak[-1] = peak[:, 0] = peak[:, -1] = False
-    index = peak.ravel().nonzero()[0]
-    strength = to_strength * np.sqrt(determinant.ravel()[index]).astype(np.float64)
-    order = np.argsort(-strength, kind="stable")[:most]
-    place = _highest_points(determinant, index[order])
-    place *= binning
-    place += 0.5 * (binning - 1)
-    return Blobs(place, strength[order])
+    return np.asarray(peak.ravel().nonzero()[0])
 
 
 def _highest_points(values: Floats, index: Indices) -> Array:

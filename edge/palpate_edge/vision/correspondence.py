@@ -30,11 +30,12 @@ from palpate_edge.common.arrays import Array, Indices, Mask, median
 from palpate_edge.geometry.points import distances
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.local_warp import LocalWarp
-from palpate_edge.vision.nearest_blob import NO_BLOB, NearestBlob
+from palpate_edge.vision.nearest_blob import NO_BLOB, KnownBlobs, NearestBlob
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 START_GATE = 0.5  # local spacings, from the hypothesis to a blob
 GROWTH_GATE = 0.36  # from the prediction; it is right to about 0.1
+NEAR = 0.12  # from the prediction; half the least distance between blobs is more, so no other one is nearer
 PATCH_NEIGHBOURS, PATCH_REACH = 6, 1.7  # of a bead: count, and local spacings
 PATCH_STEP = 0.25  # local spacings, between the displacements of neighbours in one patch
 SMOOTH = 0.25  # local spacings; a bead farther from its prediction may be another one
@@ -76,6 +77,7 @@ class Correspondence:
         spacing_px = self._warp.spacing_px
         self._spacing_squared = median(spacing_px) ** 2
         self._start_gate, self._growth_gate = ((gate * spacing_px) ** 2 for gate in (START_GATE, GROWTH_GATE))
+        self._near_squared = (NEAR * spacing_px) ** 2
         self._smooth_squared = (SMOOTH * spacing_px) ** 2
         self._some = slice(None, None, max(1, len(spacing_px) // RANKING_BEADS))
         self._near = neighbourhood.nearest(PATCH_NEIGHBOURS)
@@ -156,13 +158,11 @@ class Correspondence:
             predicted, support = self._warp.predict(displacement_px, known)
             place_px = self._reference_px + predicted
             gate = np.where(support >= MIN_SUPPORT, self._growth_gate, 0.0)
-            blob = nearest.assign(place_px, gate)
+            blob = nearest.assign(place_px, gate, KnownBlobs(last, self._near_squared))
             if (blob == last).all():
                 break
             known, last = blob != NO_BLOB, blob
-            displacement_px = np.where(
-                known[:, None], blobs.position_px[blob] - self._reference_px, predicted
-            )
+            displacement_px = blobs.position_px[blob] - self._reference_px
         return Match(last, place_px, self._doubt(blobs, last, place_px)), rounds
 
     def _doubt(self, blobs: Blobs, blob: Indices, place_px: Array) -> float:

@@ -2,7 +2,7 @@
 
 Skin stretches smoothly, so near one bead the displacement is a plane: a shift and a gradient. Both are fitted
 to the neighbours with Gaussian weights, without the bead itself. All sums of all beads are one product of a
-matrix (12, n) and a constant one (n, n).
+matrix (12, n) and a constant one (n, n). Where all beads are known the whole fit is a constant matrix (n, n).
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ class LocalWarp:
         x, y = ((place - place.mean(axis=0)) / self._unit_px).T.astype(np.float32)
         self._x, self._y = x, y
         self._terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+        total, x_mean, y_mean, along_x, along_y = self._affine(self._terms @ self._weight)
+        relative_x, relative_y = x[:, None] - x_mean, y[:, None] - y_mean
+        of_all = self._weight / total * (1.0 + along_x * relative_x + along_y * relative_y)
+        self._of_all: Floats = np.ascontiguousarray(of_all.T)
 
     def predict(self, displacement_px: Array, known: Mask) -> tuple[Array, Array]:
         """Return the displacement (n, 2) of each bead as the `known` (n,) others predict it, and the support.
@@ -45,25 +49,36 @@ class LocalWarp:
         Support (n,), 0 to 1: weight of the known neighbours, of all neighbours. A bead without support is
         given displacement 0.
         """
-        place_x, place_y = self._x, self._y
+        if known.all():
+            predicted = self._of_all @ displacement_px.astype(np.float32)
+            return predicted.astype(np.float64), np.ones(len(known))
         values = np.empty((12, len(known)), np.float32)
         np.multiply(self._terms, known, out=values[:6])
-        np.multiply(displacement_px.T, known / self._unit_px, out=values[6:8], casting="same_kind")
-        np.multiply(values[6:8], place_x, out=values[8:10])
-        np.multiply(values[6:8], place_y, out=values[10:])
+        np.multiply(displacement_px.T, known, out=values[6:8], casting="same_kind")
+        np.multiply(values[6:8], self._x, out=values[8:10])
+        np.multiply(values[6:8], self._y, out=values[10:])
         sums = values @ self._weight
-        total = np.maximum(sums[0], 1e-6)
-        sums /= total
-        x, y = sums[1], sums[2]
-        xx = sums[3] - x * x + GRADIENT_RIDGE
-        xy = sums[4] - x * y
-        yy = sums[5] - y * y + GRADIENT_RIDGE
+        total, x, y, along_x, along_y = self._affine(sums[:6])
+        sums[6:] /= total
         shift = sums[6:8]
-        along_x = sums[8:10] - shift * x
-        along_y = sums[10:] - shift * y
-        ahead_x, ahead_y = place_x - x, place_y - y
-        per_determinant = self._unit_px / (xx * yy - xy * xy)
-        shift *= self._unit_px
-        shift += ((ahead_x * yy - ahead_y * xy) * per_determinant) * along_x
-        shift += ((ahead_y * xx - ahead_x * xy) * per_determinant) * along_y
+        shift_x = (sums[8:10] - shift * x) * along_x
+        shift += (sums[10:] - shift * y) * along_y
+        shift += shift_x
         return shift.T.astype(np.float64), total * self._per_all
+
+    def _affine(self, sums: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Return (n,) each: total weight, mean place in x and y, and the factors of the displacement's
+        moments about that place in x and in y.
+
+        sums (6, n): of the weighted terms.
+        """
+        total = np.maximum(sums[0], 1e-6)
+        x, y, xx, xy, yy = sums[1:] / total
+        xx = xx - x * x + GRADIENT_RIDGE
+        xy = xy - x * y
+        yy = yy - y * y + GRADIENT_RIDGE
+        ahead_x, ahead_y = self._x - x, self._y - y
+        per_determinant = 1.0 / (xx * yy - xy * xy)
+        along_x = (ahead_x * yy - ahead_y * xy) * per_determinant
+        along_y = (ahead_y * xx - ahead_x * xy) * per_determinant
+        return total, x, y, along_x, along_y

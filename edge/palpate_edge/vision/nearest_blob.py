@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices
 
 NO_BLOB = -1
+
+
+class KnownBlobs(NamedTuple):
+    """Blobs (n,) of the same beads in the round before.
+
+    near_squared (n,): squared distance, px^2, from such a blob, within which a place has no nearer one.
+    """
+
+    blob: Indices
+    near_squared: Array
 
 
 class NearestBlob:
@@ -33,12 +45,12 @@ class NearestBlob:
         apart = self._blob_px[blob] - place_px
         return blob, np.asarray(np.vecdot(apart, apart))
 
-    def assign(self, place_px: Array, gate_squared: Array) -> Indices:
+    def assign(self, place_px: Array, gate_squared: Array, known: KnownBlobs | None = None) -> Indices:
         """Return for each place (n, 2) its blob (n,), or NO_BLOB; a blob goes to the nearest place only.
 
-        gate_squared (n,): limit of the squared distance, px^2.
+        gate_squared (n,): limit of the squared distance, px^2; known: not looked up again where near.
         """
-        blob, squared = self.look_up(place_px)
+        blob, squared = self.look_up(place_px) if known is None else self._look_up_again(place_px, known)
         partner = np.where(squared < gate_squared, blob, NO_BLOB)
         near = (partner != NO_BLOB).nonzero()[0]
         wanted = partner[near]
@@ -48,3 +60,13 @@ class NearestBlob:
             owner[blob[near]] = near  # of several places the last one written is the nearest
             partner[near[owner[blob[near]] != near]] = NO_BLOB
         return partner
+
+    def _look_up_again(self, place_px: Array, known: KnownBlobs) -> tuple[Indices, Array]:
+        """Return the same as :meth:`look_up`; only places (n, 2) off their known blob are searched."""
+        blob = known.blob.copy()
+        apart = self._blob_px[blob] - place_px
+        squared = np.vecdot(apart, apart)
+        others = ((squared > known.near_squared) | (blob == NO_BLOB)).nonzero()[0]
+        if len(others):
+            blob[others], squared[others] = self.look_up(place_px[others])
+        return blob, squared

@@ -25,7 +25,7 @@ from palpate_edge.geometry.points import distances
 from palpate_edge.vision.appearance import Appearance, plane, plane_of_colours
 from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
 from palpate_edge.vision.binning import HalvedPixels
-from palpate_edge.vision.blob_detection import find_blobs
+from palpate_edge.vision.blob_detection import BlobDetector
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
 from palpate_edge.vision.symmetric_fit import COLOUR, SymmetricFit
@@ -68,7 +68,9 @@ class Tracker:
         self._labels = LabelCheck(reference)
         self._correspondence = Correspondence(reference.neighbourhood)
         self._diameter_px = median(reference.diameter_px)
-        self._min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * median(reference.contrast))
+        min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * median(reference.contrast))
+        most = int(BLOBS_PER_BEAD * len(reference.position_px))
+        self._blobs = BlobDetector(self._diameter_px, min_strength, most)
         self._fit, self._fit_sigma_px, self._fits_grey = None, 1.0, False
         if reference.fit_sigma_px is not None:
             self._fit = SymmetricFit(
@@ -79,7 +81,6 @@ class Tracker:
             )
             self._fits_grey = reference.fit_channels == GREY_FIT
             self._fit_sigma_px = reference.fit_sigma_px
-        self._max_blobs = int(BLOBS_PER_BEAD * len(reference.position_px))
         self.counters = TrackingCounters()
         self.reset()
 
@@ -224,9 +225,7 @@ class Tracker:
     def _in_whole_image(self, dark: Plane, halvings: int) -> Beads:
         """Match the blobs of the whole image with the beads."""
         self.counters.searches += 1
-        blobs = find_blobs(
-            dark, self._diameter_px, self._min_strength, most=self._max_blobs, halvings=halvings
-        )
+        blobs = self._blobs.find(dark, halvings)
         hypotheses = (
             [self._reference.position_px]
             if self._is_reference

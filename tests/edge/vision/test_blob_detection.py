@@ -8,7 +8,7 @@ import pytest
 
 from palpate_edge.vision.appearance import Appearance, plane, unlit_grey
 from palpate_edge.vision.binning import HalvedPixels, halved
-from palpate_edge.vision.blob_detection import find_blobs
+from palpate_edge.vision.blob_detection import BlobDetector, find_blobs
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.unknown_layout import beads_without_layout
@@ -195,7 +195,7 @@ def test_beads_are_counted_without_a_layout(another_dome, colours, bright):
 def test_a_halved_plane_shows_the_same_blobs(scattered):
     _, draw = scattered
     dark = plane(draw(noise=2.0, **DARK), Appearance()).astype(np.float32)
-    halved_px = find_blobs(halved(dark), 12.0, halvings=1)
+    halved_px = BlobDetector(12.0).find(halved(dark), halvings=1)
     whole_px = find_blobs(dark, 12.0)
     assert np.array_equal(halved_px.position_px, whole_px.position_px)
     assert np.array_equal(halved_px.strength, whole_px.strength)

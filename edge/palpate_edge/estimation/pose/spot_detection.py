@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate_edge.common.arrays import Plane
-from palpate_edge.vision.blob_detection import Blobs, find_blobs
+from palpate_edge.vision.blob_detection import BlobDetector, Blobs
 from palpate_edge.vision.subpixel import Refiner
 
 SPARE = 1.5  # spots that are kept, over the sensor's number of markers
@@ -17,13 +17,14 @@ class SpotDetector:
     """Finds spots of one size, about `count` of them, at least `weakest_strength` strong."""
 
     def __init__(self, diameter_px: float, weakest_strength: float, count: int) -> None:
-        self._diameter_px, self._weakest = diameter_px, weakest_strength
-        self._most = int(SPARE * count) + 1
-        self._refiner = Refiner(np.full(self._most, diameter_px))
+        self._diameter_px = diameter_px
+        most = int(SPARE * count) + 1
+        self._blobs = BlobDetector(diameter_px, weakest_strength, most)
+        self._refiner = Refiner(np.full(most, diameter_px))
 
     def find(self, dark: Plane) -> Blobs:
         """Return the spots in a plane (see appearance.plane), the strongest first."""
-        blobs = find_blobs(dark, self._diameter_px, self._weakest, most=self._most)
+        blobs = self._blobs.find(dark)
         rough_px = blobs.position_px
         if not len(rough_px):
             return blobs
