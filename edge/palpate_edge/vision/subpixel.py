@@ -183,7 +183,7 @@ class Refiner:
                 skin = skin - self._unlit
             lit = np.maximum(np.abs(skin), np.maximum(DARKEST_SKIN * contrast, 1.0))
             slope = self._slope[some] / np.copysign(lit, skin)[:, None]
-            weight *= np.column_stack([-scale, slope]) @ self._one_and_steps
+            weight *= np.concatenate((-scale[:, None], slope), axis=1) @ self._one_and_steps
         weight += (skin * scale - GATE)[:, None]
         weight += self._added if self._alike else self._added[some]
         cv2.threshold(weight, 0.0, 0.0, cv2.THRESH_TOZERO, dst=weight)

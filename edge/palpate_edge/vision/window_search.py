@@ -39,7 +39,8 @@ class WindowSearch:
     """Measures one reference's beads near expected places and accepts those that look as in the reference."""
 
     def __init__(self, reference: Reference) -> None:
-        spacing_px = reference.neighbourhood.spacing_px
+        self._neighbourhood = reference.neighbourhood
+        spacing_px = self._neighbourhood.spacing_px
         self._refiner = Refiner(reference.diameter_px, spacing_px, reference.shading)
         self._spacing_squared = spacing_px**2
         self._contrast = np.maximum(reference.contrast, 1e-3).astype(np.float32)
@@ -91,7 +92,10 @@ class WindowSearch:
             jumped = np.count_nonzero((step_squared > self._jump_squared) & there)
             if jumped > MAX_JUMPED_SHARE * len(there):
                 return None
-        self._go_on(expected_px, step, step_squared, (there & ~refined.converged).nonzero()[0])
+        moving = (there & ~refined.converged).nonzero()[0]
+        if len(moving):
+            reach = np.minimum(1.0, np.sqrt(self._max_step_squared[moving] / step_squared[moving]))
+            self._go_on(expected_px[moving] + reach[:, None] * step[moving], moving, there)
         found = self._contrast_share > MIN_CONTRAST_SHARE
         found &= refined.converged
         found &= refined.area > self._min_area
@@ -106,19 +110,31 @@ class WindowSearch:
         step = position_px - expected_px
         return np.asarray(np.vecdot(step, step) < MAX_STEP**2 * self._spacing_squared)
 
-    def _go_on(self, expected_px: Array, step: Array, step_squared: Array, moving: Indices) -> None:
-        """Measure the `moving` beads (m,) again, that first windows about `expected_px` (n, 2) showed off
-        their centres by `step` (n, 2)."""
-        if not len(moving):
-            return
+    def _go_on(self, start_px: Array, moving: Indices, there: Mask) -> None:
+        """Measure the `moving` beads (m,), which were off the centres of their first windows, again.
+
+        start_px (m, 2): centres of the next windows; there (n,): which first windows showed a bead. The other
+        beads are looked for where their neighbours predict them, together with the beads that are still off.
+        """
         last = self._last
-        reach = np.minimum(1.0, np.sqrt(self._max_step_squared[moving] / step_squared[moving]))
-        start_px = expected_px[moving] + reach[:, None] * step[moving]
-        again = self._refiner.centroids(start_px, moving, MAX_WINDOWS - 1)
-        last.position_px[moving], last.contrast[moving] = again.position_px, again.contrast
-        last.area[moving], last.unevenness[moving] = again.area, again.unevenness
-        last.converged[moving] = again.converged
-        self._contrast_share[moving] = again.contrast / self._contrast[moving]
+        if there.all():
+            self._measure_again(start_px, moving, MAX_WINDOWS - 1)
+            return
+        self._measure_again(start_px, moving, 1)
+        off, faint = moving[~last.converged[moving]], (~there).nonzero()[0]
+        predicted_px = self._neighbourhood.predict(last.position_px, there, faint)
+        self._last_start_px = self._last_start_px.copy()
+        self._last_start_px[faint] = predicted_px
+        start_px = np.concatenate((last.position_px[off], predicted_px))
+        self._measure_again(start_px, np.concatenate((off, faint)), MAX_WINDOWS)
+
+    def _measure_again(self, start_px: Array, beads: Indices, max_windows: int) -> None:
+        """Measure `beads` (m,) about `start_px` (m, 2) and keep the result in place of their last one."""
+        last, again = self._last, self._refiner.centroids(start_px, beads, max_windows)
+        last.position_px[beads], last.contrast[beads] = again.position_px, again.contrast
+        last.area[beads], last.unevenness[beads] = again.area, again.unevenness
+        last.converged[beads] = again.converged
+        self._contrast_share[beads] = again.contrast / self._contrast[beads]
 
     def find_predicted(self, expected_px: Array, beads: Indices) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), as their neighbours predict them,
@@ -184,7 +200,8 @@ class WindowSearch:
 
     def _measure(self, start_px: Array, beads: Indices, max_windows: int) -> tuple[Refined, Array]:
         """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
-        refined = self._refiner.centroids(start_px, beads, max_windows)
+        which = None if len(beads) == len(self._contrast) else beads  # all beads in order: nothing to select
+        refined = self._refiner.centroids(start_px, which, max_windows)
         self._contrast_share[beads] = refined.contrast / self._contrast[beads]
         self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
         step = refined.position_px - start_px

@@ -217,3 +217,16 @@ def test_memory_of_halved_pixels_is_reused_by_images_of_any_shape():
         whole = image[: 2 * rows, : 2 * columns].astype(int)
         sums = whole.reshape(rows, 2, columns, 2, 3).sum(axis=(1, 3))
         assert np.array_equal(pixels.read(image), (sums + 2) // 4)
+
+
+def test_a_detector_gives_the_same_blobs_after_planes_of_other_sizes_and_types(scattered):
+    _, draw = scattered
+    dark = plane(draw(noise=2.0, **DARK), Appearance())
+    detector = BlobDetector(12.0)
+    first = detector.find(dark)
+    detector.find(dark[::-1])
+    detector.find(dark[:60, :80].astype(np.float32))
+    again = detector.find(dark)
+    assert len(first.strength)
+    assert (again.position_px == first.position_px).all()
+    assert (again.strength == first.strength).all()
