@@ -20,6 +20,7 @@ DEGREES = (1, 3)  # of the polynomial in the first rounds and in the others
 FIRST_ROUNDS = 12
 TURNS_DEG = tuple(range(-30, 31, 5))  # tried at first; a hexagon is alike again after 60
 MAX_APART = 0.2  # pitches, root mean square
+TURN_TOLERANCE_RAD = np.radians(5.0)  # of a layout onto itself: another turn was found from this one
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,13 @@ class RestRegistration:
         return np.asarray(
             _powers((places_px - self.centre_px) / self.scale_px, DEGREES[1]) @ self.coefficients
         )
+
+    def displacement_here(self, other_px: Array, displacement_px: Array) -> Array:
+        """Return displacements (s, 2 n) of the other sensor's markers, at rest at other_px (n, 2), as this
+        sensor's markers in its image."""
+        moved = displacement_px.reshape(len(displacement_px), -1, 2) + other_px
+        here = self.map(moved.reshape(-1, 2)).reshape(moved.shape) - self.map(other_px)
+        return np.asarray(here[:, self.order].reshape(len(here), -1))
 
 
 def register_rest(own_px: Array, other_px: Array) -> RestRegistration:
@@ -57,6 +65,19 @@ def register_rest(own_px: Array, other_px: Array) -> RestRegistration:
             f"{MAX_APART} are allowed: train a model with sensors of this layout, or leave --dome-model out"
         )
     return found[best]
+
+
+def register_turned(rest_px: Array, turn_rad: float) -> RestRegistration | None:
+    """Register markers at rest (n, 2), turned about their middle, with themselves; None where that turn does
+    not bring each marker to the place of one."""
+    registration = _register(rest_px, rest_px, turn_rad)
+    if _apart(registration, rest_px, rest_px) > MAX_APART:
+        return None
+    before, after = (
+        (rest_px[order] - rest_px.mean(axis=0)) @ (1, 1j) for order in (registration.order, slice(None))
+    )
+    found_rad = np.angle(np.vdot(before * np.exp(1j * turn_rad), after))
+    return registration if abs(found_rad) < TURN_TOLERANCE_RAD else None
 
 
 def _apart(registration: RestRegistration, own_px: Array, other_px: Array) -> float:

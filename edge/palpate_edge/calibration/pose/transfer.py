@@ -2,6 +2,7 @@
 
 The model's presses, brought into this sensor's image (transferred.py), stand in for its own: they give the
 modes of displacement, the guide from marker density to displacement, and a first regression of the labels.
+That is the average of regressions on the presses as they are and turned (turned_presses.py).
 The axes of this table follow from own presses (label_axes.py). What the first regression has wrong is learned
 from them (correction.py) and added.
 """
@@ -9,7 +10,7 @@ from them (correction.py) and added.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -20,12 +21,13 @@ from palpate_edge.calibration.pose.label_axes import AxisChange, declared_change
 from palpate_edge.calibration.pose.pose_model import PoseModel
 from palpate_edge.calibration.pose.press_matching import MIN_FOUND_TO_LEARN, is_clean
 from palpate_edge.calibration.pose.principal_modes import PrincipalModes, principal_modes
-from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, fit
+from palpate_edge.calibration.pose.regression.kernel_regression import choose_settings, evenly, fit
 from palpate_edge.calibration.pose.regression.label_regression import kinds_of
 from palpate_edge.calibration.pose.regression.metric_learning import LearnedMetric, learn_metrics
 from palpate_edge.calibration.pose.rest_markers import find_rest_markers
 from palpate_edge.calibration.pose.spots import press_spots
 from palpate_edge.calibration.pose.transferred import PressesHere, presses_here
+from palpate_edge.calibration.pose.turned_presses import turned_presses
 from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.datasets.pose_dataset import PoseDataset
 from palpate_edge.estimation.calibration import CalibrationSource
@@ -42,19 +44,62 @@ DENSITY_MODES, DISPLACEMENT_MODES = 60, 80
 GUIDE_LENGTHS = (1.0, 2.0, 4.0)
 GUIDED = 12  # displacement modes by which the guide's settings are chosen
 SMOOTHER = 10.0  # ridge over the one that fits the model's own sensors best
+TURNED_LABELS = ("depth", "tilt")  # kinds that the skin shows; how far it slips differs more than it leans
+MOST_JUDGED = 400  # presses that are predicted from all others
+STRONGEST = 24  # directions of a metric; a board computes a distance for every press, turn and kind
 OFF = 0.3  # deviations of a label; about what a model has wrong on another sensor
 UNSEEN_SENSOR = 2.0  # errors on a sensor without presses over those on the model's own, left out
 COVERING = 0.95
 
 
 @dataclass(frozen=True, slots=True)
+class TurnedFit:
+    """Regression of one kind of labels on the presses after one turn: an expansion about `points` (s, m) for
+    the labels at the places `some`. error (e, k): of presses predicted from all others."""
+
+    some: list[int]
+    points: Array
+    expansion: Expansion
+    error: Array
+
+    def changed(self, change: AxisChange, labels: Sequence[str]) -> TurnedFit:
+        """Return it for labels about other axes."""
+        own = [labels[place] for place in self.some]
+        weights, offset, error = (
+            change.applied(values.astype(np.float64), own)
+            for values in (self.expansion.weights.array(), self.expansion.offset.array()[None], self.error)
+        )
+        expansion = msgspec.structs.replace(self.expansion, weights=packed(weights), offset=packed(offset[0]))
+        return replace(self, expansion=expansion, error=error)
+
+
+@dataclass(frozen=True, slots=True)
 class Base:
-    """Regression on the model's presses: points (s, m) in the modes, each kind's metric and ridge."""
+    """Regression of each kind of labels on the model's presses, the average over some turns of these: `fits`
+    has a list for each kind. modes: of the presses after all turns; metrics: of each kind."""
 
     modes: PrincipalModes
-    points: Array
     kinds: list[list[int]]
     metrics: list[LearnedMetric]
+    fits: list[list[TurnedFit]]
+
+    def predicted(self, points: Array) -> Array:
+        """Return the labels (c, k) at points (c, m)."""
+        labels = np.zeros((len(points), sum(len(some) for some in self.kinds)))
+        for some, fits in zip(self.kinds, self.fits, strict=True):
+            for fitted in fits:
+                runner = ExpansionRunner(fitted.expansion, fitted.points)
+                each = [runner.at(point) for point in points.astype(np.float32)]
+                labels[:, some] += np.array(each) / len(fits)
+        return labels
+
+    def changed(self, change: AxisChange, labels: Sequence[str]) -> Base:
+        """Return it for labels about other axes."""
+        return replace(self, fits=[[each.changed(change, labels) for each in fits] for fits in self.fits])
+
+    def centres(self) -> Array:
+        """Return the points of all turns; those of the kind with most turns are those of all kinds."""
+        return np.concatenate([each.points for each in max(self.fits, key=len)])
 
 
 def calibrate_with_model(
@@ -80,8 +125,9 @@ def calibrate_with_model(
         moved[good], np.array([press.values for press in presses]).reshape(-1, len(dataset.labels))[good]
     )
     change, corrections, points = _adapt(base, here, own, dataset, model.axes)
-    targets = change.applied(here.targets, dataset.labels)
-    groups, half_width = _groups(base, targets, len(points))
+    targets, base = change.applied(here.targets, dataset.labels), base.changed(change, dataset.labels)
+    centres = np.concatenate([base.centres(), points])
+    groups, half_width = _groups(base, len(centres), targets.shape[1])
     if corrections:
         half_width = np.concatenate([each.half_width for each in corrections])[_order(base.kinds)]
     dropped = dropped_presses(
@@ -92,7 +138,6 @@ def calibrate_with_model(
         unused = [press for press, kept in zip(presses, good.tolist(), strict=True) if kept]
         dropped += dropped_presses(f"fewer than {FEWEST_OWN} own presses are not learned from", unused)
     progress(len(presses) + 1, len(presses) + 1)
-    count = len(base.points) + len(points)
     return PoseCalibration(
         sensor=dataset.sensor,
         appearance=rest.appearance,
@@ -104,24 +149,33 @@ def calibrate_with_model(
         mean=tuple((own.targets if len(points) else targets).mean(axis=0).tolist()),
         displacement=base.modes.as_modes(),
         guide=guide,
-        centres=packed(np.vstack([base.points, points])),
+        centres=packed(centres),
         groups=groups,
         half_widths=Expansion(
-            packed(np.eye(base.points.shape[1])),
-            packed(np.zeros((count, len(dataset.labels)))),
+            packed(np.eye(centres.shape[1])),
+            packed(np.zeros((len(centres), len(dataset.labels)))),
             packed(np.log(np.maximum(half_width, 1e-9))),
         ),
         source=CalibrationSource(dataset.folder.resolve().name, len(dataset.reference), len(points), dropped),
-        correction=_packed(base, targets, corrections) if corrections else msgspec.UNSET,
+        correction=_packed(base, targets, corrections, len(centres)) if corrections else msgspec.UNSET,
     )
 
 
 def _learn(here: PressesHere, labels: Sequence[str], rest_px: Array) -> tuple[Base, Guide]:
     """Return modes, metrics and guide from the model's presses."""
-    modes = principal_modes(here.displacement_px, DISPLACEMENT_MODES)
+    turned = turned_presses(here, rest_px, labels)
+    modes = principal_modes(np.concatenate([each.displacement_px for each in turned]), DISPLACEMENT_MODES)
     points = modes.coordinates(here.displacement_px)
     kinds = kinds_of(labels)
-    learned = learn_metrics(points, modes.variance, [here.targets[:, some] for some in kinds])
+    learned = learn_metrics(points, points.var(axis=0), [here.targets[:, some] for some in kinds])
+    metrics = [_strongest(rounds[METRIC_ROUND], points) for rounds in learned]
+    fits: list[list[TurnedFit]] = [[] for _ in kinds]
+    for number, each in enumerate(turned):
+        after = modes.coordinates(each.displacement_px)
+        turned_back = _rotation(after, points)
+        for some, metric, of_kind in zip(kinds, metrics, fits, strict=True):
+            if number == 0 or labels[some[0]].startswith(TURNED_LABELS):
+                of_kind.append(_fit_turned(after, turned_back, metric, each.targets, some))
     density = MarkerDensity(rest_px)
     codes = np.array(
         [density.of(rest_px + moved.reshape(-1, 2)) for moved in here.displacement_px], dtype=np.float64
@@ -133,7 +187,30 @@ def _learn(here: PressesHere, labels: Sequence[str], rest_px: Array) -> tuple[Ba
     )
     fitted = fit(centres, settings.metric(density_modes.variance), points, settings.ridge)
     guide = Guide(density_modes.as_modes(), packed(centres), fitted.expansion)
-    return Base(modes, points, kinds, [rounds[METRIC_ROUND] for rounds in learned]), guide
+    return Base(modes, kinds, metrics, fits), guide
+
+
+def _fit_turned(
+    points: Array, turned_back: Array, learned: LearnedMetric, targets: Array, some: list[int]
+) -> TurnedFit:
+    """Fit the labels `some` of targets (s, k) at points (s, m) that turned_back (m, m) turns to where the
+    metric was learned."""
+    judged = evenly(len(points), MOST_JUDGED)
+    metric = turned_back @ learned.metric
+    fitted = fit(points, metric, targets[:, some], SMOOTHER * learned.ridge, judged)
+    return TurnedFit(some, points, fitted.expansion, targets[judged][:, some] - fitted.left_out)
+
+
+def _strongest(learned: LearnedMetric, points: Array) -> LearnedMetric:
+    """Return a metric without the directions in which points (s, m) differ least."""
+    size = (points @ learned.metric).std(axis=0)
+    return replace(learned, metric=learned.metric[:, np.argsort(-size)[:STRONGEST]])
+
+
+def _rotation(points: Array, others: Array) -> Array:
+    """Return the orthogonal matrix (m, m) that brings points (s, m) nearest to others (s, m)."""
+    left, _, right = np.linalg.svd(points.T @ others)
+    return np.asarray(left @ right)
 
 
 def _matched(rest_px: Array, spots: list[Blobs], modes: PrincipalModes, guide: Guide) -> list[PairedMarkers]:
@@ -160,15 +237,9 @@ def _adapt(
     which these are; none of them with fewer than `FEWEST_OWN` presses."""
     change = declared_change(axes or LabelAxes(), dataset.sensor.labels or LabelAxes())
     if len(own.targets) < FEWEST_OWN:
-        return change, [], np.zeros((0, base.points.shape[1]))
+        return change, [], np.zeros((0, base.modes.vectors.shape[1]))
     points = base.modes.coordinates(own.displacement_px)
-    predicted = np.empty_like(own.targets)
-    for some, learned in zip(base.kinds, base.metrics, strict=True):
-        expansion = fit(
-            base.points, learned.metric, here.targets[:, some], SMOOTHER * learned.ridge
-        ).expansion
-        runner = ExpansionRunner(expansion, base.points)
-        predicted[:, some] = [runner.at(point) for point in points.astype(np.float32)]
+    predicted = base.predicted(points)
     change = measured_change(predicted, own.targets, dataset.labels) or change
     first, targets = (change.applied(values, dataset.labels) for values in (predicted, here.targets))
     left, deviation = own.targets - first, targets.std(axis=0)
@@ -181,29 +252,30 @@ def _adapt(
     return change, corrections, points
 
 
-def _groups(base: Base, targets: Array, own: int) -> tuple[tuple[LabelGroup, ...], Array]:
-    """Return the groups of the model's regression, followed by `own` centres without weight, and the half
-    widths (k,) on a sensor without presses of its own."""
-    groups, half_width = [], np.empty(targets.shape[1])
-    for some, learned in zip(base.kinds, base.metrics, strict=True):
-        fitted = fit(base.points, learned.metric, targets[:, some], SMOOTHER * learned.ridge)
-        weights = np.vstack([fitted.expansion.weights.array(), np.zeros((own, len(some)))])
-        groups.append(
-            LabelGroup(tuple(some), msgspec.structs.replace(fitted.expansion, weights=packed(weights)))
-        )
-        error = np.abs(targets[:, some] - fitted.left_out)
-        half_width[some] = UNSEEN_SENSOR * np.quantile(error, COVERING, axis=0)
+def _groups(base: Base, count: int, labels: int) -> tuple[tuple[LabelGroup, ...], Array]:
+    """Return the groups of the model's regression with weights of `count` centres, of which the base's are
+    the first, and the half widths (labels,) on a sensor without presses of its own."""
+    groups, half_width = [], np.zeros(labels)
+    for some, fits in zip(base.kinds, base.fits, strict=True):
+        for number, fitted in enumerate(fits):
+            weights, start = np.zeros((count, len(some))), number * len(fitted.points)
+            weights[start : start + len(fitted.points)] = fitted.expansion.weights.array() / len(fits)
+            offset = packed(fitted.expansion.offset.array() / len(fits))
+            expansion = msgspec.structs.replace(fitted.expansion, weights=packed(weights), offset=offset)
+            groups.append(LabelGroup(tuple(some), expansion))
+            error = np.quantile(np.abs(fitted.error), COVERING, axis=0)
+            half_width[some] += UNSEEN_SENSOR * error / len(fits)
     return tuple(groups), half_width
 
 
-def _packed(base: Base, targets: Array, corrections: list[OwnCorrection]) -> LabelCorrection:
-    """Return the corrections of all kinds, for labels in their units."""
+def _packed(base: Base, targets: Array, corrections: list[OwnCorrection], count: int) -> LabelCorrection:
+    """Return the corrections of all kinds, for labels in their units; own centres are the last of `count`."""
     order = _order(base.kinds)
     trend = np.hstack([each.trend for each in corrections])[:, order] / targets.std(axis=0)[:, None]
     offset = np.concatenate([each.offset for each in corrections])[order] - targets.mean(axis=0) @ trend
     groups = []
     for some, each in zip(base.kinds, corrections, strict=True):
-        weights = np.vstack([np.zeros((len(base.points), len(some))), each.weights])
+        weights = np.vstack([np.zeros((count - len(each.weights), len(some))), each.weights])
         expansion = Expansion(packed(each.metric), packed(weights), packed(np.zeros(len(some))), "matern")
         groups.append(LabelGroup(tuple(some), expansion))
     return LabelCorrection(packed(trend), packed(offset), tuple(groups))

@@ -39,11 +39,10 @@ def presses_here(model: PoseModel, rest_px: Array, labels: Sequence[str]) -> Pre
             "or train a model with it"
         )
     registration = register_rest(rest_px, model.rest_px)
-    start = registration.map(model.rest_px)
-    moved = model.displacement_px.reshape(len(model.targets), -1, 2) + model.rest_px
-    displacement = registration.map(moved.reshape(-1, 2)).reshape(moved.shape) - start
     columns = [model.labels.index(label) for label in labels]
-    return PressesHere(displacement[:, registration.order].reshape(len(moved), -1), model.targets[:, columns])
+    return PressesHere(
+        registration.displacement_here(model.rest_px, model.displacement_px), model.targets[:, columns]
+    )
 
 
 def predicted_labels(presses: PressesHere, displacement_px: Array) -> Array:
