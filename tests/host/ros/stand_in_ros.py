@@ -149,7 +149,7 @@ class ActionServer:
     def send(self, between: Callable[[], None] = lambda: None, **goal: Any) -> GoalHandle | None:
         """Send a goal, and return its handle; None for one that is rejected. between: runs before the
         handle is there."""
-        if self._begin(self.action_type.Goal(**goal)) != "accept":
+        if not _is_accepted(self._begin(self.action_type.Goal(**goal))):
             return None
         between()
         handle = GoalHandle(self)
@@ -158,7 +158,7 @@ class ActionServer:
 
     def cancel(self, handle: GoalHandle) -> bool:
         """Request to cancel a goal; return whether the server agrees."""
-        handle.is_cancel_requested = self._cancel(handle) == "accept"
+        handle.is_cancel_requested = _is_accepted(self._cancel(handle))
         return handle.is_cancel_requested
 
     def work(self) -> None:
@@ -169,6 +169,11 @@ class ActionServer:
 
     def destroy(self) -> None:
         self.is_destroyed = True
+
+
+def _is_accepted(answer: str) -> bool:
+    assert answer in ("accept", "reject")
+    return answer == "accept"
 
 
 class StandInNode:
