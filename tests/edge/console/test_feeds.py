@@ -239,13 +239,15 @@ def pair() -> Iterator[tuple[socket.socket, Callable[[], socket.socket | None]]]
         yield far, lambda: ends.pop() if ends else None
 
 
-def test_a_daemon_of_another_version_is_told():
+def test_a_daemon_of_another_version_is_told(monkeypatch):
+    monkeypatch.setattr(daemon_feed, "RETRY_S", 10.0)  # the text stays meanwhile
     with pair() as (far, connect), followed(connect) as (_, page):
         far.send(b'{"type": "greeting"}')
         page.until_state("the daemon is of another version: restart it and this console")
 
 
-def test_a_daemon_that_has_ended_is_told():
+def test_a_daemon_that_has_ended_is_told(monkeypatch):
+    monkeypatch.setattr(daemon_feed, "RETRY_S", 10.0)
     with pair() as (far, connect), followed(connect) as (_, page):
         page.until_state("live")
         far.close()

@@ -73,7 +73,7 @@ def test_a_hand_is_shown_commanded_and_lost(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_an_answer_is_shown_for_a_while_and_the_stop_event_ends_the_view(tmp_path, monkeypatch):
-    monkeypatch.setattr(command_hand, "NOTICE_S", 0.3)
+    monkeypatch.setattr(command_hand, "NOTICE_S", 1.5)
     stopped = threading.Event()
     with terminal_here(100, 24) as terminal:
         terminal.start(lambda: command_in_terminal(tmp_path / "none.sock", stopped))
