@@ -84,6 +84,7 @@ def test_fingers_on_the_axis_follow_without_taking_hold_again():
         np.testing.assert_allclose(step.point_m, point_m, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.4, 0.45])
 def test_less_friction_makes_shorter_steps_at_the_next_limit_that_fits(friction):
     turns, regrasps = split(planned(40.0, friction=friction))
@@ -93,6 +94,7 @@ def test_less_friction_makes_shorter_steps_at_the_next_limit_that_fits(friction)
     assert len(regrasps) == 4
 
 
+@pytest.mark.long
 def test_without_friction_enough_the_refusal_has_what_the_first_limit_needs():
     with pytest.raises(
         GaitRefusedError, match=r"at 28 deg, without finger .*pose_law.friction leaves 0.05"
@@ -101,6 +103,7 @@ def test_without_friction_enough_the_refusal_has_what_the_first_limit_needs():
     assert no.value.reason is GaitRefusal.FRICTION
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("reach", "why"),
     [({"within_m": 0.03}, r"at 28 deg finger 1 .*\(friction\)"), ({"within_m": 0.008}, r"\(joint range\)")],
@@ -111,6 +114,7 @@ def test_a_finger_that_gets_no_farther_is_refused(reach, why):
     assert refused.value.reason is GaitRefusal.REACH
 
 
+@pytest.mark.long
 def test_large_tips_are_in_each_others_way():
     """Tips of 100 mm beside faces 40 mm away: neighbours are 140 mm times sqrt 2 apart, 198 < 204 mm."""
     wide = IdealReach(within_m=0.2, radius_m=0.1, rolling_m=0.1)
