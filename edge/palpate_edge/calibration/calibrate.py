@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle, rotation_about_z
+from palpate_edge.geometry.camera_pose import PRIOR_SIGMA
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
@@ -51,14 +53,17 @@ def calibrate(
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
     model, regression, jig, typical, contact_fields = b"", None, None, None, None
+    open_rad = 0.0
     if dome is not None and not dataset.sensor.markers.rings:
-        measured = _rolled(dataset.sensor, dome, measured)
+        measured, open_rad = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
         dome = _seen(dataset.sensor, dome, measured)
         measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
+        if jig is not None and jig.used:
+            open_rad = 0.0  # its holes determine the angles
         typical = _typical_fields(dataset.sensor, dome, measured)
         model, regression, contact_fields = _train(
-            dataset.sensor, dome, measured, typical, lambda done: progress(images + done, total)
+            dataset.sensor, dome, measured, typical, open_rad, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
     off_px = measured.view.project(measured.registration.layout_mm) - measured.reference.position_px
@@ -152,14 +157,16 @@ def _upright(sensor: Sensor, measured: Measured) -> Measured:
     return turned(measured, sensor, rotation_about_z(mounting.turn_rad))
 
 
-def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> Measured:
-    """Return the measurement with the camera's roll from the presses; a learned layout leaves it open."""
+def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measured, float]:
+    """Return the measurement with the camera's roll from the presses, which a learned layout leaves open, and
+    the standard deviation, rad, of the angles that stay open: roll and magnification."""
     from palpate_edge.calibration.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    roll_rad = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
-    return turned(measured, sensor, rotation_about_z(roll_rad))
+    roll = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
+    open_rad = math.hypot(roll.sigma_rad, PRIOR_SIGMA[-1])
+    return turned(measured, sensor, rotation_about_z(roll.angle_rad)), open_rad
 
 
 def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
@@ -225,10 +232,12 @@ def _train(
     dome: DomeModel,
     measured: Measured,
     typical: TypicalFields | None,
+    open_rad: float,
     progress: Callable[[int], None],
 ) -> tuple[bytes, Regression, ContactFields | None]:
     """Return the correction model's ONNX file, the regression in it, and the sensor's contact fields.
 
+    open_rad: see confidence_radius.constant_radius.
     There are contact fields only where there are typical ones and where they improve the places.
     """
     from palpate_edge.calibration.contact_fit.combined_place import fit_combined_place  # noqa: PLC0415
@@ -249,6 +258,7 @@ def _train(
         sensor.dome.outer_radius_mm,
         lambda done, steps: progress(TRAINING_STEPS * done // steps),
         weighed_samples(measured, reader),
+        open_rad,
     )
     model = export(regression, sensor.fingerprint(), dome.fields)
     if typical is None:

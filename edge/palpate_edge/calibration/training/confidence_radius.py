@@ -8,6 +8,7 @@ determine all of it: some of a typical sensor are added (:mod:`upper_limit`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -23,6 +24,7 @@ RIDGE = 0.3  # times the root of the number of samples
 FLOOR = 1 / 1500  # of the dome's radius; a luckily small error says nothing
 UNTAUGHT = 1 / 40  # 95 % radius over the dome's without presses of the sensor itself, nothing hidden
 UNTAUGHT_HIDDEN_SLOPE = 1.3
+OPEN = 1.6  # 95 % of contacts up to 75 deg are off by less, over the dome's radius and the angles' deviation
 STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice as large
 # Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses.
 PRIOR_MEDIAN = 1 / 110  # of the dome's radius
@@ -47,10 +49,14 @@ class ConfidenceRadius:
     limit: float
 
 
-def constant_radius(radius_mm: float) -> ConfidenceRadius:
-    """For a sensor of which no press is known; radius_mm: of its dome."""
+def constant_radius(radius_mm: float, open_rad: float = 0.0) -> ConfidenceRadius:
+    """Return the radius for a sensor of which no press is known.
+
+    radius_mm: of its dome; open_rad: standard deviation of the contacts' angles that nothing determines, as
+    the camera's roll before a learned layout.
+    """
     return ConfidenceRadius(
-        float(np.log(UNTAUGHT * radius_mm)),
+        float(np.log(math.hypot(UNTAUGHT, OPEN * open_rad) * radius_mm)),
         np.zeros(0),
         UNTAUGHT_HIDDEN_SLOPE,
         np.zeros(0, np.bool_),

@@ -135,12 +135,13 @@ def fit(
     radius_mm: float,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     weighed: WeighedSamples | None = None,
+    open_rad: float = 0.0,
 ) -> Regression:
     """Fit to the sensor's own samples, to the dome model, or to both (at least one).
 
     radius_mm: of the dome, on which position errors are measured. Settings and uncertainty come from
     predictions of presses left out in turn. weighed: gives the stiffness when no sample has a force; needs
-    the dome model.
+    the dome model. open_rad: see constant_radius; for the dome model alone.
     """
     taught = samples is not None and (dome is None or samples.press.max() + 1 >= FEWEST_PRESSES)
     projection = _project(samples, dome, taught=taught)
@@ -160,7 +161,7 @@ def fit(
         samples = _with_assumed_forces(samples, projection, base)
     progress(1, 1 + SETTINGS)
     own: list[_Expansion] = []
-    radius, left_out = constant_radius(radius_mm), None
+    radius, left_out = constant_radius(radius_mm, open_rad), None
     if samples is not None and taught:
         own, radius, left_out = _fit_own(projection, base, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)

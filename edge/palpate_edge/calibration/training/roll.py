@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import msgspec
@@ -30,20 +30,29 @@ ROLL_SIGMA_RAD = 0.02  # of assembly, as in camera_fit.PRIOR_SIGMA
 MODEL_SIGMA = 0.03  # of the dome model's error across the meridian, over the dome's radius
 
 
-def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], dome: DomeModel) -> float:
-    """The likeliest angle, rad, about z from the view to the truth; 0 without presses.
+@dataclass(frozen=True, slots=True)
+class CameraRoll:
+    """Angle about z from the view to the truth, and its standard deviation."""
+
+    angle_rad: float
+    sigma_rad: float
+
+
+def camera_roll(reader: DisplacementReader, presses: Sequence[TrainingPress], dome: DomeModel) -> CameraRoll:
+    """Return the likeliest roll; 0 and the tolerance of assembly without presses.
 
     dome: of the size of the reader's sphere of beads.
     """
     if not presses:
-        return 0.0
+        return CameraRoll(0.0, ROLL_SIGMA_RAD)
     given = estimated_directions(reader, [press.beads for press in presses], dome)
     along = across = 0.0
     for (x, y, _), press in zip(given, presses, strict=True):
         along += float(x * press.direction[0] + y * press.direction[1])
         across += float(x * press.direction[1] - y * press.direction[0])
     told = max(0.0, along) / MODEL_SIGMA**2
-    return math.atan2(across, along) * told / (told + ROLL_SIGMA_RAD**-2)
+    known = told + ROLL_SIGMA_RAD**-2
+    return CameraRoll(math.atan2(across, along) * told / known, known**-0.5)
 
 
 def estimated_directions(reader: DisplacementReader, touches: Sequence[Beads], dome: DomeModel) -> Array:

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from palpate_edge.calibration.training.confidence_radius import (
     STRANGER_DEG,
+    UNTAUGHT,
+    constant_radius,
     fit_radius,
     left_out_residuals,
     strangeness,
@@ -108,6 +110,22 @@ def at_polar_angles(theta_deg, azimuth_rad=0.0):
     theta = np.radians(theta_deg)
     around = np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]) * np.ones((len(theta), 2))
     return np.column_stack([np.sin(theta)[:, None] * around, np.cos(theta)])
+
+
+@pytest.mark.parametrize("roll_sigma_rad", [0.0, 0.01, 0.02])
+@pytest.mark.parametrize("stretch_sigma", [0.0, 0.02])
+def test_the_radius_without_presses_covers_what_a_learned_layout_leaves_open(roll_sigma_rad, stretch_sigma):
+    """Contacts all over the dome up to 75 deg, each of another sensor: the roll moves a contact along its
+    parallel, the magnification along its meridian."""
+    rng, count = np.random.default_rng(0), 20_000
+    polar_rad = np.arccos(rng.uniform(np.cos(np.radians(75.0)), 1.0, count))
+    normal = rng.standard_normal((4, count))
+    of_model = UNTAUGHT / np.sqrt(-2 * np.log(0.05)) * normal[:2]  # 95 % within UNTAUGHT
+    along = roll_sigma_rad * normal[2] * np.sin(polar_rad) + of_model[0]
+    across = stretch_sigma * normal[3] * polar_rad + of_model[1]
+    radius = constant_radius(RADIUS_MM, float(np.hypot(roll_sigma_rad, stretch_sigma)))
+    covered = RADIUS_MM * np.hypot(along, across) <= np.exp(radius.level)
+    assert 0.93 <= covered.mean() <= 0.97
 
 
 def test_a_contact_is_as_strange_as_its_polar_angle_is_far_from_the_known_ones():

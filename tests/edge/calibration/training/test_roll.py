@@ -37,7 +37,7 @@ def measured(sample):
 def found_roll(sample, measured):
     radius_mm = sample.sensor.markers.radius_mm
     reader = DisplacementReader(measured.reference.position_px, measured.view, radius_mm)
-    return camera_roll(reader, training_presses(measured), load_dome_model().for_markers(radius_mm))
+    return camera_roll(reader, training_presses(measured), load_dome_model().for_markers(radius_mm)).angle_rad
 
 
 def test_a_camera_whose_layout_is_known_has_none(sample, measured):
