@@ -11,7 +11,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 
-_Row = tuple[float, float, float]
+Row = tuple[float, float, float]
+"""Three plain floats: for so few numpy's overhead exceeds the computation."""
 
 
 def inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Array:
@@ -19,7 +20,7 @@ def inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Array
     return np.array(inverse_rows(a, b, c, d, e, f))
 
 
-def inverse_rows(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[_Row, _Row, _Row]:
+def inverse_rows(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[Row, Row, Row]:
     """Return the rows of `inverse` in plain floats."""
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b

@@ -9,17 +9,19 @@ too, and only then does the law not depend on how the hand's frame is laid.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.symmetric import Row
 from palpate_host.control.kinematics import HandPose
 
 SINE_LIMIT_RAD = math.radians(60.0)
 COSINE_LIMIT = math.cos(SINE_LIMIT_RAD)
-_Rows = list[tuple[float, float, float]]
+_Rows = list[Row]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +47,7 @@ class Gains:
     position_stiffness_N_m: float = 0.0
     soft_limit_rad: float = 0.05
     velocity_joints: bool = False
-    joint_rows: tuple[tuple[float, float, float], ...] = field(init=False, repr=False, compare=False)
+    joint_rows: tuple[Row, ...] = field(init=False, repr=False, compare=False)
     """Range and torque limit of each joint in plain floats, for `limit_torque_Nm`."""
 
     def __post_init__(self) -> None:
@@ -170,27 +172,30 @@ def joint_torque_Nm(
     return force_torque_Nm(pose, qdot_rad_s, force, gains)
 
 
-def force_torque_Nm(
-    pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains, moment_Nm: Array | None = None
-) -> Array:
-    """Return the sum over the tips of J_i^T F_i (nq,), less damping, plus gravity.
-
-    moment_Nm: moments (n, 3) of the forces about the tips' centres, which add J_wi^T m_i.
-    """
+def force_torque_Nm(pose: HandPose, qdot_rad_s: Array, force_N: Array, gains: Gains) -> Array:
+    """Return the sum over the tips of J_i^T F_i (nq,), less damping, plus gravity."""
     jacobian = pose.tip_jacobian_m
     forces_to_joints = force_N.ravel().dot(jacobian.reshape(-1, jacobian.shape[2]))
-    if moment_Nm is not None:
-        turn = pose.tip_turn_jacobian
-        assert turn is not None
-        forces_to_joints += moment_Nm.ravel().dot(turn.reshape(-1, turn.shape[2]))
-    return with_damping_Nm(pose, qdot_rad_s, forces_to_joints, gains)
+    return _with_damping_Nm(pose, qdot_rad_s, forces_to_joints, gains)
 
 
-def with_damping_Nm(pose: HandPose, qdot_rad_s: Array, forces_to_joints: Array, gains: Gains) -> Array:
+def contact_torque_Nm(
+    pose: HandPose, qdot_rad_s: Array, force_N: Sequence[Row], moment_Nm: Sequence[Row], gains: Gains
+) -> Array:
+    """Return the sum of J_i^T F_i + J_wi^T m_i (nq,), less damping, plus gravity.
+
+    moment_Nm: of the forces about the tips' centres, n rows each.
+    """
+    assert pose.jacobian is not None
+    forces_to_joints = np.array([*force_N, *moment_Nm]).ravel().dot(pose.jacobian)
+    return _with_damping_Nm(pose, qdot_rad_s, forces_to_joints, gains)
+
+
+def _with_damping_Nm(pose: HandPose, qdot_rad_s: Array, forces_to_joints: Array, gains: Gains) -> Array:
     """Return torques (nq,) less damping, plus gravity.
 
-    Without damping and gravity for joints that turn with torque / B_d: their drives hold them up, and a
-    torque against gravity would make them climb.
+    Without both for joints that turn with torque / B_d: their drives hold them up, and a torque against
+    gravity would make them climb.
     """
     if gains.velocity_joints:
         return np.asarray(forces_to_joints)

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.control.control_law import Gains, force_torque_Nm
+from palpate_host.control.control_law import Gains, contact_torque_Nm
 from palpate_host.control.grasp_forces import ContactForces
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE, contact_jacobian_m
-from palpate_host.control.virtual_object import Grip, moments
+from palpate_host.control.virtual_object import Grip, moment_rows
 
 MOST_RATE_PER_S = 25.0
 """Largest rate c = K/B; ticks slower than 100 Hz limit it further."""
@@ -64,8 +64,8 @@ class JointHold:
         q_d = self.q_rad + np.einsum("iqa,ia->q", np.linalg.pinv(J_x, rcond=SINGULAR), inward_m)
         spring_Nm = self.stiffness_Nm_rad * (q_d - pose.q_rad)
         spring_Nm = _bounded(spring_Nm, J_x, grip.normal, most_N - forces.normal_N)
-        moment_Nm = moments(grip.to_contact_m, forces.force_N)
-        return spring_Nm + force_torque_Nm(pose, qdot_rad_s, forces.force_N, gains, moment_Nm)
+        moments_Nm = moment_rows(grip.to_contact_m.tolist(), forces.rows_N)
+        return spring_Nm + contact_torque_Nm(pose, qdot_rad_s, forces.rows_N, moments_Nm, gains)
 
 
 def joint_hold(q_rad: Array, friction: Sequence[float], gains: Gains, dt_s: float) -> JointHold:

@@ -28,13 +28,14 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
+from palpate_host.common.symmetric import Row
 from palpate_host.config.control_config import ControlConfig, PoseLawConfig
-from palpate_host.control.control_law import Gains, grasp_force_N, with_damping_Nm
+from palpate_host.control.control_law import Gains, contact_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
-from palpate_host.control.virtual_object import Grip, Row, VirtualObject, moment_rows
+from palpate_host.control.virtual_object import Grip, VirtualObject, moment_rows
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""
@@ -303,9 +304,7 @@ class PoseLaw:
         self.is_grip_at_limit = self.share < 1.0 or wanted_N is not force_N
         found.set_radius(self._radius_m(forces.normals_N))
         moments_Nm = moment_rows(grip.to_contact_m.tolist(), forces.rows_N)
-        assert pose.jacobian is not None
-        to_joints_Nm = np.array([*forces.rows_N, *moments_Nm]).ravel().dot(pose.jacobian)
-        return with_damping_Nm(pose, qdot_rad_s, to_joints_Nm, self._gains)
+        return contact_torque_Nm(pose, qdot_rad_s, forces.rows_N, moments_Nm, self._gains)
 
     def _pulls(self, gains: Stiffness) -> tuple[Row, Row, Row, Row]:
         """Return the stiffness' force and torque, and the rates of the integrals' force and torque."""

@@ -27,12 +27,12 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
+from palpate_host.common.symmetric import Row
 from palpate_host.control.kinematics import HandPose
 
 KEPT = 128
 """Number of earlier estimates kept for late contacts."""
 KEEP_EVERY_S = 0.004
-Row = tuple[float, float, float]
 
 
 class Grip(NamedTuple):
@@ -208,13 +208,8 @@ def times(matrix: Sequence[Row], v: Row) -> Row:
     return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
 
 
-def moments(arm_m: Array, force: Array) -> Array:
-    """Return a_i x f_i (n, 3) of rows (n, 3)."""
-    return np.array(moment_rows(arm_m.tolist(), force.tolist()))
-
-
 def moment_rows(arm_m: Sequence[Row], force: Sequence[Row]) -> list[Row]:
-    """Return `moments` in plain floats."""
+    """Return a_i x f_i of n rows."""
     return [
         (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
         for (x, y, z), (fx, fy, fz) in zip(arm_m, force, strict=True)
