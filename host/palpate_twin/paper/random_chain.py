@@ -98,8 +98,8 @@ def run_trial_in_chain(hand_toml: Path, trial: Trial, number: int, sensors: Path
     tick_s = 1.0 / config.control.tick_Hz
     is_lost = watch.held_tick != watch.ticks
     why = "" if watch.slid_tick is None else explanation(trial, tick_s * watch.slid_tick)
-    if is_lost and watch.reason:
-        why = f"{why}; {watch.reason}" if why else watch.reason
+    if is_lost and not why:
+        why = watch.reason
     status = loop.status
     slips = max(status.hold.slips) if status is not None and status.hold is not None else 0
     return RandomRun(
