@@ -17,6 +17,9 @@ from palpate_edge.vision.binning import halved
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
 BINNED_FROM_PX = 10.0, 16.0  # blobs of these diameters are searched on pixels of two by two, four by four
+COARSE_FROM_PX = 10.0, 12.0  # the same where their places are measured again
+SMALL_PX = 4.0  # diameter in searched pixels; the filter of smaller blobs is made narrower
+DIFFERENCE_VARIANCE = 0.6  # px^2, by which Sobel's smoothing (1/2) and a pixel's area (1/12) widen the filter
 KERNEL_SIGMAS = 2.5  # half the width of the filter
 MIN_STRENGTH = 1.0  # grey levels
 
@@ -41,10 +44,18 @@ class BlobDetector:
     """
 
     def __init__(
-        self, diameter_px: float, min_strength: float = MIN_STRENGTH, most: int | None = None
+        self,
+        diameter_px: float,
+        min_strength: float = MIN_STRENGTH,
+        most: int | None = None,
+        *,
+        coarse: bool = False,
     ) -> None:
-        """min_strength: grey levels; most: at most so many, the strongest; None: all."""
-        self._halvings = sum(diameter_px >= limit_px for limit_px in BINNED_FROM_PX)
+        """min_strength: grey levels; most: at most so many, the strongest; None: all; coarse: search at lower
+        resolution, where places are measured again."""
+        self._is_coarse = coarse
+        limits_px = COARSE_FROM_PX if coarse else BINNED_FROM_PX
+        self._halvings = sum(diameter_px >= limit_px for limit_px in limits_px)
         self._diameter_px, self._min_strength, self._most = diameter_px, min_strength, most
         self._planes: tuple[Floats, ...] = (np.empty((0, 0), np.float32),)
 
@@ -65,8 +76,9 @@ class BlobDetector:
         diameter = self._diameter_px / binning
         sigma = SCALE_OF_DIAMETER * diameter
         width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
+        blur = math.sqrt(sigma**2 - DIFFERENCE_VARIANCE) if self._is_coarse and diameter < SMALL_PX else sigma
         np.copyto(smooth, dark)
-        cv2.GaussianBlur(smooth, (width, width), sigma, dst=smooth)
+        cv2.GaussianBlur(smooth, (width, width), blur, dst=smooth)
         cv2.Sobel(smooth, cv2.CV_32F, 2, 0, dst=xx, ksize=3)
         cv2.Sobel(smooth, cv2.CV_32F, 0, 2, dst=yy, ksize=3)
         cv2.Sobel(smooth, cv2.CV_32F, 1, 1, dst=xy, ksize=3)

@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Indices, Mask, median
-from palpate_edge.geometry.points import distances
+from palpate_edge.geometry.points import as_complex, distances
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.local_warp import LocalWarp
 from palpate_edge.vision.nearest_blob import NO_BLOB, KnownBlobs, NearestBlob
@@ -129,15 +129,16 @@ class Correspondence:
 
     def patches(self, displacement_px: Array, known: Mask) -> Iterator[Mask]:
         """Yield the patches (n,) of the known beads, the largest first."""
-        x, y = displacement_px.T.astype(np.float32)
-        apart_x, apart_y = (axis[:, None] - axis[self._near] for axis in (x, y))
-        joined = self._joined & known[:, None] & known[self._near]
-        joined &= apart_x * apart_x + apart_y * apart_y < self._patch_step
+        moved = as_complex(displacement_px)
+        apart = moved[:, None] - moved.take(self._near)
+        joined = self._joined & known[:, None] & known.take(self._near)
+        joined &= apart.real**2 + apart.imag**2 < self._patch_step
         none = len(known)
         label = np.arange(none)
         joined_to = np.where(joined, self._near, label[:, None]).T.copy()  # minima along short rows are slow
-        while True:  # the smallest number of a patch spreads over it; every bead also takes its label's label
+        while True:  # a patch's smallest number spreads; every bead takes its label's label, twice
             lower = np.minimum(label, label[joined_to].min(axis=0))
+            lower = lower[lower]
             lower = lower[lower]
             if (lower == label).all():
                 break

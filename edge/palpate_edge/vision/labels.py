@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Mask
+from palpate_edge.geometry.points import as_complex
 from palpate_edge.vision.beads import Reference
 
 Labelling = tuple[Array, Mask]
@@ -49,9 +50,9 @@ class LabelCheck:
         displacement = position_px - self._reference_px
         if np.vecdot(displacement, displacement).max() < self._min_overlap_squared:
             return labelling
-        x, y = position_px.T.astype(np.float32)
-        apart_x, apart_y = (axis.take(self._pairs[0]) - axis.take(self._pairs[1]) for axis in (x, y))
-        near = (apart_x * apart_x + apart_y * apart_y < self._overlap_squared).nonzero()[0]
+        place = as_complex(position_px)
+        apart = place.take(self._pairs[0]) - place.take(self._pairs[1])
+        near = (apart.real**2 + apart.imag**2 < self._overlap_squared).nonzero()[0]
         if len(near):
             first, second = (ends[near] for ends in self._pairs)
             both = found[first] & found[second]

@@ -96,7 +96,7 @@ class Refiner:
         self._slope_shift = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
         self._half_area = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
         self._max_step = MAX_STEP * diameter[:, None]
-        self._converged_squared = (CONVERGED_STEP * diameter) ** 2
+        self._diameter_squared = diameter**2
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
@@ -117,12 +117,14 @@ class Refiner:
         max_steps: int = MAX_STEPS,
         min_contrast: Floats | float = 0.0,
         max_faint: int | None = None,
+        converged_step: float = CONVERGED_STEP,
     ) -> Refined:
         """Return the centroids of `beads` (m,), all if None, near `start_px` (m, 2) in the loaded plane.
 
         At most `max_steps` are taken, and no second one from faint places, where the contrast is below
-        `min_contrast` (m,). If more than `max_faint` starts are faint, no step is taken from any. A start
-        outside the image gives contrast 0 and stays where it is.
+        `min_contrast` (m,). If more than `max_faint` starts are faint, no step is taken from any. No step
+        follows one shorter than `converged_step` bead diameters. A start outside the image gives contrast 0
+        and stays where it is.
         """
         half = 0.5 * (self.binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self.binning
@@ -136,7 +138,8 @@ class Refiner:
         offset, contrast, area, unevenness = self._measure(levels, beads)
         there = centre + offset
         step = there - position
-        converged_squared = self._converged_squared if beads is None else self._converged_squared[beads]
+        squared = self._diameter_squared if beads is None else self._diameter_squared[beads]
+        converged_squared = converged_step**2 * squared
         step_squared = np.vecdot(step, step)
         moving = ((step_squared > converged_squared) & at_bead).nonzero()[0]
         for _ in range(max_steps - 1):

@@ -70,7 +70,7 @@ class Tracker:
         self._diameter_px = median(reference.diameter_px)
         min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * median(reference.contrast))
         most = int(BLOBS_PER_BEAD * len(reference.position_px))
-        self._blobs = BlobDetector(self._diameter_px, min_strength, most)
+        self._blobs = BlobDetector(self._diameter_px, min_strength, most, coarse=True)
         self._fit, self._fit_sigma_px, self._fits_grey = None, 1.0, False
         if reference.fit_sigma_px is not None:
             self._fit = SymmetricFit(

@@ -11,7 +11,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.neighbourhood import upper_median
-from palpate_edge.vision.subpixel import Refined, Refiner
+from palpate_edge.vision.subpixel import CONVERGED_STEP, Refined, Refiner
 
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
@@ -25,6 +25,7 @@ SAME_WINDOW = 0.15  # of the bead's diameter: a window so near to another one sh
 MIN_PREDICTED_CONTRAST_SHARE, MAX_PREDICTED_STEP = 0.2, 0.45
 # Of a bead whose blob was matched with it.
 MIN_BLOB_CONTRAST_SHARE, MAX_BLOB_STEP = 0.1, 0.35
+BLOB_STEP = 0.1  # of its diameter; centroids of the press sample are then right to 0.01 px (95 of 100)
 MAX_FAINT_STEP = 0.2  # of a bead below MIN_CONTRAST_SHARE, from its prediction; a speck may be anywhere
 # Places of dim beads and of beads beside glare are less exact: on a sensor in strong room light the error is
 # 0.2 px over the contrast's share, 0.5 px with an unevenness at its limit and 1 px with 0.1 more.
@@ -168,7 +169,7 @@ class WindowSearch:
 
         predicted_px (m, 2): where their neighbours predict them.
         """
-        refined, step_squared = self._measure(blob_px, beads, self._windows_of_blob)
+        refined, step_squared = self._measure(blob_px, beads, self._windows_of_blob, BLOB_STEP)
         self._excess[beads] = self._excess_of(refined.unevenness, beads)
         found = self._contrast_share[beads] > MIN_BLOB_CONTRAST_SHARE
         found &= refined.area < self._max_area[beads]
@@ -198,10 +199,12 @@ class WindowSearch:
         noise = np.where(glare, np.maximum(noise, by_glare), noise)
         return np.where(inexact, np.minimum(noise, MAX_NOISE), 1.0).astype(np.float32)
 
-    def _measure(self, start_px: Array, beads: Indices, max_windows: int) -> tuple[Refined, Array]:
+    def _measure(
+        self, start_px: Array, beads: Indices, max_windows: int, converged_step: float = CONVERGED_STEP
+    ) -> tuple[Refined, Array]:
         """Measure `beads` (m,) and return also the squared steps (m,) from their starts, squared spacings."""
         which = None if len(beads) == len(self._contrast) else beads  # all beads in order: nothing to select
-        refined = self._refiner.centroids(start_px, which, max_windows)
+        refined = self._refiner.centroids(start_px, which, max_windows, converged_step=converged_step)
         self._contrast_share[beads] = refined.contrast / self._contrast[beads]
         self._excess[beads] = refined.unevenness - self._max_unevenness[beads] - self._noise_unevenness
         step = refined.position_px - start_px

@@ -230,3 +230,19 @@ def test_a_detector_gives_the_same_blobs_after_planes_of_other_sizes_and_types(s
     assert len(first.strength)
     assert (again.position_px == first.position_px).all()
     assert (again.strength == first.strength).all()
+
+
+@pytest.mark.parametrize("apart_px", [19.0, 15.0, 14.0])
+def test_a_coarse_search_finds_every_pin_of_a_dense_lattice(apart_px):
+    """Pins of 12 px, pressed together until their edges almost touch."""
+    column, row = np.meshgrid(np.arange(12), np.arange(12))
+    places = 40.0 + apart_px * np.stack([column + 0.5 * (row % 2), 0.87 * row], axis=-1).reshape(-1, 2)
+    picture = np.full((300, 320), 170, np.uint8)
+    for x, y in np.rint(16 * places).astype(int).tolist():
+        cv2.circle(picture, (x, y), 16 * 6, 70, cv2.FILLED, cv2.LINE_AA, shift=4)
+    noise = np.random.default_rng(2).normal(0.0, 4.0, picture.shape)
+    dark = np.clip(cv2.GaussianBlur(picture, (7, 7), 1.5) + noise, 0, 255).astype(np.uint8)
+    blobs = BlobDetector(12.0, 10.0, coarse=True).find(dark)
+    apart = np.linalg.norm(places[:, None] - blobs.position_px[None], axis=2)
+    assert len(blobs.strength) == len(places)
+    assert apart.min(axis=1).max() < 2.0
