@@ -1,9 +1,9 @@
 """False alarms of the fingertip's two slip detectors in random handling: ``python -m bench.slip_alarms``.
 
 The runs are those of ``palpate-host simulate shake --random`` under the pose law. Contact places and forces
-are the twin's with the estimator's noise; the flags are those of slip.py and slip_onset.py, as on a
-fingertip, and the hand answers them. A flag is false when the tip has not slid by 0.1 mm within the second
-before.
+are the twin's with the estimator's noise, the beads those of handled_skin.py; the flags are those of slip.py
+and slip_onset.py, as on a fingertip, and the hand answers them. A flag is false when the tip has not slid by
+0.1 mm within the second before.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ import argparse
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import repeat
 from multiprocessing import get_context
 
+from bench.handled_skin import HandledSkin
 from palpate_edge.common.contact import Contact
 from palpate_edge.estimation.slip import WINDOW_US, SlipDetector
 from palpate_edge.estimation.slip_onset import LoadHistory, detect_onset
@@ -60,6 +62,7 @@ class DetectingContacts(TrueContactSource):
         self._radius95_mm = RADIUS95 * noise_mm
         self._detectors: dict[int, SlipDetector] = {}
         self._loads: dict[int, LoadHistory] = {}
+        self._skin = HandledSkin(radius_mm, seed)
         self._slid: dict[int, deque[tuple[int, float]]] = {}
         self.slides, self.onsets = Flags(), Flags()
 
@@ -68,7 +71,7 @@ class DetectingContacts(TrueContactSource):
         found = super().contact(finger, truth, exposed_at_us, sequence)
         found = replace(found, radius95_mm=self._radius95_mm)
         is_slip = self._detectors.setdefault(finger, SlipDetector()).detect(found)
-        self._loads[finger], begins = detect_onset(self._loads.get(finger, ()), found)
+        begins = truth is not None and self._begins(finger, truth, found)
         past = self._slid.setdefault(finger, deque())
         past.append((exposed_at_us, 0.0 if truth is None else truth.slip_mm))
         while exposed_at_us - past[0][0] > WINDOW_US:
@@ -77,6 +80,11 @@ class DetectingContacts(TrueContactSource):
         self.slides.count(is_slip, has_slid)
         self.onsets.count(begins, has_slid)
         return replace(found, slip=is_slip, slip_begins=begins)
+
+    def _begins(self, finger: int, truth: DomeContact, found: Contact) -> bool:
+        skin_mm = self._skin.mean_motion_mm(truth)
+        self._loads[finger], begins = detect_onset(self._loads.get(finger, ()), found, skin_mm)
+        return begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +96,10 @@ class Alarms:
     slid: bool
 
 
-def run(number: int) -> Alarms:
+def run(number: int, frame_rate_Hz: float) -> Alarms:
     """Return the alarms of one random run."""
     loaded, hand = load_hand(PACKAGED["table4-wide"])
-    trial = random_trial(BASE, number)
+    trial = random_trial(replace(BASE, frame_rate_Hz=frame_rate_Hz), number)
     config, engine = trial_setup(loaded, "mujoco", trial)
     contacts = DetectingContacts(
         1e3 * config.control.tip_radius_m, trial.noise_mm, trial.seed, trial.force_noise
@@ -104,10 +112,11 @@ def main() -> None:
     """Print the number of false flags in so many runs."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--runs", type=int, default=720)
+    parser.add_argument("--frame-rate", type=float, default=BASE.frame_rate_Hz, help="frames a second")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        alarms = list(pool.map(run, range(options.runs)))
+        alarms = list(pool.map(run, range(options.runs), repeat(options.frame_rate)))
     minutes = options.runs * BASE.duration_s / 60.0
     slid = [one.slid for one in alarms]
     print(f"{minutes:.0f} min of random handling, {sum(slid)} runs with a slide of 1 mm")

@@ -39,7 +39,7 @@ class Contact(OptionalQuantities):
     reason: why the frame was refused; empty when valid.
     beads_found, beads_expected: counts of markers.
     slip: what touches slides over the skin (see slip.py).
-    slip_begins: the load across the skin stopped growing, as when slip begins (see slip_onset.py).
+    slip_begins: the skin stopped following the object, as when slip begins (see slip_onset.py).
     pose: of a flat object, one estimate for each label that the calibration learned.
     """
 

@@ -28,6 +28,8 @@ from palpate_edge.geometry.sensor import View
 from palpate_edge.vision.beads import Beads
 
 Some = TypeVar("Some", Array, NDArray[np.float32])
+MeanMotion = tuple[float, float, float, float, float, float]
+"""Mean displacement of all beads in F, and mean of the beads' directions times their displacement, in mm."""
 
 # Rings (polar angle in deg, count) of canonical directions; each ring is symmetric about x-z.
 CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.0, 24), (72.0, 24))
@@ -105,6 +107,10 @@ class DisplacementReader:
         self._reference_px = reference_px
         self._beads = view.onto_sphere(reference_px, markers_radius_mm) / markers_radius_mm
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
+        parts = np.concatenate(
+            [self._mm_per_px, np.cross(self._beads[:, :, None], self._mm_per_px, axis=1)], 1
+        )
+        self._mean_motion = np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(6, -1) / len(parts)
         self._covariance = kernel(self._beads, self._beads)
         self._inverse = np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px)))
         self._variances, self._modes = np.linalg.eigh(self._covariance)
@@ -155,6 +161,15 @@ class DisplacementReader:
     def displacement_px(self, beads: Beads) -> Array:
         """Return the measured displacement (n, 2) of the beads from the untouched ones."""
         return np.asarray(beads.position_px - self._reference_px)
+
+    def mean_motion_mm(self, displacement_px: Array) -> MeanMotion:
+        """Return the mean translation and rotation of the beads for their displacement (n, 2) in the image.
+
+        A slide moves the first three components, a twist the last three; both are a mean over all beads, so
+        their noise is that of one bead over the root of the count.
+        """
+        x, y, z, around_x, around_y, around_z = (self._mean_motion @ displacement_px.ravel()).tolist()
+        return x, y, z, around_x, around_y, around_z
 
     def canonical_kernel(self, azimuth_rad: float) -> NDArray[np.float32]:
         """Return the covariance (g, n) of the canonical directions and the beads, read-only.

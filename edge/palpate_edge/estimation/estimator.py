@@ -93,7 +93,8 @@ class Estimator:
             return record.refused(str(rejection), len(self._calibration.beads))
         contact = record.contact()
         slips = self._slip.detect(contact)
-        self._loads, slip_begins = detect_onset(self._loads, contact)
+        skin_mm = self._reader.mean_motion_mm(record.motion.displacement_px)
+        self._loads, slip_begins = detect_onset(self._loads, contact, skin_mm)
         return replace(contact, slip=slips, slip_begins=slip_begins) if slips or slip_begins else contact
 
     def tare(self, *, accepts_contact: bool = True) -> None:
@@ -133,6 +134,7 @@ class Estimator:
     def _use_reference(self, reference: Reference) -> None:
         """Measure motion, drift and contacts from `reference` on."""
         self._rest_px = reference.position_px
+        self._loads = ()
         calibration = self._calibration
         threshold_px, sensor = calibration.contact_threshold_px, calibration.sensor
         self._skin_motion = SkinMotion(reference)
