@@ -253,3 +253,18 @@ def test_canonical_directions_are_whole_rings_of_unit_vectors():
 
 def test_the_kernel_is_matern_three_halves():
     assert kernel(BEADS, DENSE) == pytest.approx(matern(BEADS, DENSE), abs=1e-6)
+
+
+@pytest.mark.parametrize("pose", [UPRIGHT, CROOKED])
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_the_mean_motion_of_a_skin_that_turns(pose, axis):
+    """Of d = w x r the mean of r x d is R (w - r (r w)), by the outer products of the unit vectors r."""
+    turn_rad = 1e-4
+    rest_px = pinhole(RADIUS_MM * BEADS, pose)
+    reader = DisplacementReader(rest_px, View(CAMERA, pose), RADIUS_MM)
+    turned = Rotation.from_rotvec(turn_rad * np.array(axis)).apply(RADIUS_MM * BEADS)
+    motion = np.array(reader.mean_motion_mm(pinhole(turned, pose) - rest_px))
+    outer = (BEADS[:, :, None] * BEADS[:, None, :]).mean(axis=0)
+    mean_d = np.cross(axis, BEADS.mean(axis=0))
+    expected = RADIUS_MM * turn_rad * np.concatenate([mean_d, np.array(axis) - outer @ axis])
+    assert motion == pytest.approx(expected, abs=2e-3 * RADIUS_MM * turn_rad)
