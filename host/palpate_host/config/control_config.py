@@ -87,7 +87,7 @@ class PoseLawConfig(Strict, frozen=True):
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
     smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.
     slip_reflex: a tip that slips gets more grip, and its friction is estimated (tip_friction.py).
-    onset_reflex: the same for a tip where slip begins, a flag that abrupt pushes set too.
+    onset_reflex: the same for a tip where slip begins, a flag that pushes with a sharp end set too.
     """
 
     position_stiffness_N_m: Positive = 1000.0
