@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.common.contact import Contact
+from palpate_edge.estimation import slip_onset
 from palpate_edge.estimation.slip_onset import detect_onset
 
 FRAME_US = 10_000
@@ -109,3 +110,13 @@ def test_a_history_has_forty_frames_of_the_last_0_4_s() -> None:
     later, _ = detect_onset(history, contact(75, 0.1))
     assert later[0].exposed_at_us == 350_000 and len(later) == 26
     assert math.isclose(later[-1].load[0], 0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.004, 0.05])
+def test_the_standard_error_of_a_load_is_that_of_white_noise(sigma) -> None:
+    """Beside a growth, whose second difference is 0, and a few corners, which a quartile leaves out."""
+    random = np.random.default_rng(5)
+    along = sigma * random.standard_normal(4000) + np.linspace(0.0, 100.0 * sigma, 4000)
+    along[::100] += 20.0 * sigma
+    assert slip_onset._noise(along.tolist()) == pytest.approx(sigma, rel=0.15)
+    assert slip_onset._noise([0.1 * number for number in range(10)]) == 1e-3

@@ -330,3 +330,35 @@ def test_a_conflict_is_silent_for_0_7_s_and_over_after_10_s() -> None:
     conflict.seen(11_000_000, 0x190)
     conflict.end()
     assert not conflict.is_active and not conflict.is_silent
+
+
+def fastscan(slave: LssSlave, number: int, bit: int, part: int, following: int) -> bool:
+    """One fastscan request (CiA 305); return whether the slave answers, always with "identified"."""
+    frame = slave.receive(struct.pack("<BIBBB", 0x51, number, bit, part, following))
+    assert frame is None or frame.data == b"\x4f" + bytes(7)
+    return frame is not None
+
+
+def test_fastscan_compares_the_upper_bits_of_one_part_after_another() -> None:
+    slave = LssSlave(store(255), lambda _node_id: True, lambda: True)
+    assert fastscan(slave, 0, 0x80, 0, 0)
+    for part, number in enumerate(IDENTITY):
+        assert not fastscan(slave, number, 0, (part + 1) % 4, 0)  # another part's turn
+        for bit in (31, 16, 8, 0):
+            assert fastscan(slave, number >> bit << bit, bit, part, part)
+            assert not fastscan(slave, number ^ 1 << bit, bit, part, part)
+        assert not slave.configuring
+        assert fastscan(slave, number, 0, part, (part + 1) % 4)
+    assert slave.configuring
+
+
+def test_a_restart_and_a_reset_begin_the_fastscan_anew() -> None:
+    slave = LssSlave(store(255), lambda _node_id: True, lambda: True)
+    for begin_anew in (slave.restart, lambda: fastscan(slave, 0, 0x80, 0, 0)):
+        assert fastscan(slave, IDENTITY[0], 0, 0, 1)
+        assert not fastscan(slave, IDENTITY[0], 0, 0, 0)
+        begin_anew()
+        assert fastscan(slave, IDENTITY[0], 0, 0, 0)
+    for wrong in ((0, 32, 0, 0), (0, 31, 4, 0), (0, 31, 0, 4)):
+        assert not fastscan(slave, *wrong)
+    assert not fastscan(LssSlave(store(0x10), lambda _node_id: True, lambda: True), 0, 0x80, 0, 0)

@@ -226,3 +226,22 @@ def test_another_point_of_the_object_is_followed_from_where_it_is(wide):
     law.shift(np.array([0.0, 0.0, 0.004]))
     law.follow_shift(0.25)
     np.testing.assert_allclose(law.place_d_m, other_m + np.array([0.0, 0.0, 0.001]))
+
+
+def test_a_hold_begins_with_the_grip_of_the_grasp_and_without_a_history(wide):
+    """Eqs. (10)-(11): f_d/(n r) times the distance of each tip from their centroid, on average."""
+    law, pose = law_that_holds(wide)
+    control = wide[0].control
+    lever_m = np.linalg.norm(pose.tip_centre_m - pose.tip_centre_m.mean(axis=0), axis=1)
+    assert law.grip_N == pytest.approx(control.f_d_N / (3 * control.tip_radius_m) * lever_m.mean())
+    law.is_firm, law.is_load_known = True, True
+    law._least_now_N(10.0)
+    law._force_I_N = np.array([0.0, 0.0, 1.0])
+    law.drop()
+    assert law.object is None and not law.load_N.any() and law.place_error_mm is None
+    law.hold(pose, virtual_frame(pose.tip_centre_m), np.eye(3), DT_S)
+    assert not law.is_firm and not law.is_load_known
+    assert law._least_now_N(DT_S) == pytest.approx(law.grip_N)
+    np.testing.assert_allclose(law.object.place_m, law.object.grip.centroid_m)
+    law.hold_here()
+    assert law.place_error_mm == 0.0
