@@ -32,9 +32,9 @@ from palpate_twin.press_rig.virtual_rig import Placement
 LONGEST_S = 1800
 PLACE_TOLERANCE_MM = 0.05
 FORCE_TOLERANCE_PERCENT = 1.0
-SEEDS = (302, 303, 304, 313)
-"""A sensor with rings, and three hexagonal lattices of 127, 331 and 127 beads. On seed 304 reflections hide
-four beads about the apex."""
+SEEDS = (302, 303, 304, 311, 313)
+"""Two sensors with rings (302, 311), and three hexagonal lattices of 127, 331 and 127 beads. On seed 304
+reflections hide four beads about the apex."""
 
 
 def _roll_rad(view: CameraView) -> float:
