@@ -126,7 +126,7 @@ deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back 
 
 nightly: export PALPATE_KILLS = all
 nightly: export PALPATE_CUTS = 200
-nightly: deploy-test  ## deploy-test with site.yml killed after each of its tasks and 200 power cuts in an update (root; hours)
+nightly: deploy-test  ## deploy-test with site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours)
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage
