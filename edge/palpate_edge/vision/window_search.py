@@ -1,7 +1,7 @@
 """Search of beads in small windows around the places where they are expected.
 
-Each search measures every bead once, and again, twice at most, where its window was off its centre. What a
-window showed is kept until the next plane is loaded: nothing is measured twice at the same place.
+Each search measures every bead once, and again, four times at most, where its window was off its centre. What
+a window showed is kept until the next plane is loaded: nothing is measured twice at the same place.
 """
 
 from __future__ import annotations
