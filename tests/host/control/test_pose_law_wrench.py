@@ -77,10 +77,12 @@ def test_force_and_torque_are_the_slopes_of_the_potential(wide, axis):
     slope_N = [(potential(step * e, none) - potential(-step * e, none)) / (2 * step) for e in np.eye(3)]
     slope_Nm = [(potential(none, step * e) - potential(none, -step * e)) / (2 * step) for e in np.eye(3)]
     np.testing.assert_allclose(force_N - law.load_N, -np.array(slope_N), atol=2e-6)
-    integral_Nm = law._torque_I_Nm
+    integral_Nm = np.array(law._torque_I_Nm)
     np.testing.assert_allclose(torque_Nm - integral_Nm, -np.array(slope_Nm), atol=2e-6)
-    np.testing.assert_allclose(law.load_N, DT_S * law.stiffness.I_p_N_ms @ shift_m, atol=1e-12)
-    np.testing.assert_allclose(integral_Nm, DT_S * law.stiffness.I_o_Nm_rads @ turn.as_rotvec(), atol=1e-9)
+    np.testing.assert_allclose(law.load_N, DT_S * law.stiffness.springs[6:9, :3] @ shift_m, atol=1e-12)
+    np.testing.assert_allclose(
+        integral_Nm, DT_S * law.stiffness.springs[9:, 3:] @ turn.as_rotvec(), atol=1e-9
+    )
     assert law.share == 1.0 and not law.is_grip_at_limit
 
 
@@ -94,7 +96,7 @@ def test_at_its_target_the_law_only_grips(wide):
 
 def test_a_load_is_carried_at_the_target(wide):
     law, pose = law_that_holds(wide)
-    law._force_I_N = np.array([0.1, -0.2, 0.9])
+    law._force_I_N = (0.1, -0.2, 0.9)
     force_N, torque_Nm = wrench(law, pose, law.torque_Nm(pose, STILL, FRICTION, DT_S))
     np.testing.assert_allclose(force_N, [0.1, -0.2, 0.9], atol=1e-9)
     np.testing.assert_allclose(torque_Nm, 0.0, atol=1e-9)
@@ -104,18 +106,18 @@ def test_damping_opposes_a_steady_motion(wide):
     """After many ticks of the same velocity the filter has passed it: F = -D_p v beside the integral."""
     law, pose = law_that_holds(wide)
     velocity, spin = np.array([0.01, -0.02, 0.015]), np.array([0.1, 0.05, -0.2])
-    law.object.velocity_m_s, law.object.spin_rad_s = velocity, spin
+    law.object.twist = np.concatenate([velocity, spin])
     for _ in range(30):
         torque = law.torque_Nm(pose, STILL, FRICTION, DT_S)
     force_N, torque_Nm = wrench(law, pose, torque)
-    np.testing.assert_allclose(force_N, -law.stiffness.D_p_Ns_m @ velocity, atol=1e-6)
-    np.testing.assert_allclose(torque_Nm, -law.stiffness.D_o_Nms_rad @ spin, atol=1e-6)
+    np.testing.assert_allclose(force_N, -law.stiffness.dampers[:3, :3] @ velocity, atol=1e-6)
+    np.testing.assert_allclose(torque_Nm, -law.stiffness.dampers[3:, 3:] @ spin, atol=1e-6)
 
 
 def test_a_rest_takes_what_pulls_as_the_load(wide):
     law, _ = law_that_holds(wide, most_grip_N=50.0)
     shift_m, turn = np.array([0.001, 0.0, -0.002]), Rotation.from_rotvec([0.0, 0.02, 0.01])
-    law._force_I_N, law._torque_I_Nm = np.array([0.0, 0.0, 0.5]), np.array([0.01, 0.0, 0.0])
+    law._force_I_N, law._torque_I_Nm = (0.0, 0.0, 0.5), (0.01, 0.0, 0.0)
     law.place_d_m, law.R_d = law.object.place_m + shift_m, turn.as_matrix()
     grip_N = law.grip_N
     law.rest(FRICTION)
