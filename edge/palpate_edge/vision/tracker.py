@@ -44,7 +44,9 @@ MAX_FIT_STEP = 0.25  # of a bead diameter, from the centroid to the centre of sy
 # a bead in white light. Of places between beads, 99 of 100 have a noise above 4 and at most 0.37 explained;
 # of those in white light, 2 of 3,378 pass as beads (train presses of the hard sensor).
 SURE_NOISE, MAX_FAINT_NOISE, MIN_EXPLAINED, MIN_WHITE = 2.0, 30.0, 0.5, 0.75
-MAX_PREDICTED_STEP = 0.15  # of a bead diameter
+MAX_PREDICTED_STEP = (
+    0.2  # of a bead diameter; of the places between beads as many pass in white light as with 0.15
+)
 MIN_APART = 0.6  # of a bead diameter, from any other bead
 BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
 
