@@ -35,13 +35,12 @@ CLI = "palpate_edge.cli.main"
 HELD = {
     "Python alone": 37.0,
     "start: imports of the daemon": 800.0,
-    "start: to the first contact": 1190.0,
-    "palpate-edge run, one frame, end": 1460.0,
+    "start: to the first contact": 1060.0,
+    "palpate-edge run, one frame, end": 1330.0,
     "a frame, the camera's own grey": 3.3,
     "a frame, decoded from JPEG": 8.25,
 }
-"""10^6 instructions of each part, x86-64. A count that falls by more than 5 % is written here, except for the
-first contact and `run`: some runs of the same program count 190 less."""
+"""10^6 instructions of each part, x86-64. A count that falls by more than 5 % is written here."""
 HELD_AARCH64 = {
     "Python alone": 29.4,
     "start: imports of the daemon": 660.0,

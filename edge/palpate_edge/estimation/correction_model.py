@@ -10,6 +10,7 @@ presses with forces also has ``force95`` (1, 1) N, one of presses with torsions 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -51,6 +52,8 @@ class CorrectionModel:
 
     def __init__(self, model: bytes, sensor_fingerprint: str) -> None:
         """Raises CalibrationError when onnxruntime is missing, the file is damaged or of another sensor."""
+        # Its Linux wheels send reports over the network by a thread; it reads this when it is imported.
+        os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
         try:
             import onnxruntime  # noqa: PLC0415 - an extra: the paper's method runs without it
         except ImportError:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
 import sys
 
 import msgspec
@@ -159,6 +161,32 @@ def test_without_onnxruntime_the_way_out_is_told(with_model, monkeypatch):
     text = refusal(with_model)
     assert "pip install 'palpate[onnx]'" in text
     assert Estimator(with_model, Method.PAPER).method is Method.PAPER
+
+
+THREADS = """
+import os, sys
+from pathlib import Path
+from palpate_edge.calibration.calibration_file import load_calibration
+from palpate_edge.estimation.estimator import Estimator
+calibration = load_calibration(Path(sys.argv[1]))
+before = len(os.listdir("/proc/self/task"))
+Estimator(calibration)
+print(len(os.listdir("/proc/self/task")) - before)
+"""
+
+
+def test_the_model_starts_no_thread_that_reports_to_others(with_model, tmp_path):
+    """onnxruntime's Linux wheels have such a thread by default, except where `CI` is set."""
+    save_calibration(with_model, tmp_path / "finger.cal")
+    kept = {name: value for name, value in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")}
+    done = subprocess.run(
+        [sys.executable, "-c", THREADS, tmp_path / "finger.cal"],
+        env={**kept, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "0\n"
 
 
 def test_one_calibration_gives_one_model(drawn_dataset, with_model):
