@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ from palpate_host.common import rotation
 from palpate_host.config import hand_reader
 from palpate_host.config.control_config import ControlMode
 from palpate_twin.closed_loop.external_camera import MarkerTruth, camera_above
+from palpate_twin.paper.parallel_runs import run_each
 from palpate_twin.paper.trial import RECORD_S, Outcome, run_trial
 from palpate_twin.paper.trial_parameters import Trial
 
@@ -92,17 +91,7 @@ def all_cases(
 
 def run_all(cases: Sequence[FigureCase], jobs: int, done: Callable[[], None]) -> list[Result]:
     """Run all cases, `jobs` at a time; order and results do not depend on `jobs`."""
-    if jobs == 1:
-        results = []
-        for case in cases:
-            results.append(run_case(case))
-            done()
-        return results
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_case, case) for case in cases]
-        for future in futures:
-            future.add_done_callback(lambda _: done())
-        return [future.result() for future in futures]
+    return run_each(run_case, cases, jobs, done)
 
 
 def run_case(case: FigureCase) -> Result:

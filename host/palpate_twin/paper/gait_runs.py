@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from palpate_host.common.command import CommandError
 from palpate_twin.paper.figure_data import AXES
 from palpate_twin.paper.gait_chain import run_gait_in_chain
 from palpate_twin.paper.gait_trial import GaitOutcome, run_gait
+from palpate_twin.paper.parallel_runs import run_each
 from palpate_twin.paper.trial_parameters import Trial
 
 
@@ -48,17 +48,7 @@ def run_gaits(
     hand_toml: Path, cases: Sequence[GaitCase], jobs: int, done: Callable[[], None]
 ) -> list[GaitOutcome | str]:
     """Run all cases, `jobs` at a time; order and results do not depend on `jobs`."""
-    results = []
-    if jobs == 1:
-        for case in cases:
-            results.append(run_case(hand_toml, case))
-            done()
-        return results
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_case, hand_toml, case) for case in cases]
-        for future in futures:
-            future.add_done_callback(lambda _: done())
-        return [future.result() for future in futures]
+    return run_each(partial(run_case, hand_toml), cases, jobs, done)
 
 
 def gait_table(cases: Sequence[GaitCase], results: Sequence[GaitOutcome | str]) -> str:

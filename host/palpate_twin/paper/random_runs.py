@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from palpate_host.config.control_config import ControlLaw
 from palpate_twin.hand.engine import LostGraspError
+from palpate_twin.paper.parallel_runs import run_each
 from palpate_twin.paper.random_chain import run_random_in_chain
 from palpate_twin.paper.shake_random import RandomRun, RunKind, run_random
 from palpate_twin.paper.trial_parameters import Trial
@@ -21,9 +21,13 @@ FRAMES_EVERY = 3
 
 
 def run_one(
-    hand_toml: Path, base: Trial, law: ControlLaw, number: int, kind: RunKind, sensors: Path | None
+    hand_toml: Path, base: Trial, sensors: Path | None, wanted: tuple[ControlLaw, int, RunKind]
 ) -> RandomRun:
-    """Run one of the random runs under one law; an object that is lost at once is a result too."""
+    """Run one of the random runs under one law; an object that is lost at once is a result too.
+
+    wanted: law, number and kind of the run.
+    """
+    law, number, kind = wanted
     try:
         if kind is RunKind.LAW:
             return run_random(hand_toml, base, law, number)
@@ -56,17 +60,7 @@ def run_all(
     """
     kinds = [kind_of(number, in_chain, sensors is not None) for number in range(count)]
     wanted = [(law, number, kind) for law in laws for number, kind in enumerate(kinds)]
-    if jobs == 1:
-        results = []
-        for law, number, kind in wanted:
-            results.append(run_one(hand_toml, base, law, number, kind, sensors))
-            done()
-        return results
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_one, hand_toml, base, *one, sensors) for one in wanted]
-        for future in futures:
-            future.add_done_callback(lambda _: done())
-        return [future.result() for future in futures]
+    return run_each(partial(run_one, hand_toml, base, sensors), wanted, jobs, done)
 
 
 def random_table(runs: Sequence[RandomRun]) -> str:

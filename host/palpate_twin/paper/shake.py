@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +28,7 @@ from palpate_twin.closed_loop.lockstep import LockstepLoop, final_error_deg, tur
 from palpate_twin.closed_loop.tactile_rendering import ContactSource, RenderedContactSource
 from palpate_twin.dome.library import load_library
 from palpate_twin.paper.figure_data import AXES, STEP_DEG
+from palpate_twin.paper.parallel_runs import run_each
 from palpate_twin.paper.trial import make_engine, run_trial, trial_contacts
 from palpate_twin.paper.trial_parameters import Trial, after, trial_config, with_disturbances
 
@@ -168,18 +167,8 @@ def run_shakes(
 
     sensors: as for `run_in_chain`.
     """
-    run = partial(run_in_chain, sensors=sensors) if in_chain else run_shake
-    if jobs == 1:
-        results = []
-        for case in cases:
-            results.append(run(hand_toml, case))
-            done()
-        return results
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run, hand_toml, case) for case in cases]
-        for future in futures:
-            future.add_done_callback(lambda _: done())
-        return [future.result() for future in futures]
+    run = partial(run_in_chain, hand_toml, sensors=sensors) if in_chain else partial(run_shake, hand_toml)
+    return run_each(run, cases, jobs, done)
 
 
 def run_shake(hand_toml: Path, case: ShakeCase) -> Held:
