@@ -79,21 +79,16 @@ class DrawnScreen:
             assert final == "m", (numbers, final)
 
 
-class TerminalProcess:
-    """A command whose standard input, output and error are a terminal of this size."""
+class PseudoTerminal:
+    """A pseudo-terminal of some size, its screen, and its settings at the beginning."""
 
-    def __init__(self, command: list[str], columns: int, rows: int, **environment: str) -> None:
+    patience_s = PATIENCE_S
+
+    def __init__(self, columns: int, rows: int) -> None:
         self._ours, self._theirs = os.openpty()
         self.screen = DrawnScreen(columns, rows)
         self._set_size(columns, rows)
-        self.settings = termios.tcgetattr(self._theirs)
-        self.process = subprocess.Popen(
-            ["setsid", "--ctty", *command],
-            stdin=self._theirs,
-            stdout=self._theirs,
-            stderr=self._theirs,
-            env={**os.environ, "TERM": "xterm-256color", "LC_ALL": "C.UTF-8", **environment},
-        )
+        self.settings = self.settings_now()
 
     def resize(self, columns: int, rows: int) -> None:
         """Change the terminal's size. Call `until` afterwards: what was on its way is dropped."""
@@ -106,26 +101,21 @@ class TerminalProcess:
 
     def until(self, condition: Callable[[DrawnScreen], Any], what: str) -> None:
         """Wait until a condition of the screen holds."""
-        end_s = time.monotonic() + PATIENCE_S
+        end_s = time.monotonic() + self.patience_s
         while not condition(self.screen):
+            self._check()
             assert time.monotonic() < end_s, f"{what}:\n{self.screen.main_text}\n{self.screen.text}"
             self._read(0.05)
-
-    def finish(self) -> int:
-        """Read until the process has ended; return its exit status."""
-        self.until(lambda _: self.process.poll() is not None, "does not end")
-        self._read(0.0)
-        return self.process.returncode
 
     def settings_now(self) -> list[Any]:
         return termios.tcgetattr(self._theirs)
 
     def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
         os.close(self._ours)
         os.close(self._theirs)
+
+    def _check(self) -> None:
+        """Fail where nothing more will be drawn."""
 
     def _read(self, timeout_s: float) -> None:
         while select.select([self._ours], [], [], timeout_s)[0]:
@@ -134,3 +124,29 @@ class TerminalProcess:
 
     def _set_size(self, columns: int, rows: int) -> None:
         fcntl.ioctl(self._theirs, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+
+class TerminalProcess(PseudoTerminal):
+    """A command whose standard input, output and error are a terminal of this size."""
+
+    def __init__(self, command: list[str], columns: int, rows: int, **environment: str) -> None:
+        super().__init__(columns, rows)
+        self.process = subprocess.Popen(
+            ["setsid", "--ctty", *command],
+            stdin=self._theirs,
+            stdout=self._theirs,
+            stderr=self._theirs,
+            env={**os.environ, "TERM": "xterm-256color", "LC_ALL": "C.UTF-8", **environment},
+        )
+
+    def finish(self) -> int:
+        """Read until the process has ended; return its exit status."""
+        self.until(lambda _: self.process.poll() is not None, "does not end")
+        self._read(0.0)
+        return self.process.returncode
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        super().close()

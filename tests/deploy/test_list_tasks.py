@@ -1,4 +1,4 @@
-"""What of a board's files makes it another board between two tasks of a playbook."""
+"""Differences of files that count as another state of a board between two tasks of a playbook."""
 
 from __future__ import annotations
 

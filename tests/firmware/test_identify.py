@@ -6,22 +6,17 @@ import os
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 from firmware_rig.simulated_controller import SimulatedController
 from firmware_rig.smbus_adapter import WireSmBus
+from tests.health_of_a_fingertip import REPORT as HEALTHY
 
 from palpate_edge.cli.identify import identify
 from palpate_edge.common.errors import IlluminationError
 from palpate_edge.common.signals import IDENTIFY, called_by_signals
-from palpate_edge.daemon.health import (
-    BeadHealth,
-    BusHealth,
-    CameraHealth,
-    ClockHealth,
-    HealthReport,
-    write_health,
-)
+from palpate_edge.daemon.health import write_health
 from palpate_edge.illumination.client import IlluminationClient
 from palpate_edge.illumination.controller_thread import LightController
 
@@ -47,36 +42,8 @@ class Ring:
 
     def runs(self, nmt_state: str) -> None:
         """A fingertip's health file, with this process as its daemon."""
-        report = HealthReport(
-            name="finger",
-            pid=os.getpid(),
-            written_at=time.monotonic(),
-            node_id=0x10,
-            nmt_state=nmt_state,
-            frames=1,
-            method="paper",
-            calibration="",
-            emergencies=[],
-            latencies=[],
-            recording="",
-            camera=CameraHealth(
-                source="", fps=30.0, wanted_fps=30.0, age_ms=1.0, dropped=0, dropped_share=0.0
-            ),
-            beads=BeadHealth(found=1, expected=1, refused=0, reason=""),
-            bus=BusHealth(
-                interface="",
-                state="up",
-                sent=0,
-                received=0,
-                retries=0,
-                dropped=0,
-                dropped_lately=0,
-                restarts=0,
-                error_passive=False,
-            ),
-            clock=ClockHealth(
-                state="free", local_us=0, bus_us=0, drift_ppm=0.0, error_us=0, steps=0, rejected=0
-            ),
+        report = msgspec.structs.replace(
+            HEALTHY, pid=os.getpid(), written_at=time.monotonic(), nmt_state=nmt_state
         )
         write_health(self.folder / "health", report)
 

@@ -66,10 +66,8 @@ class BlobDetector:
         """
         wanted = max(halvings, self._halvings)
         binning = 2**wanted
-        for _ in range(
-            wanted - halvings
-        ):  # OpenCV takes means of two by two much faster than of four by four
-            dark = halved(dark)
+        for _ in range(wanted - halvings):
+            dark = halved(dark)  # OpenCV takes means of two by two much faster than of four by four
         if self._planes[0].shape != dark.shape:
             self._planes = tuple(np.empty(dark.shape, np.float32) for _ in range(4))
         smooth, xx, yy, xy = self._planes

@@ -41,7 +41,7 @@ def running() -> str:
 
 
 def digest(release: Path) -> str:
-    """Of all files but compiled Python; few system calls, which are slow in user-mode Linux."""
+    """Return the digest of all files except compiled Python, with few of the slow system calls."""
     whole, folders, buffer = hashlib.sha256(), [str(release)], memoryview(bytearray(16 << 20))
     while folders:
         with os.scandir(folders.pop()) as entries:

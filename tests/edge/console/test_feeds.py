@@ -15,6 +15,8 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from tests.edge.console.finger_toml import recorded_finger_toml
+from tests.health_of_a_fingertip import REPORT as HEALTHY
 
 from palpate_edge.capture.frame_ring import RingFormat, RingWriter
 from palpate_edge.common.contact import refused_contact
@@ -25,7 +27,6 @@ from palpate_edge.console.daemon_feed import DaemonFeed, connect_daemon
 from palpate_edge.console.feed import NewestPicture, PageCommands
 from palpate_edge.console.open_feed import open_feed
 from palpate_edge.daemon.config import read_config
-from palpate_edge.daemon.health import BeadHealth, BusHealth, CameraHealth, ClockHealth, HealthReport
 from palpate_edge.daemon.watching.watch_messages import (
     BeadsShown,
     WatchedFingertip,
@@ -41,34 +42,10 @@ pytestmark = pytest.mark.long
 
 PATIENCE_S = 30.0
 LIVE = {"connected": True, "text": "live, from the daemon"}
-REPORT = HealthReport(
-    name="finger",
-    pid=1,
-    written_at=0.0,
-    node_id=0x10,
-    nmt_state="operational",
-    frames=1,
-    method="paper",
-    calibration="/etc/finger.cal",
-    emergencies=[],
-    latencies=[0] * 8,
+REPORT = msgspec.structs.replace(
+    HEALTHY,
     recording="/tmp/kept",
-    camera=CameraHealth(source="v4l2", fps=29.5, wanted_fps=30.0, age_ms=5.0, dropped=3, dropped_share=0.0),
-    beads=BeadHealth(found=85, expected=85, refused=0, reason=""),
-    bus=BusHealth(
-        interface="socketcan",
-        state="up",
-        sent=1,
-        received=1,
-        retries=0,
-        dropped=0,
-        dropped_lately=0,
-        restarts=0,
-        error_passive=False,
-    ),
-    clock=ClockHealth(
-        state="synchronised", local_us=0, bus_us=0, drift_ppm=0.0, error_us=10, steps=0, rejected=0
-    ),
+    camera=msgspec.structs.replace(HEALTHY.camera, fps=29.5, dropped=3),
 )
 
 
@@ -273,13 +250,7 @@ def test_a_socket_on_which_nobody_listens_is_no_daemon(tmp_path):
 
 
 def configuration(folder, dataset, loop):
-    path = folder / "finger.toml"
-    path.write_text(
-        f'name = "alone"\nhealth = "{folder / "alone.health"}"\n'
-        f'[capture]\nsource = "recorded"\npath = "{dataset}"\nloop = {loop}\n'
-        '[node]\nid = 16\n[bus]\ninterface = "palpate"\n'
-    )
-    return read_config(path)
+    return read_config(recorded_finger_toml(folder, dataset, loop=loop))
 
 
 @pytest.fixture
@@ -291,7 +262,7 @@ def camera(tmp_path, drawn_dome, untouched):
         cv2.imwrite(str(folder / f"{number}.png"), untouched)
     with ExitStack() as stack:
 
-        def start(loop="true"):
+        def start(loop=True):
             broadcast, picture = Broadcast(), NewestPicture()
             config = configuration(tmp_path, folder, loop)
             page = Page(stack.enter_context(broadcast.listen()))
@@ -323,13 +294,13 @@ def test_a_camera_of_its_own_shows_blobs_and_takes_commands(camera, tmp_path, un
 
 
 def test_the_end_of_a_recording_is_shown(camera):
-    _, page, _ = camera(loop="false")
+    _, page, _ = camera(loop=False)
     page.until_state("the recording has ended")
     assert not page.newest["state"]["connected"]
 
 
 def test_the_feed_is_the_daemons_when_one_runs_else_the_cameras(camera, tmp_path, untouched):
-    config, lines = configuration(tmp_path, tmp_path / "pictures", "true"), []
+    config, lines = configuration(tmp_path, tmp_path / "pictures", loop=True), []
     with closing(open_feed(config, Broadcast(), NewestPicture(), lines.append)) as feed:
         assert isinstance(feed, CameraFeed)
     with closing(WatchedDaemon(tmp_path, untouched)):

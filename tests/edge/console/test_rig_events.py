@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.edge.console.finger_toml import recorded_finger_toml
 
 from palpate_edge.common.errors import RigError
 from palpate_edge.common.frame import Frame
@@ -109,12 +110,7 @@ def test_a_run_has_stop_only(watched, body):
 
 
 def test_the_page_is_served_during_a_run_and_its_stop_needs_the_token(tmp_path):
-    path = tmp_path / "finger.toml"
-    path.write_text(
-        f'name = "rigged"\nhealth = "{tmp_path / "rigged.health"}"\n'
-        f'[capture]\nsource = "recorded"\npath = "{tmp_path}"\n'
-        '[node]\nid = 16\n[bus]\ninterface = "palpate"\n'
-    )
+    path = recorded_finger_toml(tmp_path, tmp_path, "rigged", loop=False)
     stopped, lines = threading.Event(), []
     with serve_rig(read_config(path), 0, 20, stopped, lines.append):
         address = next(line for line in lines if "token=" in line)

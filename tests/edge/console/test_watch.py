@@ -12,6 +12,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from tests.edge.console.finger_toml import recorded_finger_toml
 
 
 @pytest.fixture
@@ -158,12 +159,7 @@ def test_without_a_daemon_the_console_takes_the_camera(
 
 
 def test_a_recording_that_ends_is_shown(tmp_path, drawn_dataset, start_watch):
-    config = tmp_path / "finger.toml"
-    config.write_text(
-        f'name = "short"\nhealth = "{tmp_path / "short.health"}"\n'
-        f'[capture]\nsource = "recorded"\npath = "{drawn_dataset / "reference"}"\n'
-        '[node]\nid = 16\n[bus]\ninterface = "palpate"\n'
-    )
+    config = recorded_finger_toml(tmp_path, drawn_dataset / "reference", "short", loop=False)
     watch = start_watch(config)
     watch.look()
     ended = {"connected": False, "text": "the recording has ended"}

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from contextlib import closing
 
+from tests.edge.console.finger_toml import recorded_finger_toml
 from tests.terminal_process import PATIENCE_S, TerminalProcess
 
 WATCH = [sys.executable, "-m", "palpate_edge.cli.main", "watch", "--terminal", "--config"]
@@ -33,12 +34,7 @@ def test_a_daemon_is_watched_resized_commanded_and_left_alone(rig):
 
 
 def test_without_colours_and_daemon_q_ends_it(tmp_path, drawn_dataset):
-    config = tmp_path / "finger.toml"
-    config.write_text(
-        f'name = "alone"\nhealth = "{tmp_path / "alone.health"}"\n'
-        f'[capture]\nsource = "recorded"\npath = "{drawn_dataset}"\nloop = true\n'
-        '[node]\nid = 16\n[bus]\ninterface = "palpate"\n'
-    )
+    config = recorded_finger_toml(tmp_path, drawn_dataset)
     with closing(TerminalProcess([*WATCH, str(config)], 80, 24, NO_COLOR="1")) as terminal:
         terminal.until(
             lambda screen: "no daemon runs, so" in screen.rows[0] and "o" in screen.rows[8], "no picture"

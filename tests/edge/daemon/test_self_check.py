@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from tests.health_of_a_fingertip import BEADS, BUS, CAMERA, CLOCK
+from tests.health_of_a_fingertip import REPORT as HEALTHY
 
 from palpate_edge.can_bus.bus import BusConfig
 from palpate_edge.can_bus.bus_counters import BusCounters
@@ -20,35 +22,10 @@ from palpate_edge.daemon.check_rows import (
     judge_light,
 )
 from palpate_edge.daemon.config import CaptureConfig, FingertipConfig, NodeConfig
-from palpate_edge.daemon.health import (
-    BeadHealth,
-    BusHealth,
-    CameraHealth,
-    ClockHealth,
-    HealthReport,
-    LightHealth,
-)
+from palpate_edge.daemon.health import BusHealth, HealthReport, LightHealth
 from palpate_edge.daemon.loaded_configuration import configuration_digest
 from palpate_edge.daemon.self_check import check
 
-CAMERA = CameraHealth(
-    source="/dev/v4l/by-path/x", fps=30.0, wanted_fps=30.0, age_ms=20.0, dropped=0, dropped_share=0.0
-)
-BEADS = BeadHealth(found=85, expected=85, refused=3, reason="")
-BUS = BusHealth(
-    interface="socketcan",
-    state="up",
-    sent=9,
-    received=9,
-    retries=0,
-    dropped=0,
-    dropped_lately=0,
-    restarts=0,
-    error_passive=False,
-)
-CLOCK = ClockHealth(
-    state="synchronised", local_us=0, bus_us=0, drift_ppm=3.0, error_us=20, steps=0, rejected=0
-)
 change = msgspec.structs.replace
 
 
@@ -124,18 +101,8 @@ def test_the_light_is_judged(light, verdict, word):
     assert word in row.value + row.way_out
 
 
-REPORT = HealthReport(
-    name="finger-1",
-    pid=1,
-    written_at=0.0,
-    node_id=0x10,
-    nmt_state="operational",
-    frames=1,
-    method="paper",
-    calibration="finger-1.cal",
-    emergencies=[],
-    latencies=[0] * 8,
-    recording="",
+REPORT = change(
+    HEALTHY,
     camera=change(CAMERA, damaged=1001),
     beads=change(BEADS, lost=1002, searches=1003, drift_px=1004.0),
     bus=change(

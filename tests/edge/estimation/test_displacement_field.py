@@ -258,7 +258,7 @@ def test_the_kernel_is_matern_three_halves():
 @pytest.mark.parametrize("pose", [UPRIGHT, CROOKED])
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
 def test_the_mean_motion_of_a_skin_that_turns(pose, axis):
-    """Of d = w x r the mean of r x d is R (w - r (r w)), by the outer products of the unit vectors r."""
+    """A rotation w displaces by d = w x r; the mean of r x d is R (w - r (r w)), with outer products."""
     turn_rad = 1e-4
     rest_px = pinhole(RADIUS_MM * BEADS, pose)
     reader = DisplacementReader(rest_px, View(CAMERA, pose), RADIUS_MM)

@@ -15,7 +15,7 @@ BLUR_PX = 0.8
 
 
 def cover_of(place_px: np.ndarray, diameter_px: float) -> np.ndarray:
-    """How much of a blurred disk each pixel of 140 by 130 has, 0 to 1."""
+    """Return the share, 0 to 1, of a blurred disk in each of 140 by 130 pixels."""
     row, column = np.mgrid[0:130, 0:140]
     cover = np.zeros((130, 140))
     for x, y in place_px:

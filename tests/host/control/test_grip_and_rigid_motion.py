@@ -119,7 +119,7 @@ def test_a_late_normal_is_compared_with_the_estimate_of_its_exposure():
 
 
 def test_estimates_are_kept_every_4_ms_for_half_a_second():
-    """Of 128 kept poses the first is overwritten by the 129th."""
+    """The 129th pose overwrites the first of the 128 that are kept."""
     found = object_here()
     turn = Rotation.from_euler("z", 5.0, degrees=True).as_matrix()
     found.advance(pose_at(CENTRE_M, q=-7.0), KEEP_EVERY_S / 2)  # too soon to be kept

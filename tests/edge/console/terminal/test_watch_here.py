@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from tests.edge.console.finger_toml import recorded_finger_toml
 from tests.terminal_here import terminal_here
 
 from palpate_edge.common.errors import ConfigError
@@ -23,13 +24,7 @@ def config(tmp_path, drawn_dome):
     folder = tmp_path / "pictures"
     folder.mkdir()
     cv2.imwrite(str(folder / "0.png"), drawn_dome.picture(drawn_dome.beads_mm(), seed=1))
-    path = tmp_path / "finger.toml"
-    path.write_text(
-        f'name = "alone"\nhealth = "{tmp_path / "alone.health"}"\n'
-        f'[capture]\nsource = "recorded"\npath = "{folder}"\nloop = true\n'
-        '[node]\nid = 16\n[bus]\ninterface = "palpate"\n'
-    )
-    return read_config(path)
+    return read_config(recorded_finger_toml(tmp_path, folder))
 
 
 @pytest.mark.long

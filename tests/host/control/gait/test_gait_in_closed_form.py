@@ -53,7 +53,7 @@ JACOBIAN = np.eye(12).reshape(4, 3, 12)
 
 @dataclass
 class HeldObject:
-    """What a gait needs of the pose law. renewals: (time over which the stiffness changes)."""
+    """A pose law with the parts that a gait uses. renewals: (time over which the stiffness changes)."""
 
     object: VirtualObject
     R_d: np.ndarray
