@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import stat
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,6 @@ from typing import Any, TypeVar
 import msgspec
 
 from palpate_edge.common.errors import ConfigError, PalpateError, reason_of
-from palpate_edge.common.file_permissions import refuse_unsafe
 from palpate_edge.common.struct_fault import struct_fault
 from palpate_edge.common.type_text import key_text
 
@@ -40,11 +40,20 @@ def read_toml(
     """
     try:
         if trusted:
-            refuse_unsafe(path)
+            _refuse_unsafe(path)
         data = path.read_bytes()
     except OSError as refusal:
         raise error(f"{path}: {reason_of(refusal)}; {guide}") from None
     return parse_toml(data, path, kind, guide=guide, error=error)
+
+
+def _refuse_unsafe(path: Path) -> None:
+    """ConfigError when everybody may write this file; OSError as `Path.stat`."""
+    mode = path.stat().st_mode
+    if mode & stat.S_IWOTH:
+        raise ConfigError(
+            f"{path} may be written by everybody (mode {stat.S_IMODE(mode):o}): chmod o-w {path}"
+        )
 
 
 def parse_toml(

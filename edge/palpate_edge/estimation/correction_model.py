@@ -10,7 +10,6 @@ presses with forces also has ``force95`` (1, 1) N, one of presses with torsions 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.common.contact import Vector3
 from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.onnx_runtime import load_onnxruntime
 from palpate_edge.estimation.displacement_field import CanonicalField
 
 OUTPUTS = ("direction", "force", "radius95", "misfit")
@@ -52,10 +52,8 @@ class CorrectionModel:
 
     def __init__(self, model: bytes, sensor_fingerprint: str) -> None:
         """Raises CalibrationError when onnxruntime is missing, the file is damaged or of another sensor."""
-        # Its Linux wheels send reports over the network by a thread; it reads this when it is imported.
-        os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
         try:
-            import onnxruntime  # noqa: PLC0415 - an extra: the paper's method runs without it
+            onnxruntime = load_onnxruntime()
         except ImportError:
             raise CalibrationError(
                 "the calibration holds a correction model, which needs onnxruntime: "
