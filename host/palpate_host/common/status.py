@@ -77,7 +77,7 @@ class HoldStatus:
     friction: estimate of the skin's friction. friction_margin: friction less its ratio. slips: answered since
     the hold began. grip_N: mean normal force of the internal forces; None unless the pose law holds the
     object. turn_waits: the turn rests, or is undone, because friction allows no more.
-    place_mm: of the point in the object that was the contacts' centroid when the hold began, in the hand's
+    place_mm: of the point in the object that is kept in place (pose_law.object_centre_mm), in the hand's
     frame; place95_mm, orientation95_deg: 95 % radii of it and of R_c. load_N: steady force that the law
     carries, in the hand's frame; is_load_known: False while it is being learned. place_error_mm: distance of
     place_mm from its present target. All of these are None, or False, unless the pose law holds the object.

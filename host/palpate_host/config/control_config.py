@@ -85,7 +85,9 @@ class PoseLawConfig(Strict, frozen=True):
     relaxes.
     contact_time_s: time constant with which contact normals correct the orientation. doubt_deg: a normal
     further from the expected one is left out. tip_stiffness_N_m2: k of Eq. (8), by which a loaded tip is
-    smaller; 0: rigid. reach_mm, reach_deg: farthest target of a move from the pose where the hold began.
+    smaller; 0: rigid. object_centre_mm: from the contacts' centroid to the point of the object that is kept
+    in its place and about which the object turns, in the hand's frame when the hold begins. reach_mm,
+    reach_deg: farthest target of a move from the pose where the hold began.
     slip_reflex: a tip that slips gets more grip, and its friction is estimated (tip_friction.py).
     onset_reflex: the same for a tip where slip begins, a flag that pushes with a sharp end set too.
     """
@@ -101,6 +103,7 @@ class PoseLawConfig(Strict, frozen=True):
     contact_time_s: Positive = 0.5
     doubt_deg: Positive = 8.0
     tip_stiffness_N_m2: NotNegative = 0.0
+    object_centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reach_mm: Positive = 20.0
     reach_deg: Positive = 45.0
     slip_reflex: bool = True

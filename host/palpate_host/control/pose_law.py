@@ -170,6 +170,7 @@ class PoseLaw:
         self.grip_N = self._least_grip_N = float(pull_N.mean())
         radius_m = self._radius_m([self.grip_N] * len(normal))
         self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
+        self._object.place_m = self._object.place_m + 1e-3 * np.array(self._config.object_centre_mm)
         self._twist = np.zeros(6)
         self.renew_stiffness(pose, dt_s)
         self._origin_m, self._origin_R = self._object.place_m, R

@@ -244,6 +244,26 @@ def test_a_hold_begins_with_the_grip_of_the_grasp_and_without_a_history(wide):
     law.hold(pose, virtual_frame(pose.tip_centre_m), np.eye(3), DT_S)
     assert not law.is_firm and not law.is_load_known
     assert law._least_now_N(DT_S) == pytest.approx(law.grip_N)
-    np.testing.assert_allclose(law.object.place_m, law.object.grip.centroid_m)
+    below_m = 1e-3 * np.array(wide[0].pose_law.object_centre_mm)
+    np.testing.assert_allclose(law.object.place_m, law.object.grip.centroid_m + below_m)
     law.hold_here()
     assert law.place_error_mm == 0.0
+
+
+def test_the_point_that_stays_in_place_is_the_configured_one(wide):
+    """Tips that turn by 30 deg about that point leave it where it is, and carry their centroid around it."""
+    law, pose = law_that_holds(wide, object_centre_mm=(0.0, 3.0, -20.0))
+    found = law.object
+    centre_m = found.grip.centroid_m + np.array([0.0, 0.003, -0.020])
+    np.testing.assert_allclose(found.place_m, centre_m, atol=1e-12)
+    for _ in range(300):
+        step = Rotation.from_rotvec([np.radians(0.1), 0.0, 0.0]).as_matrix()
+        pose = pose._replace(
+            tip_centre_m=centre_m + (pose.tip_centre_m - centre_m) @ step.T,
+            tip_rotation=step @ pose.tip_rotation,
+        )
+        law.advance(pose, DT_S)
+    assert law.turned_deg == pytest.approx(30.0, abs=0.01)
+    assert law.place_error_mm < 0.01
+    turned = Rotation.from_euler("x", 30.0, degrees=True).apply([0.0, -0.003, 0.020])
+    np.testing.assert_allclose(found.grip.centroid_m - centre_m, turned, atol=1e-5)
