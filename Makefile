@@ -25,7 +25,7 @@ UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy coverage-slow quiet-test console-pictures schematic bench lock format system-deps clean nightly canopennode-test
+.PHONY: help demo check check-tests test lint lint-format lint-ruff lint-types lint-rooms unit slow-test slowest demo-test kernel-test uml-test vm-test ros-test dcfgen-test kicad-test lerobot-test vm-disks board-image deploy-test wheelhouse release-key coverage mutation firmware-mutation accuracy coverage-slow quiet-test console-pictures schematic bench lock format system-deps clean nightly weekly canopennode-test deploy-bookworm deploy-trixie
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -117,16 +117,22 @@ wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards ins
 release-key:  ## make the key that signs releases, ~/.ssh/palpate-release, with a password
 	ssh-keygen -t ed25519 -C palpate-release -f $(RELEASE_KEY)
 
-deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards of Debian 12 and 13 (root; docs/testing.md)
-	@failed=; for suite in $(SUITES); do for tier in $(TIERS); do begin=$$(date +%s); \
-	  PALPATE_SUITE=$$suite $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) \
-	    || failed="$$failed $$tier:$$suite"; \
-	  echo "deploy-test: $$tier of $$suite took $$(($$(date +%s) - begin)) s"; done; done; \
-	test -z "$$failed" || { echo "error: deploy-test failed in$$failed"; exit 1; }
+deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards of Debian 12 and 13, side by side (root; docs/testing.md)
+	$(call timed,$(MAKE) --no-print-directory --jobs=2 --keep-going $(SUITES:%=deploy-%))
 
-nightly: export PALPATE_KILLS = all
-nightly: export PALPATE_CUTS = 200
-nightly: deploy-test  ## deploy-test with site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours)
+deploy-bookworm deploy-trixie: deploy-%: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## the same of one suite, a log for each tier in build/deploy
+	@mkdir -p build/deploy; failed=; for tier in $(TIERS); do begin=$$(date +%s); log=build/deploy/$*-$$tier.log; \
+	  result=passed; PALPATE_SUITE=$* $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) >$$log 2>&1 \
+	    || { result=failed; failed=1; }; \
+	  echo "deploy-$*: $$tier $$result, $$(($$(date +%s) - begin)) s ($$log)"; done; test -z "$$failed"
+
+nightly: export PALPATE_SEED = $(shell date +%-j)
+nightly: deploy-test  ## deploy-test with other kills and power cuts each day (root)
+
+weekly: export PALPATE_KILLS = all
+weekly: export PALPATE_CUTS = 200
+weekly:  ## site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours; SUITES=bookworm: one suite)
+	$(call timed,$(MAKE) --no-print-directory --jobs=2 --keep-going $(SUITES:%=deploy-%) TIERS="killed cuts")
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage
