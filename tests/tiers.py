@@ -76,8 +76,15 @@ LONG_FILES = (
 )
 """Files that take seconds each."""
 
-SLOW_IN_USER_MODE_LINUX = ("kernel/test_fingertip_on_socketcan.py", "kernel/test_host_on_socketcan.py")
-"""Files whose tests take a minute in user-mode Linux, where a process of ours starts slowly."""
+SLOW_IN_USER_MODE_LINUX = (
+    "bus/hub/test_any_bus.py::test_canopen_master_and_slave_of_the_canopen_package",
+    "bus/hub/test_any_bus.py::test_several_processes_talk",
+    "edge/node/test_canopen_lss_master.py",
+    "kernel/test_canfd.py::test_the_daemon_sends_a_contact_as_one_frame_and_the_host_decodes_it",
+    "kernel/test_fingertip_on_socketcan.py",
+    "kernel/test_host_on_socketcan.py",
+)
+"""Files and tests that take long in user-mode Linux, where a process of ours starts slowly."""
 
 LONG_FIXTURES = {"sample_calibration"}
 """Fixtures that take seconds."""
@@ -178,7 +185,8 @@ def _markers(item: pytest.Item) -> Iterator[str]:
         yield "process"
     if file in FEM_FILES:
         yield "fem"
-    if file in SLOW_IN_USER_MODE_LINUX and item.get_closest_marker("uml"):
+    names = {file, f"{file}::{getattr(item, 'originalname', item.name)}"}
+    if names & set(SLOW_IN_USER_MODE_LINUX) and item.get_closest_marker("uml"):
         yield "slow"
     if file in LONG_FILES or LONG_FIXTURES & set(fixtures):
         yield "long"

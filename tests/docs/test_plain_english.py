@@ -6,6 +6,7 @@ import ast
 import builtins
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,9 +21,14 @@ ROOMS = sorted(
 )
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def texts(path: Path) -> Iterator[tuple[int, str, str]]:
     """Yield line, kind (docstring, message or help) and text of all that a reader of the program may meet."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     for node in ast.walk(tree):
         if isinstance(node, documented) and (text := ast.get_docstring(node)):
@@ -95,7 +101,7 @@ def literal_text(node: ast.JoinedStr) -> str:
 def modules() -> Iterator[tuple[Path, ast.Module]]:
     for room in ROOMS:
         for path in sorted(room.rglob("*.py")):
-            yield path, ast.parse(path.read_text(encoding="utf-8"))
+            yield path, parsed(path)
 
 
 PRINTED_BY_CONTRACT = {"X frames, X markers: X came back, X swapped"}
@@ -122,17 +128,12 @@ def test_a_message_in_a_variable_is_found() -> None:
 
 def refusals() -> Iterator[tuple[Path, int, str]]:
     """Yield file, line and literal text of every error of ours that is raised."""
-    for room in ROOMS:
-        for path in sorted(room.rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-                    name = ast.unparse(node.exc.func)
-                    if (
-                        name.endswith("Error")
-                        and name not in BUILT_IN
-                        and (text := " ".join(strings(node.exc)))
-                    ):
-                        yield path, node.lineno, text
+    for path, tree in modules():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                name = ast.unparse(node.exc.func)
+                if name.endswith("Error") and name not in BUILT_IN and (text := " ".join(strings(node.exc))):
+                    yield path, node.lineno, text
 
 
 BUILT_IN = {name for name in dir(builtins) if name.endswith("Error")}
@@ -147,17 +148,14 @@ def test_no_error_has_a_phrase_of_the_old_messages() -> None:
 def test_no_error_passes_on_the_words_of_another_library() -> None:
     """An exception of msgspec inside an f-string would bring its text to the user."""
     wrong = []
-    for room in ROOMS:
-        for path in sorted(room.rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if not isinstance(node, ast.ExceptHandler) or node.name is None or node.type is None:
-                    continue
-                if "msgspec" in ast.unparse(node.type):
-                    used = {
-                        part.id for part in ast.walk(ast.Module(node.body, [])) if isinstance(part, ast.Name)
-                    }
-                    if node.name in used:
-                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    for path, tree in modules():
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ExceptHandler) or node.name is None or node.type is None:
+                continue
+            if "msgspec" in ast.unparse(node.type):
+                used = {part.id for part in ast.walk(ast.Module(node.body, [])) if isinstance(part, ast.Name)}
+                if node.name in used:
+                    wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert not wrong, wrong
 
 

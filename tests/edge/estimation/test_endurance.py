@@ -1,4 +1,4 @@
-"""A hundred thousand frames in one process (3,000 without --effort=full): nothing grows."""
+"""A hundred thousand frames in one process (2,000 without --effort=full): nothing grows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.estimator import Estimator
 
-REDUCED, FULL, WARM_UP = 3_000, 100_000, 1_500
+REDUCED, FULL, WARM_UP = 2_000, 100_000, 1_000
 MOST_GROWTH_BYTES = 4_000_000  # 40 bytes a frame: one small object kept from each would be more
 
 

@@ -190,7 +190,9 @@ def test_orders_keep_their_rates_and_ranges(table_4):
     assert velocity.moving(some, upper + 0.01)[0].velocity_rad_s < 0.0
 
 
-@pytest.mark.parametrize("follows", [Follows.VELOCITY, Follows.POSITION])
+@pytest.mark.parametrize(
+    "follows", [pytest.param(Follows.VELOCITY, marks=pytest.mark.slow), Follows.POSITION]
+)
 def test_the_hand_grasps_and_turns_with_drives_that_follow(bench, table_4, follows):
     config, hand = table_4
     config = msgspec.structs.replace(config, run=RunConfig(start=StartMode.COMMAND))
