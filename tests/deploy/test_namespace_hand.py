@@ -206,8 +206,8 @@ def test_a_hand_is_updated_whole_or_not_at_all(hand, bare_board, python, tmp_pat
     sources = changed_sources(
         tmp_path / "sources",
         "host/palpate_host/cli/run.py",
-        "def run(",
-        "raise RuntimeError('bad')\ndef run(",
+        "CONFIG = ",
+        "raise RuntimeError('bad')\nCONFIG = ",
     )
     packages = tmp_path / "packages"
     for folder in hand.wheels.glob("cp*/*/x86_64"):
