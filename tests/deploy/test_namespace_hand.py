@@ -1,7 +1,8 @@
 """A hand's host and a fingertip from bare Debian by one run of the playbooks, in namespaces.
 
 On their bus, the local hub, are simulated drives and two more fingertips from these sources. All of it shares
-this machine's cores, so the host's watchdog waits longer. The tests go on from each other, in this order.
+this machine's cores, so the host waits longer for its own watchdog and for a drive's position. The tests go on
+from each other, in this order.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ axes = [{{drive_node = 20, device_id = 1, torque_limit_Nm = 0.5}}]
 """
 PATIENCE_S = 60.0
 MOST_EXPOSED = 1.5  # of 10
+POSITIONS = "joint_stop_ms = 100"
 BUSY = "[Service]\nWatchdogSec=10s\n"
 BUS = re.compile(r"^\[bus\]\n(?:(?!\[).*\n)*", re.MULTILINE)
 
@@ -52,6 +54,8 @@ def hand(bare_board, python, drawn_dataset, drawn_calibration_file, tmp_path_fac
     folder = tmp_path_factory.mktemp("hand")
     wheels = wheelhouse(folder / "wheelhouse", parts=("edge", "host"), python=python, key=bare_board / "key")
     table_4 = (PROJECT / "host/palpate_host/models/table4.toml").read_text()
+    assert POSITIONS in table_4
+    table_4 = table_4.replace(POSITIONS, "joint_stop_ms = 3000")
     with ExitStack() as stack:
         boards = {
             name: stack.enter_context(namespace_board(folder / name, bare_board / "tree"))
