@@ -1,8 +1,8 @@
 """A hand's host and a fingertip from bare Debian by one run of the playbooks, in namespaces.
 
-On their bus, the local hub, are simulated drives and two more fingertips from these sources. All of it shares
-this machine's cores, so the host waits longer for its own watchdog and for a drive's position. The tests go on
-from each other, in this order.
+On their bus, the local hub, are simulated drives and two more fingertips from these sources. All of it
+shares this machine's cores: the host waits longer for a drive's position, and its watchdog for the host.
+The tests go on from each other, in this order.
 """
 
 from __future__ import annotations
