@@ -250,12 +250,13 @@ def test_an_operator_lets_the_hand_grasp_and_stops_it(hand):
 
 
 def test_a_hung_host_is_ended_by_its_watchdog(hand):
+    """The bad release of the update has failed before."""
     board = hand.boards["hand"]
-    begin_s = time.monotonic()
+    before, begin_s = len(board.failures(SERVICE)), time.monotonic()
     pid = board.run("systemctl", "show", "--value", "--property=MainPID", SERVICE)
     assert pid != "0"
     board.run("kill", f"-{signal.SIGSTOP.value}", pid)
-    wait_for(lambda: board.failures(SERVICE) == ["watchdog"])
+    wait_for(lambda: board.failures(SERVICE)[before:] == ["watchdog"])
     wait_for(lambda: as_user(hand, "pilot", "status")[1].startswith("ready: "))
     print(f"hang to ready: {time.monotonic() - begin_s:.1f} s, 10 s of them the watchdog's")
 
