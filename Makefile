@@ -118,7 +118,7 @@ release-key:  ## make the key that signs releases, ~/.ssh/palpate-release, with 
 	ssh-keygen -t ed25519 -C palpate-release -f $(RELEASE_KEY)
 
 deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards of Debian 12 and 13 (root; docs/testing.md)
-	$(call timed,$(MAKE) --no-print-directory --jobs=1 --keep-going $(SUITES:%=deploy-%))
+	$(call timed,$(MAKE) --no-print-directory --jobs=1 --keep-going $(SUITES:%=deploy-%) TIERS="$(TIERS)")
 
 deploy-bookworm deploy-trixie: deploy-%: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## the same of one suite, a log for each tier in build/deploy
 	@mkdir -p build/deploy; failed=; for tier in $(TIERS); do begin=$$(date +%s); log=build/deploy/$*-$$tier.log; \
@@ -131,8 +131,8 @@ nightly: deploy-test  ## deploy-test with other kills and power cuts each day (r
 
 weekly: export PALPATE_KILLS = all
 weekly: export PALPATE_CUTS = 200
-weekly:  ## site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours; SUITES=bookworm: one suite)
-	$(call timed,$(MAKE) --no-print-directory --jobs=1 --keep-going $(SUITES:%=deploy-%) TIERS="killed cuts")
+weekly: TIERS = killed cuts
+weekly: deploy-test  ## site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours; SUITES=bookworm: one suite)
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage
