@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from tests.syntax_trees import parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = tuple(
@@ -28,11 +29,6 @@ MOST_MODULES = 20
 LARGER_ROOMS = {"node"}
 """One CiA service a file, each in the words of its standard."""
 LARGEST_SHARE = 0.15
-
-
-@cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def room_name(folder: Path) -> str:

@@ -6,11 +6,11 @@ import ast
 import builtins
 import re
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
 from tests.docs.plain_words import FIRST_WORDS, IDIOM, OLD_PHRASES
+from tests.syntax_trees import parsed
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = sorted(
@@ -19,11 +19,6 @@ ROOMS = sorted(
     for folder in (ROOT / package).iterdir()
     if (folder / "__init__.py").exists()
 )
-
-
-@cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def texts(path: Path) -> Iterator[tuple[int, str, str]]:
