@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.syntax_trees import parsed
+from tests.syntax_trees import nodes_of, parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = tuple(
@@ -37,7 +37,7 @@ def room_name(folder: Path) -> str:
 
 def test_no_class_name_is_used_twice():
     found = Counter(
-        node.name for path in FILES for node in ast.walk(parsed(path)) if isinstance(node, ast.ClassDef)
+        node.name for path in FILES for node in nodes_of(parsed(path)) if isinstance(node, ast.ClassDef)
     )
     twice = {name for name, count in found.items() if count > 1}
     assert not twice
@@ -109,7 +109,7 @@ def project_names() -> frozenset[str]:
 
 @cache
 def project_classes() -> dict[str, ast.ClassDef]:
-    nodes = (node for path in FILES for node in ast.walk(parsed(path)) if isinstance(node, ast.ClassDef))
+    nodes = (node for path in FILES for node in nodes_of(parsed(path)) if isinstance(node, ast.ClassDef))
     return {node.name: node for node in nodes}
 
 
@@ -154,7 +154,7 @@ def is_member(first: str, rest: list[str], path: Path) -> bool | None:
 
 def imported_modules(path: Path) -> dict[str, str]:
     """Return the modules that a file imports by the names that it gives them."""
-    nodes = (node for node in ast.walk(parsed(path)) if isinstance(node, ast.Import))
+    nodes = (node for node in nodes_of(parsed(path)) if isinstance(node, ast.Import))
     return {
         alias.asname or alias.name.split(".")[0]: alias.name if alias.asname else alias.name.split(".")[0]
         for node in nodes
@@ -181,7 +181,7 @@ def cited(text: str) -> list[str]:
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
     """Yield line and text of every string that stands as a statement: docstrings, also those of constants."""
-    for node in ast.walk(parsed(path)):
+    for node in nodes_of(parsed(path)):
         match node:
             case ast.Expr(value=ast.Constant(value=str(text))):
                 yield node.lineno, text

@@ -6,6 +6,7 @@ After a meant change: python tests/docs/test_contact_quantities.py writes the ta
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -72,17 +73,19 @@ def rendered() -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
 
 
-def sources() -> list[Path]:
-    """Return every file of the programs that is read by a person or by Python."""
+@cache
+def sources() -> dict[str, str]:
+    """Return every file of the programs that is read by a person or by Python: its text by its path."""
     kinds = {".py", ".eds", ".json", ".toml"}
     found = [path for part in ("edge", "host", "firmware") for path in (ROOT / part).rglob("*")]
-    return sorted(path for path in found if path.suffix in kinds and path.is_file())
+    read = [path for path in found if path.suffix in kinds and path.is_file()]
+    return {str(path.relative_to(ROOT)): path.read_text() for path in read}
 
 
 def files_with(pattern: str) -> set[str]:
     """Return the source files in which `pattern` occurs, without those that make a contact's estimate."""
-    names = {str(path.relative_to(ROOT)) for path in sources() if re.search(pattern, path.read_text())}
-    return {name for name in names if not name.startswith(PRODUCERS)}
+    others = {name: text for name, text in sources().items() if not name.startswith(PRODUCERS)}
+    return {name for name, text in others.items() if re.search(pattern, text)}
 
 
 def test_the_page_has_the_table() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.docs.plain_words import FIRST_WORDS, IDIOM, OLD_PHRASES
-from tests.syntax_trees import parsed
+from tests.syntax_trees import nodes_of, parsed
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = sorted(
@@ -25,7 +25,7 @@ def texts(path: Path) -> Iterator[tuple[int, str, str]]:
     """Yield line, kind (docstring, message or help) and text of all that a reader of the program may meet."""
     tree = parsed(path)
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, documented) and (text := ast.get_docstring(node)):
             yield getattr(node, "lineno", 1), "docstring", text
         elif isinstance(node, ast.Raise) and node.exc is not None:
@@ -74,17 +74,17 @@ def test_help_that_is_no_phrase_is_found(tmp_path: Path) -> None:
     assert [kind for _, kind, text in texts(path) if FIRST_WORDS.match(text)] == ["help"]
 
 
-def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def sentences(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Yield line and text of each string of words: messages wherever they are made, logs, tables and plots.
 
     An f-string is one text, with X for its values. Docstrings are left out.
     """
-    left_out = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
+    left_out = {id(node.value) for node in nodes_of(tree) if isinstance(node, ast.Expr)}
+    for node in nodes_of(tree):
         if isinstance(node, ast.JoinedStr):
             left_out.update(map(id, node.values))
             yield node.lineno, literal_text(node)
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in left_out:
             yield node.lineno, node.value
 
@@ -124,7 +124,7 @@ def test_a_message_in_a_variable_is_found() -> None:
 def refusals() -> Iterator[tuple[Path, int, str]]:
     """Yield file, line and literal text of every error of ours that is raised."""
     for path, tree in modules():
-        for node in ast.walk(tree):
+        for node in nodes_of(tree):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
                 name = ast.unparse(node.exc.func)
                 if name.endswith("Error") and name not in BUILT_IN and (text := " ".join(strings(node.exc))):
@@ -144,7 +144,7 @@ def test_no_error_passes_on_the_words_of_another_library() -> None:
     """An exception of msgspec inside an f-string would bring its text to the user."""
     wrong = []
     for path, tree in modules():
-        for node in ast.walk(tree):
+        for node in nodes_of(tree):
             if not isinstance(node, ast.ExceptHandler) or node.name is None or node.type is None:
                 continue
             if "msgspec" in ast.unparse(node.type):
@@ -177,9 +177,9 @@ def ends_in_a_reason(node: ast.JoinedStr) -> bool:
     return len(re.findall(r"[A-Za-z]+", after)) < 1 and not WAY_OUT_AHEAD.search(before)
 
 
-def messages(tree: ast.AST) -> Iterator[ast.JoinedStr]:
+def messages(tree: ast.Module) -> Iterator[ast.JoinedStr]:
     """Yield the f-strings that are passed to an error, a log or the end of a program."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Call) and re.search(
             r"(?i)(error|exit_with|warning)$", ast.unparse(node.func)
         ):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from functools import lru_cache
 
 import msgspec
 
@@ -95,10 +96,16 @@ def layout_of(
         if entry is None or not _carries(entry, direction) or (word & 0xFF) != 8 * (entry.size_bytes or 0):
             return MappingFault.NOT_MAPPABLE
         entries.append(entry)
-    packer = struct.Struct("<" + "".join(STRUCT_CODES[entry.data_type] for entry in entries))
+    packer = _packer("<" + "".join(STRUCT_CODES[entry.data_type] for entry in entries))
     if packer.size > (MAX_FD_DATA_BYTES if fd else MAX_DATA_BYTES):
         return MappingFault.TOO_LONG
     return PdoLayout(tuple(entries), tuple(entry.key for entry in entries), packer, fd)
+
+
+@lru_cache(maxsize=64)
+def _packer(words: str) -> struct.Struct:
+    """Return the one packer of these words, so that layouts with the same entries are equal."""
+    return struct.Struct(words)
 
 
 def _carries(entry: Entry, direction: PdoDirection) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 from palpate_bus.decode.units import Unit, meaning_of, si_unit, unit_of, unknown_text
@@ -18,7 +19,7 @@ from palpate_bus.eds.cia402_axes import (
 )
 from palpate_bus.eds.objects import read_objects
 from palpate_bus.eds.pdo import NOT_VALID, PDO_KINDS, pdo_numbers
-from palpate_bus.eds.text import Findings, parse_sections, read_text
+from palpate_bus.eds.text import Findings, Section, parse_sections, read_text
 from palpate_bus.eds.values import parse_integer
 from palpate_bus.eds.variable import Variable, Variables
 from palpate_edge.can_bus.can_frame import CanFrame, padded
@@ -82,6 +83,13 @@ class Pdo:
         return None
 
 
+@lru_cache(maxsize=16)
+def _described(text: str) -> tuple[dict[str, Section], Variables]:
+    """Return sections and objects of an EDS, which nothing changes: the nodes of a hand share a few files."""
+    sections = parse_sections(text, Findings())
+    return sections, read_objects(sections, Findings())
+
+
 class Device:
     """A node with its EDS. `name`: its name in output, such as ``finger-1``."""
 
@@ -92,11 +100,10 @@ class Device:
 
         Raises ConfigError when the file cannot be read or describes no object.
         """
-        sections = parse_sections(read_text(eds), Findings())
+        sections, self.variables = _described(read_text(eds))
         self.node_id = node_id
         self.name = name
         self.eds = eds
-        self.variables: Variables = read_objects(sections, Findings())
         if not self.variables:
             raise ConfigError(
                 f"EDS {eds} describes no object: check it with palpate-host bus check-eds {eds}"

@@ -171,11 +171,11 @@ def budget(case: BudgetCase) -> Budget:
         *_fingertip_streams(case),
         *_drive_streams(case),
         *_axes_streams(case),
-        _stream("SYNC", 0x080, [b""], case.tick_Hz),
-        _stream("heartbeats", 0x700 + FIRST_FINGERTIP, [b"\x05"], case.nodes * 1000.0 / case.heartbeat_ms),
+        _stream("SYNC", 0x080, (b"",), case.tick_Hz),
+        _stream("heartbeats", 0x700 + FIRST_FINGERTIP, (b"\x05",), case.nodes * 1000.0 / case.heartbeat_ms),
     ]
     dice = Random(0)
-    transfers = [b"\x43" + dice.randbytes(7) for _ in range(SAMPLES)]
+    transfers = tuple(b"\x43" + dice.randbytes(7) for _ in range(SAMPLES))
     streams.append(_stream("SDO reserve", 0x600 + FIRST_FINGERTIP, transfers, 2 * case.sdo_per_s))
     periodic = [stream for stream in streams if stream.name.startswith(("fingertip", "drive", "SYNC"))]
     fast = [stream for stream in periodic if stream.per_s >= 10.0 * stream.senders]
@@ -298,12 +298,13 @@ def _rate(od: ObjectDictionary, codec: PdoCodec, case: BudgetCase) -> float:
     return 1000.0 / od.default_number(index, 5)
 
 
-def _payloads(codec: PdoCodec) -> list[bytes]:
+@cache
+def _payloads(codec: PdoCodec) -> tuple[bytes, ...]:
     dice = Random(0)
-    return [
+    return tuple(
         codec.encode({entry.key: dice.randint(*_usual_range(entry)) for entry in codec.layout.entries})
         for _ in range(SAMPLES)
-    ]
+    )
 
 
 def _usual_range(entry: Entry) -> tuple[int, int]:
@@ -323,17 +324,25 @@ def _pdo_stream(case: BudgetCase, name: str, codec: PdoCodec, rate: float, sende
     if not codec.layout.fd or case.data_bitrate is None:
         return _stream(name, codec.cob_id, payloads, per_s, senders)
     rates = case.bitrate, case.data_bitrate
-    mean = fmean(fd_frame_bits(codec.cob_id, data).nominal_bits(*rates) for data in payloads)
+    mean = _mean_fd_bits(codec.cob_id, payloads, *rates)
     length = codec.length_bytes
     least, worst = (bits(length).nominal_bits(*rates) for bits in (least_fd_bits, worst_fd_bits))
     return FrameStream(name, length, per_s, least, mean, worst, senders)
 
 
-def _stream(name: str, can_id: int, payloads: list[bytes], per_s: float, senders: int = 1) -> FrameStream:
-    length, mean = len(payloads[0]), _mean_bits(can_id, tuple(payloads))
+def _stream(
+    name: str, can_id: int, payloads: tuple[bytes, ...], per_s: float, senders: int = 1
+) -> FrameStream:
+    length, mean = len(payloads[0]), _mean_bits(can_id, payloads)
     return FrameStream(name, length, per_s, 47 + 8 * length, mean, worst_bits(length), senders)
 
 
 @cache
 def _mean_bits(can_id: int, payloads: tuple[bytes, ...]) -> float:
     return fmean(frame_bits(CanFrame(can_id, data)) for data in payloads)
+
+
+@cache
+def _mean_fd_bits(can_id: int, payloads: tuple[bytes, ...], bitrate: int, data_bitrate: int) -> float:
+    """Return the mean in bits of the nominal rate."""
+    return fmean(fd_frame_bits(can_id, data).nominal_bits(bitrate, data_bitrate) for data in payloads)

@@ -54,9 +54,13 @@ class DrawnPad:
         """The camera's grey image."""
         row, column = np.mgrid[0 : self.size_px, 0 : self.size_px].astype(np.float32)
         image = np.full((self.size_px, self.size_px), 40, dtype=np.float32)
+        half = math.ceil(self.diameter_px / 2) + 1
         for x, y in at_px:
-            cover = np.clip(self.diameter_px / 2 - np.hypot(column - x, row - y) + 0.5, 0, 1)
-            image += 170 * cover
+            window = np.s_[
+                max(0, int(y) - half) : int(y) + half + 2, max(0, int(x) - half) : int(x) + half + 2
+            ]
+            distance = np.hypot(column[window] - x, row[window] - y)
+            image[window] += 170 * np.clip(self.diameter_px / 2 - distance + 0.5, 0, 1)
         image = cv2.GaussianBlur(np.minimum(image, 210), (0, 0), 0.7)
         noise = self.noise * np.random.default_rng(seed).standard_normal(image.shape, dtype=np.float32)
         return np.asarray(np.clip(np.round(image + noise), 0, 255), dtype=np.uint8)
