@@ -226,7 +226,7 @@ def _named_by(thing: object) -> Iterator[object]:
         yield from thing.__bases__
     if isinstance(thing, property):
         yield thing.fget
-    if not isinstance(thing, FunctionType) or not Path(thing.__code__.co_filename).is_relative_to(TESTS):
+    if not isinstance(thing, FunctionType) or not _is_in_tests(thing.__code__.co_filename):
         return
     names = set(_names(thing.__code__))
     for name in names & thing.__globals__.keys():
@@ -237,7 +237,12 @@ def _named_by(thing: object) -> Iterator[object]:
 
 
 def _is_of_the_tests(module: ModuleType | None) -> bool:
-    return Path(getattr(module, "__file__", None) or "/").is_relative_to(TESTS)
+    return _is_in_tests(getattr(module, "__file__", None) or "/")
+
+
+@cache
+def _is_in_tests(file: str) -> bool:
+    return Path(file).is_relative_to(TESTS)
 
 
 def _names(code: CodeType) -> Iterator[str]:

@@ -42,10 +42,9 @@ def log(tmp_path, name):
     return path
 
 
-@pytest.mark.parametrize("zone", ["UTC", "Asia/Kathmandu"])
-def test_answers_are_the_golden_ones_in_every_time_zone(tmp_path, log, name, zone):
+def test_answers_are_the_golden_ones_in_every_time_zone(tmp_path, log, name):
     golden = gzip.decompress((HERE / f"{name}.answers.log.gz").read_bytes())
-    for number in (1, 2):
+    for number, zone in enumerate(("UTC", "Asia/Kathmandu"), 1):
         answers = tmp_path / f"answers-{number}.log"
         done = subprocess.run(
             [sys.executable, "-c", REPLAY, str(log), "--config", str(TABLE_4), "-o", str(answers)],

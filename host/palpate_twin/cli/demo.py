@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
@@ -206,10 +207,11 @@ def _report(folder: RunFolder, path: Path) -> None:
 
     analysis = analyse(folder)
     write_summary(folder.summary, analysis.summary)
-    film = make_film(folder) if analysis.recording is None else None
-    write_report(path, analysis, folder, film)
-    if film is not None and not film.is_there:
-        click.echo(f"no film: {film.description}")
+    with ThreadPoolExecutor(1) as beside:
+        film = beside.submit(make_film, folder) if analysis.recording is None else None
+        write_report(path, analysis, folder, film.result if film else None)
+    if film is not None and not film.result().is_there:
+        click.echo(f"no film: {film.result().description}")
     for line in (*summary_lines(analysis.summary), f"report:  {path}", f"figures: {folder.summary}"):
         click.echo(line)
     click.echo(f"bus log: {folder.log}")

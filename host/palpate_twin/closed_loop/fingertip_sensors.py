@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from palpate_edge.calibration.calibrate import calibrate
@@ -37,28 +38,43 @@ def fingertip_sensors(
     radius_mm: radius of the hand's domes. done: called with a text before each step. Raises ConfigError if
     none of the tried seeds gives that radius, or if a sensor in `folder` has a different one.
     """
-    sensors = []
     candidates = iter(range(1000 * seed, 1000 * seed + SEEDS_TO_TRY))
-    for name in names:
-        dataset, calibration = folder / name, folder / f"{name}.cal"
-        if not (dataset / TWIN_FILE).exists():
-            view = CameraView(_sensor_of_size(candidates, radius_mm), library)
+    missing = [name for name in names if not (folder / name / TWIN_FILE).exists()]
+    to_press = {name: _sensor_of_size(candidates, radius_mm) for name in missing}
+
+    def made(name: str) -> tuple[TwinSensor, Calibration]:
+        if name in to_press:
             done(f"{name}: {PRESSES} presses")
-            part = folder / f"{name}.part"  # renamed once complete; left over by an interrupted run
-            shutil.rmtree(part, ignore_errors=True)
-            write_dataset(part, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
-            part.rename(dataset)
-        if not _can_load(calibration):
-            done(f"{name}: calibration")
-            save_calibration(calibrate(read_dataset(dataset), dome=load_dome_model()), calibration)
-        twin = load_twin(dataset / TWIN_FILE)
-        if abs(twin.sensor.dome.outer_radius_mm - radius_mm) > RADIUS_TOLERANCE_MM:
-            raise ConfigError(
-                f"{dataset}: dome radius {twin.sensor.dome.outer_radius_mm:g} mm, but the hand's tips have"
-                f" {radius_mm:g} mm: give another --output, or remove that folder and {calibration.name}"
-            )
-        sensors.append((twin, load_calibration(calibration)))
-    return sensors
+            _press(folder, name, CameraView(to_press[name], library), seed)
+        return _load(folder, name, radius_mm, done)
+
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(made, names))
+
+
+def _press(folder: Path, name: str, view: CameraView, seed: int) -> None:
+    """Write a sensor's press dataset."""
+    part = folder / f"{name}.part"  # renamed once complete; left over by an interrupted run
+    shutil.rmtree(part, ignore_errors=True)
+    write_dataset(part, view, single_presses(view, Plan(PRESSES, 0), seed), 8, seed)
+    part.rename(folder / name)
+
+
+def _load(
+    folder: Path, name: str, radius_mm: float, done: Callable[[str], None]
+) -> tuple[TwinSensor, Calibration]:
+    """Return a sensor that was pressed, and its calibration, which is made if it is missing."""
+    dataset, calibration = folder / name, folder / f"{name}.cal"
+    if not _can_load(calibration):
+        done(f"{name}: calibration")
+        save_calibration(calibrate(read_dataset(dataset), dome=load_dome_model()), calibration)
+    twin = load_twin(dataset / TWIN_FILE)
+    if abs(twin.sensor.dome.outer_radius_mm - radius_mm) > RADIUS_TOLERANCE_MM:
+        raise ConfigError(
+            f"{dataset}: dome radius {twin.sensor.dome.outer_radius_mm:g} mm, but the hand's tips have"
+            f" {radius_mm:g} mm: give another --output, or remove that folder and {calibration.name}"
+        )
+    return twin, load_calibration(calibration)
 
 
 def _can_load(calibration: Path) -> bool:

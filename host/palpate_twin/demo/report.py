@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -45,16 +45,15 @@ pre { background: #f5f5f5; padding: 0.8em; overflow-x: auto; }
 """
 
 
-def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film | None) -> None:
-    """Write the report. film: None if a recording was played.
+def write_report(
+    path: Path, analysis: Analysis, folder: RunFolder, wait_for_film: Callable[[], Film] | None
+) -> None:
+    """Write the report. wait_for_film: called when all else is drawn; None if a recording was played.
 
     Raises ConfigError if `path` cannot be written.
     """
     summary = analysis.summary
-    parts = [
-        "<h1>palpate demo</h1>",
-        *_verdict_parts(summary, folder, film),
-        *_turn_parts(analysis, folder, film),
+    below = [
         *_sight_parts(analysis, folder),
         "<h2>Contact and force</h2>",
         _finger_table(summary, analysis),
@@ -77,6 +76,9 @@ def write_report(path: Path, analysis: Analysis, folder: RunFolder, film: Film |
         "<h2>About this run</h2>",
         _header_table(summary, analysis),
     ]
+    film = wait_for_film() if wait_for_film else None
+    above = [*_verdict_parts(summary, folder, film), *_turn_parts(analysis, folder, film)]
+    parts = ["<h1>palpate demo</h1>", *above, *below]
     page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>palpate demo</title>'

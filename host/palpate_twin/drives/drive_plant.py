@@ -61,18 +61,19 @@ class JointPlant:
         if duration_us <= 0:
             return
         steps = math.ceil(duration_us / LONGEST_STEP_US)
-        step_s = duration_us / steps * 1e-6
-        for _ in range(steps):
-            self._step(step_s, torque_Nm)
+        self._advance_in(steps, duration_us / steps * 1e-6, torque_Nm)
 
-    def _step(self, step_s: float, torque_Nm: float) -> None:
-        """Make a semi-implicit Euler step: first the velocity, with implicit damping, then the position."""
+    def _advance_in(self, steps: int, step_s: float, torque_Nm: float) -> None:
+        """Make semi-implicit Euler steps: first the velocity, with implicit damping, then the position."""
         p = self.parameters
-        spring_Nm = -p.load_stiffness_Nm_rad * (self.position_rad - p.grasp_rad)
-        damping_Nms_rad = p.friction_Nms_rad + p.load_damping_Nms_rad
-        impulse = p.inertia_kgm2 * self.velocity_rad_s + step_s * (torque_Nm + spring_Nm)
-        self.velocity_rad_s = impulse / (p.inertia_kgm2 + step_s * damping_Nms_rad)
-        position_rad = self.position_rad + step_s * self.velocity_rad_s
-        self.position_rad = min(max(position_rad, p.min_rad), p.max_rad)
-        if self.position_rad != position_rad:
-            self.velocity_rad_s = 0.0
+        inertia_kgm2, stiffness_Nm_rad, grasp_rad = p.inertia_kgm2, -p.load_stiffness_Nm_rad, p.grasp_rad
+        damped_kgm2 = inertia_kgm2 + step_s * (p.friction_Nms_rad + p.load_damping_Nms_rad)
+        position_rad, velocity_rad_s = self.position_rad, self.velocity_rad_s
+        for _ in range(steps):
+            spring_Nm = stiffness_Nm_rad * (position_rad - grasp_rad)
+            impulse = inertia_kgm2 * velocity_rad_s + step_s * (torque_Nm + spring_Nm)
+            velocity_rad_s = impulse / damped_kgm2
+            position_rad += step_s * velocity_rad_s
+            if not p.min_rad <= position_rad <= p.max_rad:
+                position_rad, velocity_rad_s = min(max(position_rad, p.min_rad), p.max_rad), 0.0
+        self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s

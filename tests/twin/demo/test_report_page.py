@@ -148,7 +148,7 @@ def page(folder, hand_config) -> str:
         assert cv2.imwrite(str(folder.film.with_suffix(suffix)), film)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plots, "DPI", 40)  # small pictures are drawn sooner
-        write_report(path, analysis(hand_config), folder, Film(True, "drawn by a test"))
+        write_report(path, analysis(hand_config), folder, lambda: Film(True, "drawn by a test"))
     return path.read_text()
 
 
