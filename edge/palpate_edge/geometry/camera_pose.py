@@ -12,7 +12,6 @@ from palpate_edge.geometry.sensor import Camera, CameraPose, View
 PRIOR_SIGMA = np.array([0.5, 0.5, 0.5, 0.02, 0.02, 0.02, 0.02])  # mm, mm, mm, rad, rad, rad, 1
 BEAD_SIGMA_PX = 1.0
 ITERATIONS = 12
-STEP = 1e-5
 
 
 def pose_from(parameters: Array) -> CameraPose:
@@ -28,12 +27,8 @@ def fit_pose(camera: Camera, layout_mm: Array, pixels: Array) -> CameraPose:
     """
     parameters = np.zeros(len(PRIOR_SIGMA))
     for _ in range(ITERATIONS):
-        residual = _residual(camera, parameters, layout_mm, pixels)
-        jacobian = np.empty((residual.size, len(parameters)))
-        for column in range(len(parameters)):
-            moved = parameters.copy()
-            moved[column] += STEP
-            jacobian[:, column] = (_residual(camera, moved, layout_mm, pixels) - residual).ravel() / STEP
+        projected, slopes = View(camera, pose_from(parameters)).project_with_slopes(layout_mm)
+        residual, jacobian = projected - pixels, slopes.reshape(-1, len(parameters))
         size = np.linalg.norm(residual, axis=1)
         huber = np.minimum(1.0, 2.0 * BEAD_SIGMA_PX / np.maximum(size, 1e-9))
         weight = np.repeat(huber, 2) / BEAD_SIGMA_PX**2
@@ -44,8 +39,3 @@ def fit_pose(camera: Camera, layout_mm: Array, pixels: Array) -> CameraPose:
         if np.abs(step / PRIOR_SIGMA).max() < 1e-6:
             break
     return pose_from(parameters)
-
-
-def _residual(camera: Camera, parameters: Array, layout_mm: Array, pixels: Array) -> Array:
-    """Return the reprojection residuals (n, 2) in pixels."""
-    return View(camera, pose_from(parameters)).project(layout_mm) - pixels

@@ -108,21 +108,42 @@ class View:
         pose = pose or CameraPose()
         fx, fy, cx, cy = camera.matrix
         self._fisheye = camera.model == "fisheye"
+        self._nominal_focal_px = np.array([fx, fy])
         self._matrix = np.array(
             [[fx * pose.focal_scale, 0.0, cx], [0.0, fy * pose.focal_scale, cy], [0.0, 0.0, 1.0]]
         )
         self._distortion = np.asarray(camera.distortion, dtype=np.float64)
-        rotation, _ = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
+        rotation, slopes = cv2.Rodrigues(np.asarray(pose.rotation_rad, dtype=np.float64))
         self._rotation = np.asarray(rotation, dtype=np.float64)  # camera axes as columns in F
+        self._rotation_slopes = np.asarray(slopes, dtype=np.float64).reshape(3, 3, 3)  # by each rotation_rad
         self.position_mm: Array = np.asarray(camera.position_mm, dtype=np.float64) + pose.offset_mm
 
     def project(self, points_mm: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) in F, mm."""
+        return self._project(points_mm)[0]
+
+    def project_with_slopes(self, points_mm: Array) -> tuple[Array, Array]:
+        """Return the pixels (n, 2) of points (n, 3), and their derivatives (n, 2, 7).
+
+        By the camera's offset, mm, its Rodrigues vector, rad, and its focal scale, as in CameraPose.
+        """
+        pixels, slopes = self._project(points_mm)
+        focal, place = (slice(0, 2), slice(11, 14)) if self._fisheye else (slice(6, 8), slice(3, 6))
+        by_place = slopes[:, place].reshape(-1, 2, 3)  # of the point in the camera's axes
+        turned = (points_mm - self.position_mm) @ self._rotation_slopes  # (3, n, 3)
+        by_rotation = np.einsum("npj,rnj->npr", by_place, turned)
+        by_scale = slopes[:, focal] @ self._nominal_focal_px
+        return pixels, np.concatenate(
+            [-by_place @ self._rotation.T, by_rotation, by_scale.reshape(-1, 2, 1)], axis=2
+        )
+
+    def _project(self, points_mm: Array) -> tuple[Array, Array]:
+        """Return the pixels (n, 2) and the derivatives (2 n, k) of cv2.projectPoints."""
         in_camera = np.ascontiguousarray((points_mm - self.position_mm) @ self._rotation).reshape(-1, 1, 3)
         zero = np.zeros(3)
         project = cv2.fisheye.projectPoints if self._fisheye else cv2.projectPoints
-        pixels, _ = project(in_camera, zero, zero, self._matrix, self._distortion)
-        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        pixels, slopes = project(in_camera, zero, zero, self._matrix, self._distortion)
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), np.asarray(slopes, dtype=np.float64)
 
     def rays(self, pixels: Array) -> Array:
         """Return the unit directions (n, 3) in F of the rays through pixels (n, 2)."""

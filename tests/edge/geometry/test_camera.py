@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate_edge.geometry.camera_pose import fit_pose
+from palpate_edge.geometry.camera_pose import fit_pose, pose_from
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, Sensor, View, bead_layout_mm
 
 PINHOLE = Camera(640, 480, (380.0, 370.0, 322.0, 238.0), (0.0, 0.0, -45.0))
@@ -66,6 +66,21 @@ def test_projection_is_the_textbook_formula(camera, where):
     point = on_sphere(*where)
     formula = fisheye_pixel if camera.model == "fisheye" else lens_pixel
     assert View(camera, POSE).project(point[None])[0] == pytest.approx(formula(point, camera, POSE), abs=1e-6)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_slopes_are_the_differences_of_the_textbook_formula(camera):
+    formula = fisheye_pixel if camera.model == "fisheye" else lens_pixel
+    parameters = np.array([*POSE.offset_mm, *POSE.rotation_rad, POSE.focal_scale - 1])
+    points = np.array([on_sphere(0.0, 0.0), on_sphere(0.7, 0.4), on_sphere(1.2, -2.0)])
+    pixels, slopes = View(camera, POSE).project_with_slopes(points)
+    assert pixels == pytest.approx(View(camera, POSE).project(points))
+    for number, step in enumerate(1e-6 * np.eye(7)):
+        further, back = pose_from(parameters + step), pose_from(parameters - step)
+        differences = [
+            np.subtract(formula(point, camera, further), formula(point, camera, back)) for point in points
+        ]
+        assert slopes[:, :, number] == pytest.approx(np.array(differences) / 2e-6, abs=1e-5)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
