@@ -112,11 +112,11 @@ FIRST = (
 ONLY_WITH_MARKER = ("ros", "dcfgen", "kicad", "lerobot", "canopennode", "quiet")
 """Markers of tests that need an environment of their own, or a computer without other work: only with -m."""
 
-NOT_IN_CHECK = (
+NOT_IN_CHECK = {
     *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *ONLY_WITH_MARKER),
     *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted"),
     "deploy_cuts",
-)
+}
 
 MARKERS = (
     "process: starts a process, or speaks to one (set by tests/tiers.py)",
@@ -156,20 +156,22 @@ def seeds(reduced: int, full: int) -> list[Any]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    marks = {}
     for item in items:
         for marker in _markers(item):
             item.add_marker(marker)
-        if not any(item.get_closest_marker(name) for name in NOT_IN_CHECK):
+        marks[item] = {mark.name for mark in item.iter_markers()}
+        if not marks[item] & NOT_IN_CHECK:
             item.add_marker("check")
     is_named = any("::" in argument for argument in config.args)
     if config.getoption("--effort") != "full" and not is_named:
-        left_out = [item for item in items if item.get_closest_marker("slow")]
-        items[:] = [item for item in items if item not in set(left_out)]
+        left_out = [item for item in items if "slow" in marks[item]]
+        items[:] = [item for item in items if "slow" not in marks[item]]
         config.hook.pytest_deselected(items=left_out)
     for name in ONLY_WITH_MARKER:
         if name not in config.option.markexpr:
-            left_out = [item for item in items if item.get_closest_marker(name)]
-            items[:] = [item for item in items if item not in left_out]
+            left_out = [item for item in items if name in marks[item]]
+            items[:] = [item for item in items if name not in marks[item]]
             config.hook.pytest_deselected(items=left_out)
     order = {name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(_file(item), len(order)))
