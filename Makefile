@@ -17,9 +17,9 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # library would cost a third more processor time. Compiled modules are kept also where the surroundings forbid it: without
 # them each process that a test starts has to compile them again.
 PYTEST  = OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --junitxml=.cache/tests/$@.xml
-# Many tests of `unit` wait for processes, so it has two workers more than the two cores of the published times.
+# Many tests of `unit` wait for processes, so it has one worker more than the two cores of the published times.
 WORKERS = -n 2 --dist loadfile --no-loadscope-reorder
-UNIT_WORKERS = -n 4 --dist loadfile --no-loadscope-reorder
+UNIT_WORKERS = -n 3 --dist loadfile --no-loadscope-reorder
 
 # $(call timed,COMMAND): run it and print how long it took.
 timed = @begin=$$(date +%s); $(1); status=$$?; echo "make $@: $$(($$(date +%s) - begin)) s"; exit $$status

@@ -192,7 +192,7 @@ def schedule(rig, seed):
     return broken
 
 
-@pytest.mark.parametrize("seed", seeds(reduced=6, full=200))
+@pytest.mark.parametrize("seed", seeds(reduced=4, full=200))
 def test_a_random_schedule_of_faults(turning, seed):
     assert schedule(turning, seed)
 

@@ -85,7 +85,10 @@ def commanded(loop: LockstepLoop, *commands: Command) -> int:
 HANDS = {"pose": pose_hand, "gait": gaiting_hand, "axes": axes_hand}
 
 
-@pytest.fixture(scope="module", params=["pose", "axes", pytest.param("gait", marks=pytest.mark.slow)])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("axes", "gait")]
+
+
+@pytest.fixture(scope="module", params=["pose", *SLOW])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
     text, has_weight, operate = HANDS[request.param]()
     return record(tmp_path_factory.mktemp(request.param), text, 1, operate, has_weight=has_weight)
