@@ -87,9 +87,9 @@ def defined_names(tree: ast.AST) -> Iterator[str]:
             yield node.attr
 
 
-def used_names(tree: ast.AST) -> Iterator[str]:
-    """Yield the names that a piece of code uses."""
-    for node in ast.walk(tree):
+def used_names(tree: ast.Module) -> Iterator[str]:
+    """Yield the names that a file uses."""
+    for node in nodes_of(tree):
         if isinstance(node, ast.Name):
             yield node.id
         elif isinstance(node, ast.Attribute):
@@ -170,8 +170,13 @@ def resolves(name: str, path: Path) -> bool:
         known = is_member(first, rest, path)
         if known is not None:
             return known
-    names = project_names() | set(used_names(parsed(path)))
-    return all(part in names for part in (first, *rest))
+    return known_names(path).issuperset((first, *rest))
+
+
+@cache
+def known_names(path: Path) -> frozenset[str]:
+    """Return the names of the project, and those that a file uses."""
+    return project_names().union(used_names(parsed(path)))
 
 
 def cited(text: str) -> list[str]:

@@ -113,13 +113,15 @@ FIRST = (
 )
 """The longest files begin first: one that begins last keeps one of two workers waiting."""
 
-ONLY_WITH_MARKER = ("ros", "dcfgen", "kicad", "lerobot", "canopennode", "quiet")
-"""Markers of tests that need an environment of their own, or a computer without other work: only with -m."""
+ONLY_WITH_MARKER = (
+    *("ros", "dcfgen", "kicad", "lerobot", "canopennode", "quiet"),
+    *("deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted", "deploy_cuts"),
+)
+"""Markers of tests that take minutes, need an environment of their own or an idle computer: only with -m."""
 
 NOT_IN_CHECK = {
-    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", *ONLY_WITH_MARKER),
-    *("deploy_lint", "deploy_namespace", "deploy_hand", "deploy_killed", "deploy_foreign", "deploy_booted"),
-    "deploy_cuts",
+    *("process", "fem", "long", "slow", "reduced", "demo", "uml", "vm", "deploy_lint"),
+    *ONLY_WITH_MARKER,
 }
 
 MARKERS = (
@@ -167,16 +169,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         marks[item] = {mark.name for mark in item.iter_markers()}
         if not marks[item] & NOT_IN_CHECK:
             item.add_marker("check")
+    left_out = {name for name in ONLY_WITH_MARKER if name not in config.option.markexpr}
     is_named = any("::" in argument for argument in config.args)
     if config.getoption("--effort") != "full" and not is_named:
-        left_out = [item for item in items if "slow" in marks[item]]
-        items[:] = [item for item in items if "slow" not in marks[item]]
-        config.hook.pytest_deselected(items=left_out)
-    for name in ONLY_WITH_MARKER:
-        if name not in config.option.markexpr:
-            left_out = [item for item in items if name in marks[item]]
-            items[:] = [item for item in items if name not in marks[item]]
-            config.hook.pytest_deselected(items=left_out)
+        left_out.add("slow")
+    config.hook.pytest_deselected(items=[item for item in items if marks[item] & left_out])
+    items[:] = [item for item in items if not marks[item] & left_out]
     order = {name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(_file(item), len(order)))
 

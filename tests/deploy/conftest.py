@@ -1,4 +1,4 @@
-"""Fixtures shared by the tiers. A tier of minutes runs only where its marker is named: docs/testing.md."""
+"""Fixtures shared by the tiers."""
 
 from __future__ import annotations
 
@@ -11,24 +11,6 @@ import pytest
 from deploy_rig.fingertip_board import SlowCamera, fingertip_board
 from deploy_rig.fingertip_board import slow_camera as slowed
 from deploy_rig.image import SUITES, board_image, missing, wheelhouse
-
-BY_NAME = (
-    "deploy_booted",
-    "deploy_cuts",
-    "deploy_foreign",
-    "deploy_hand",
-    "deploy_killed",
-    "deploy_namespace",
-)
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    for marker in BY_NAME:
-        if marker not in config.option.markexpr:
-            left_out = [item for item in items if item.get_closest_marker(marker)]
-            items[:] = [item for item in items if item not in left_out]
-            config.hook.pytest_deselected(items=left_out)
 
 
 @pytest.fixture(scope="session")

@@ -39,8 +39,11 @@ def fingertip_sensors(
     none of the tried seeds gives that radius, or if a sensor in `folder` has a different one.
     """
     candidates = iter(range(1000 * seed, 1000 * seed + SEEDS_TO_TRY))
-    missing = [name for name in names if not (folder / name / TWIN_FILE).exists()]
-    to_press = {name: _sensor_of_size(candidates, radius_mm) for name in missing}
+    to_press = {
+        name: _sensor_of_size(candidates, radius_mm)
+        for name in names
+        if not (folder / name / TWIN_FILE).exists()
+    }
 
     def made(name: str) -> tuple[TwinSensor, Calibration]:
         if name in to_press:
