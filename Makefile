@@ -117,22 +117,27 @@ wheelhouse: $(VENV)/host.stamp  ## write build/wheelhouse, from which boards ins
 release-key:  ## make the key that signs releases, ~/.ssh/palpate-release, with a password
 	ssh-keygen -t ed25519 -C palpate-release -f $(RELEASE_KEY)
 
-deploy-test: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## provision, update, roll back and break boards of Debian 12 and 13 (root; docs/testing.md)
-	$(call timed,$(MAKE) --no-print-directory --jobs=1 --keep-going $(SUITES:%=deploy-%) TIERS="$(TIERS)")
+deploy-test:  ## provision, update, roll back and break boards of Debian 12 and 13 (root; docs/testing.md)
+
+nightly: TIERS = hand namespace foreign booted
+nightly:  ## the tiers of deploy-test that are the same each day (root)
+
+weekly: export PALPATE_KILLS = all
+weekly: export PALPATE_CUTS = 200
+weekly: TIERS = killed cuts
+weekly:  ## site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours; SUITES=bookworm: one suite)
+
+# A hand stops when its processes are late, so that tier has the computer to itself; in the others the suites share it.
+deploy-test nightly weekly: $(VENV)/dev.stamp $(DEPLOY)/stamp
+	$(call timed,$(MAKE) --no-print-directory --keep-going --jobs=1 $(SUITES:%=deploy-%) TIERS="$(filter hand,$(TIERS))"; \
+	  hand=$$?; $(MAKE) --no-print-directory --keep-going --jobs=2 $(SUITES:%=deploy-%) TIERS="$(filter-out hand,$(TIERS))" \
+	  && test $$hand = 0)
 
 deploy-bookworm deploy-trixie: deploy-%: $(VENV)/dev.stamp $(DEPLOY)/stamp  ## the same of one suite, a log for each tier in build/deploy
 	@mkdir -p build/deploy; failed=; for tier in $(TIERS); do begin=$$(date +%s); log=build/deploy/$*-$$tier.log; \
 	  result=passed; PALPATE_SUITE=$* $(BIN)/pytest tests/deploy -m "deploy_$$tier" -s --durations=0 $(PYTEST_ARGS) >$$log 2>&1 \
 	    || { result=failed; failed=1; }; \
 	  echo "deploy-$*: $$tier $$result, $$(($$(date +%s) - begin)) s ($$log)"; done; test -z "$$failed"
-
-nightly: export PALPATE_SEED = $(shell date +%-j)
-nightly: deploy-test  ## deploy-test with other kills and power cuts each day (root)
-
-weekly: export PALPATE_KILLS = all
-weekly: export PALPATE_CUTS = 200
-weekly: TIERS = killed cuts
-weekly: deploy-test  ## site.yml killed after each task that changes a board, and 200 power cuts in an update (root; hours; SUITES=bookworm: one suite)
 
 # Coverage slows the tests down: the run takes a quarter of an hour on two idle cores.
 coverage: $(VENV)/firmware.stamp $(DEPLOY)/stamp  ## measure line coverage of make test (without the demo) by room, into build/coverage

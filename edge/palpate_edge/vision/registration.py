@@ -10,8 +10,8 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Image, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
-from palpate_edge.geometry.marker_layout import learn_layout
-from palpate_edge.geometry.points import repeated, spacing
+from palpate_edge.geometry.marker_layout import REMEDY, learn_layout
+from palpate_edge.geometry.points import distances, repeated, spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
 from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
@@ -24,6 +24,9 @@ FIT_ROUNDS = 4
 GREY_PREFERENCE = 2.0  # a colour must stand out that much more: grey decodes faster and has less noise
 MAX_RESIDUAL_DIAMETERS = 0.3  # bead diameters; a blob farther from its fitted place is no bead
 MAX_THETA_DEG = 95.0  # polar angle beyond which no bead lies
+MAX_SPARE_SHARE = 0.1  # of a learned layout's beads: other spots at a bead's distance, and as strong
+STRONG = 0.5  # of the beads' median strength
+NEXT_TO_A_BEAD = (0.85, 1.1)  # spacings from the nearest bead to one that was missed; light lies anywhere
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +116,7 @@ def _appearances(image: Image) -> list[Appearance]:
 def _learn(image: Image, sensor: Sensor) -> Registration:
     """Learn a layout from the beads that stand out on the dome.
 
-    Raises CalibrationError when they are too few, do not lie on the dome, or make no layout.
+    Raises CalibrationError when they are too few or not all, do not lie on the dome, or make no layout.
     """
     view, radius_mm = View(sensor.camera), sensor.markers.radius_mm
     apex_mm = np.array([[0.0, 0.0, radius_mm]])
@@ -126,6 +129,7 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
         position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
         position_px = position_px[~repeated(position_px, 0.5 * diameter_px)]  # two blobs of one bead
     _check_declared_count(sensor, len(position_px))
+    _check_complete(find_blobs(dark, diameter_px), position_px)
     layout = learn_layout(sensor.camera, radius_mm, position_px)
     if sensor.markers.layout == "hexagonal" and not layout.hexagonal:
         raise CalibrationError(
@@ -147,6 +151,22 @@ def _check_declared_count(sensor: Sensor, found: int) -> None:
             f"{found} beads were found in the reference frame, sensor.toml's markers.count is {count} (at "
             f"least {MIN_BEADS_SHARE:.0%} are needed, and no more): correct it, or look at palpate-edge "
             "inspect"
+        )
+
+
+def _check_complete(blobs: Blobs, position_px: Array) -> None:
+    """Refuse beads (n, 2) with other spots of their strength among them: beads that were not recognised."""
+    if len(position_px) < 2 or not len(blobs.strength):
+        return
+    apart = distances(blobs.position_px, position_px)
+    typical = float(np.median(blobs.strength[apart.argmin(axis=0)]))
+    nearest = (apart / spacing(position_px)).min(axis=1)
+    low, high = NEXT_TO_A_BEAD
+    spare = int(((blobs.strength > STRONG * typical) & (nearest > low) & (nearest < high)).sum())
+    if spare > MAX_SPARE_SHARE * len(position_px):
+        raise CalibrationError(
+            f"{len(position_px)} beads were found in the reference frame, and among them {spare} other spots "
+            f"that stand out as clearly: the learned layout would be incomplete: {REMEDY}"
         )
 
 

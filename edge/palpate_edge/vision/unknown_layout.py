@@ -2,9 +2,9 @@
 
 Every channel, dark and bright beads, and several diameters are tried on a reduced image. Blobs that are
 round and isolated (:mod:`palpate_edge.vision.disk_profile`), and spaced like those around them, are beads if
-they are most of what stands out; the channel and the diameter that show most of them are taken. Then all of
-the image's beads are collected on that channel, smaller and larger ones too. An image without such blobs has
-no beads.
+they are most of what stands out. The channel and the diameter that show most of them, and most clearly, are
+taken. Then all of the image's beads are collected on that channel, smaller and larger ones too. An image
+without such blobs has no beads.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
 from palpate_edge.geometry.points import distances
-from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
-from palpate_edge.vision.blob_detection import Blobs, find_blobs
+from palpate_edge.vision.appearance import CHANNELS, Appearance, plane, unlit_grey
+from palpate_edge.vision.blob_detection import MIN_STRENGTH, Blobs, find_blobs
 from palpate_edge.vision.disk_profile import DiskProfile, disk_profile
 
 HEIGHT_OVER_DIAMETER = (80, 64, 50, 40, 32, 25, 20, 16)  # of the image; tried without a diameter
@@ -34,11 +34,14 @@ SIZE_FACTORS = (0.65, 0.8, 1.0, 1.25, 1.5)  # of the diameter: a wide lens shows
 SPACING_RANGE = (0.55, 2.0)  # distance to the nearest bead, over that of the beads around
 SIZE_RANGE = (0.6, 1.6)  # diameter, over that of the beads around
 NEIGHBOURS = 12  # beads around, whose spacing and diameter are compared
-GREY_PREFERENCE = 1.1  # a colour must show that many more beads: grey has less noise
+ABOUT_AS_MANY = 0.9  # of the most beads that a channel shows; among such channels the clearest is taken
+REFLECTION = 0.6  # of the largest of these channels' diameters; smaller are lamps reflected by the beads
+CLEAR = 5.0  # times the strongest other spot; more makes a channel no better
+GREY_PREFERENCE = 2.0  # a colour's beads must stand out that much more: grey has less noise
 SATURATED = 250.0  # grey level of a reflection of a lamp
 MAX_SATURATED_SHARE = 1 / 3  # of bright beads; above it the beads themselves are overexposed
 
-SHAPE = ("contrast", "diameter", "oval", "isolation", "offset")
+SHAPE = ("contrast", "diameter", "oval", "isolation", "offset", "filled")
 
 Selection = Callable[[Array], Mask]  # places (n, 2) -> which may hold a bead
 
@@ -82,19 +85,60 @@ def beads_without_layout(
     wanted = [diameter_px] if diameter_px else [image.shape[0] / n for n in HEIGHT_OVER_DIAMETER]
     sizes = [scale * one for one in wanted if scale * one >= MIN_DIAMETER_PX or diameter_px]
     sizes = [one for one in sizes if one * SIZE_FACTORS[-1] < min(reduced.shape[:2])]
-    best_score, best, best_px = 0.0, Appearance(), diameter_px or image.shape[0] / HEIGHT_OVER_DIAMETER[0]
-    for appearance in _appearances(image):
-        dark = plane(reduced, appearance)
-        for one in sizes:
-            found = _candidates(dark, appearance, one, lambda places: may_hold(places / scale))
-            beads, purity = _beads(found)
-            score = len(beads) * purity * (GREY_PREFERENCE if appearance.channel == "grey" else 1.0)
-            if score > best_score:
-                best_score, best = score, appearance
-                best_px = float(np.median(found.diameter_px[beads])) / scale
-    if not best_score:
-        return Blobs(np.zeros((0, 2)), np.zeros(0)), best, best_px
-    return _collect(plane(image, best), best, best_px, may_hold), best, best_px
+    tried = [
+        _best_diameter(reduced, appearance, sizes, lambda places: may_hold(places / scale))
+        for appearance in _appearances(image)
+    ]
+    most = max(trial.count for trial in tried)
+    if not most:
+        none = Blobs(np.zeros((0, 2)), np.zeros(0))
+        return none, Appearance(), diameter_px or image.shape[0] / HEIGHT_OVER_DIAMETER[0]
+    tried = [trial for trial in tried if trial.count >= ABOUT_AS_MANY * most]
+    largest_px = max(trial.diameter_px for trial in tried)
+    best = max((trial for trial in tried if trial.diameter_px > REFLECTION * largest_px), key=_clearness)
+    size_px = best.diameter_px / scale
+    beads = _collect(plane(image, best.appearance), best.appearance, size_px, may_hold)
+    return beads, best.appearance, size_px
+
+
+class _Trial(msgspec.Struct, frozen=True):
+    """Beads of one channel at one diameter.
+
+    count: their number times purity; strength: median; other_strength: of the strongest other blob;
+    diameter_px: median.
+    """
+
+    appearance: Appearance
+    count: float = 0.0
+    strength: float = 0.0
+    other_strength: float = 0.0
+    diameter_px: float = 0.0
+
+
+def _best_diameter(
+    image: Image, appearance: Appearance, sizes_px: list[float], may_hold: Selection
+) -> _Trial:
+    """Return the trial with the diameter that shows most beads."""
+    best, dark = _Trial(appearance), plane(image, appearance)
+    for size_px in sizes_px:
+        found = _candidates(dark, appearance, size_px, may_hold)
+        beads, purity = _beads(found)
+        if len(beads) * purity > best.count:
+            strength, diameter_px = (
+                float(np.median(of[beads])) for of in (found.strength, found.diameter_px)
+            )
+            others = np.delete(found.strength, beads).max(initial=0.0)
+            best = _Trial(appearance, len(beads) * purity, strength, others, diameter_px)
+    return best
+
+
+def _clearness(trial: _Trial) -> float:
+    """Return how far the beads stand out from the strongest other blob, up to `CLEAR`.
+
+    Patches of light are blobs on grey, and none on a difference of colours.
+    """
+    clearness = min(CLEAR, trial.strength / max(MIN_STRENGTH, trial.other_strength))
+    return clearness * (GREY_PREFERENCE if trial.appearance.channel == "grey" else 1.0)
 
 
 def _appearances(image: Image) -> list[Appearance]:
@@ -110,9 +154,10 @@ def _candidates(dark: Plane, appearance: Appearance, diameter_px: float, may_hol
     place, strength = place[inside], strength[inside]
     profile = disk_profile(dark, place, diameter_px)
     saturated = np.zeros(len(place), dtype=np.bool_)
-    if appearance.bright and appearance.channel == "grey":
+    unlit = unlit_grey(appearance)
+    if appearance.bright and unlit is not None:
         column, row = place.T.astype(np.intp)
-        saturated = cv2.erode(dark, np.ones((3, 3), np.uint8))[row, column] <= 255.0 - SATURATED
+        saturated = cv2.erode(dark, np.ones((3, 3), np.uint8))[row, column] <= unlit - SATURATED
     return _Candidates(place, strength, profile, profile.diameter * diameter_px, saturated)
 
 

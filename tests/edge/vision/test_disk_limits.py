@@ -61,7 +61,7 @@ def test_a_place_without_an_edge_is_as_wide_as_can_be() -> None:
     assert not flat.is_disk()[0]
 
 
-GOOD = {"contrast": 100.0, "diameter": 1.0, "oval": 0.05, "isolation": 0.9, "offset": 0.05}
+GOOD = {"contrast": 100.0, "diameter": 1.0, "oval": 0.05, "isolation": 0.9, "offset": 0.05, "filled": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -82,3 +82,9 @@ def test_each_limit(name: str, inside: float, outside: float) -> None:
         scale = 1.0 / tolerance if is_lower else tolerance
         scaled = {**values, name: scale * np.array([inside, outside])}
         assert DiskProfile(**scaled).is_disk(tolerance).tolist() == [True, False]
+
+
+def test_a_disk_is_filled_at_any_tolerance() -> None:
+    values = {**{one: np.full(2, value) for one, value in GOOD.items()}, "filled": np.array([0.781, 0.779])}
+    for tolerance in (1.0, 1.5):
+        assert DiskProfile(**values).is_disk(tolerance).tolist() == [True, False]

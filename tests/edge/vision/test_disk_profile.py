@@ -32,6 +32,17 @@ def test_a_disk_is_told_its_size_on_light_that_slopes(diameter, x, y, skin, slop
     assert SEARCHED_PX * found.offset[0] == pytest.approx(np.hypot(x, y), abs=0.25)
 
 
+@pytest.mark.parametrize("x", [0.0, 1.5, 2.5])
+def test_the_reflection_of_a_light_on_a_bead_is_no_edge(x):
+    grey = np.full((81, 81), 200, dtype=np.uint8)
+    cv2.circle(grey, (40 * 16, 40 * 16), 96, 40, -1, cv2.LINE_AA, 4)  # 12 px wide, in sixteenths of a pixel
+    cv2.circle(grey, (round(16 * (40 + x)), 40 * 16), 24, 255, -1, cv2.LINE_AA, 4)
+    found = disk_profile(cv2.GaussianBlur(grey, (0, 0), 0.7), np.array([[40.0, 40.0]]), SEARCHED_PX)
+    assert found.is_disk().all()
+    assert SEARCHED_PX * found.diameter[0] == pytest.approx(12.0, rel=0.1)
+    assert found.contrast[0] == pytest.approx(160.0, rel=0.2)
+
+
 def checkerboard(picture):
     row, column = np.indices(picture.shape) // 11
     picture[(row + column) % 2 == 0] = 40

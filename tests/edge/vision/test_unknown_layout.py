@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from palpate_edge.cli.main import cli
-from palpate_edge.common.errors import DatasetError
+from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.geometry.sensor import View, bead_layout_mm
+from palpate_edge.geometry.sensor import Camera, Dome, Markers, Sensor, View, bead_layout_mm
+from palpate_edge.vision.registration import register
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 HEIGHT, WIDTH = 480, 640
@@ -145,3 +146,60 @@ def test_a_reflection_of_lamps_is_not_taken_for_the_beads():
     apart = np.linalg.norm(blobs.position_px[:, None] - np.array(beads, dtype=float)[None], axis=2)
     assert (apart.min(axis=1) < 2).all()
     assert len(blobs.strength) >= 42  # a lamp hides the nearest ones' edges
+
+
+HEXAGON = np.array(
+    [
+        (320 + 34 * (column + row / 2), 240 + 34 * np.sqrt(0.75) * row)
+        for row in range(-6, 7)
+        for column in range(-6, 7)
+        if abs(row + column) <= 6
+    ]
+)
+
+
+def lattice(colour, skin=120.0, light=1.0, reflection_px=0, oval_from=127):
+    """A hexagon of 127 beads, 15 px wide, on grey skin; light: factor of each pixel."""
+    picture = np.full((HEIGHT, WIDTH, 3), skin)
+    for number, (x, y) in enumerate(HEXAGON):
+        place, width = (round(16 * x), round(16 * y)), 120 if number < oval_from else 60
+        cv2.ellipse(picture, place, (120, width), 30.0, 0.0, 360.0, colour, -1, cv2.LINE_AA, 4)
+        cv2.circle(picture, place, 8 * reflection_px, (255, 255, 255), -1, cv2.LINE_AA, 4)
+    return noisy(cv2.GaussianBlur(light * picture, (0, 0), 1.0))
+
+
+def apart_px(position_px):
+    return np.linalg.norm(position_px[:, None] - HEXAGON[None], axis=2).min(axis=1)
+
+
+def test_beads_with_a_reflection_in_the_middle_are_all_found():
+    blobs, appearance, diameter_px = beads_without_layout(lattice((40, 40, 40), skin=200.0, reflection_px=5))
+    assert len(blobs.strength) == len(HEXAGON)
+    assert (apart_px(blobs.position_px) < 2).all()
+    assert not appearance.bright  # then they would be the reflections
+    assert diameter_px == pytest.approx(15.0, rel=0.1)
+
+
+def test_a_colour_is_preferred_to_grey_with_patches_of_light():
+    light = np.ones((HEIGHT, WIDTH))
+    for x, y in np.random.default_rng(3).uniform((150, 60), (490, 420), (40, 2)):
+        light += 0.15 * np.exp(-((COLUMN - x) ** 2 + (ROW - y) ** 2) / (2 * 6.0**2))
+    blobs, appearance, _ = beads_without_layout(lattice((170, 165, 90), light=light[:, :, None]))
+    assert appearance.channel != "grey"
+    assert len(blobs.strength) == len(HEXAGON)
+
+
+WITHOUT_RINGS = Sensor(
+    Dome(30.0, 5.0),
+    Markers(26.5, 2.8, ()),
+    Camera(WIDTH, HEIGHT, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0)),
+)
+
+
+def test_beads_that_are_all_recognised_make_a_layout():
+    assert len(register(lattice((40, 40, 40)), WITHOUT_RINGS).layout_mm) == len(HEXAGON)
+
+
+def test_a_layout_is_not_learned_from_half_of_the_beads():
+    with pytest.raises(CalibrationError, match=r"\d+ beads were found .* among them \d+ other spots"):
+        register(lattice((40, 40, 40), oval_from=64), WITHOUT_RINGS)
