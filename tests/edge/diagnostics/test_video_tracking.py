@@ -188,7 +188,7 @@ def test_labels_hold_through_real_videos(shared_data, name, frames, markers, los
     recording.close()
     assert len(followed.lost) == frames
     assert len(followed.start_px) >= markers
-    assert followed.appearance == Appearance("grey", bright=False)
+    assert not followed.appearance.bright
     assert followed.home.all()
     assert not followed.swapped.any()
     assert followed.agreement > agreement
