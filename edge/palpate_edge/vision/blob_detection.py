@@ -92,7 +92,7 @@ class BlobDetector:
         place = _highest_points(determinant, index[order])
         place *= binning
         place += 0.5 * (binning - 1)
-        return Blobs(place, strength[order])
+        return _each_once(Blobs(place, strength[order]))
 
 
 def find_blobs(
@@ -113,6 +113,16 @@ def _peaks(values: Floats, reach: int, limit: float, work: Floats) -> Indices:
     peak &= values > limit
     peak[0] = peak[-1] = peak[:, 0] = peak[:, -1] = False
     return np.asarray(peak.ravel().nonzero()[0])
+
+
+def _each_once(blobs: Blobs) -> Blobs:
+    """Return the blobs without the repetitions that a maximum between two equal pixels causes."""
+    repeats = blobs.strength[1:] == blobs.strength[:-1]
+    if not repeats.any():
+        return blobs
+    repeats &= np.abs(np.diff(blobs.position_px, axis=0)).max(axis=1) < 1.0
+    kept = np.append(True, ~repeats)
+    return Blobs(blobs.position_px[kept], blobs.strength[kept])
 
 
 def _highest_points(values: Floats, index: Indices) -> Array:

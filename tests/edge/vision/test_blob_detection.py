@@ -246,3 +246,11 @@ def test_a_coarse_search_finds_every_pin_of_a_dense_lattice(apart_px):
     apart = np.linalg.norm(places[:, None] - blobs.position_px[None], axis=2)
     assert len(blobs.strength) == len(places)
     assert apart.min(axis=1).max() < 2.0
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_a_disk_whose_middle_lies_between_equal_pixels_is_one_blob(coarse):
+    row, column = np.mgrid[0:96, 0:96]
+    inside = np.hypot(column - 47.5, row - 47.5) < 7.0
+    blobs = BlobDetector(14.0, coarse=coarse).find(np.where(inside, 40, 200).astype(np.uint8))
+    np.testing.assert_allclose(blobs.position_px, [[47.5, 47.5]], atol=0.01)
