@@ -169,26 +169,30 @@ def test_the_command_prints_the_figures_and_writes_the_picture(video, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "markers", "lost_a_frame", "agreement"),
+    ("name", "channel", "frames", "markers", "lost_a_frame", "agreement"),
     [
         # 7 rows of 10 dots are wholly in the picture, an eighth row is cut by its border
-        pytest.param("gel-grid/mini_example.avi", 219, 70, 0.5, 0.99, id="gel-grid"),
+        pytest.param("gel-grid/mini_example.avi", "grey", 219, 70, 0.5, 0.99, id="gel-grid"),
         # 24 of about 28 dots stand out of what lies behind the clear skin in the first frames; those at the
         # picture's border are lost more often, and a lost one is searched for in its window alone; where
         # labels are doubtful after a jump, the next frame starts from the reference: more lost, fewer wrong
         pytest.param(
-            *("fingervision/cam1_0002.m4v", 2932, 22, 1.9, 0.995), id="fingervision", marks=pytest.mark.slow
+            *("fingervision/cam1_0002.m4v", "green", 2932, 22, 1.9, 0.995),
+            id="fingervision",
+            marks=pytest.mark.slow,
         ),
     ],
 )
-def test_labels_hold_through_real_videos(shared_data, name, frames, markers, lost_a_frame, agreement):
+def test_labels_hold_through_real_videos(
+    shared_data, name, channel, frames, markers, lost_a_frame, agreement
+):
     folder, file = name.split("/")
     recording = open_recording(shared_data(f"real/{folder}") / file)
     followed = follow.follow_video(recording)
     recording.close()
     assert len(followed.lost) == frames
     assert len(followed.start_px) >= markers
-    assert not followed.appearance.bright
+    assert followed.appearance == Appearance(channel, bright=False)
     assert followed.home.all()
     assert not followed.swapped.any()
     assert followed.agreement > agreement
