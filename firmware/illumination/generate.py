@@ -20,6 +20,7 @@ OUTPUTS = {
     "client": PROJECT / "edge" / "palpate_edge" / "illumination" / "registers.py",
     "page": PROJECT / "docs" / "illumination.md",
 }
+SOURCES = "registers.toml and page.md"
 NOTE = "Written by firmware/illumination/generate.py from registers.toml: edit registers.toml."
 
 # Thermistor 10 kOhm at 25 degC, B = 3950 K, to ground, with 10 kOhm to the ADC's reference.
@@ -138,7 +139,7 @@ def main() -> int:
     ]
     if "--check" in sys.argv:
         for path in stale:
-            print(f"error: {path.relative_to(PROJECT)} does not match registers.toml: run make registers")
+            print(f"error: {path.relative_to(PROJECT)} does not match {SOURCES}: run make registers")
         return bool(stale)
     for name, text in wanted.items():
         OUTPUTS[name].write_text(text)
