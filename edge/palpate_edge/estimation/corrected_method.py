@@ -13,6 +13,11 @@ from palpate_edge.estimation.displacement_field import CanonicalField, Displacem
 from palpate_edge.estimation.frame_record import FrameRecord, LocatedContact
 from palpate_edge.estimation.skin_motion import faintness
 
+# The fitted contact leaves less of any field than the correction model's answer, of two presses' as well. On
+# four sensors in hard light, of 597 single presses none is refused with this factor (1 by the answer's
+# misfit), and of 1,243 frames spliced of two presses 5.9 % pass (9.3 %).
+FITTED_MISFIT = 2.0
+
 
 class CorrectedMethod:
     """Locates contacts with the calibration's correction model."""
@@ -65,10 +70,12 @@ class CorrectedMethod:
             field,
             faintness(motion.size_px / motion.noise, self._threshold_px),
         )
+        direction, misfit = fitter.combine(record.beads, start)
         return msgspec.structs.replace(
             result,
-            direction=fitter.combined_direction(record.beads, start),
+            direction=direction,
             radius95_mm=fitter.radius_scale * result.radius95_mm,
+            misfit=FITTED_MISFIT * misfit,
         )
 
 

@@ -70,7 +70,7 @@ def fit_combined_place(
         for index in range(part, len(presses), PARTS):
             start = _start(reader, presses[index], left_out, _first(left_out, index))
             given[index] = start.direction
-            fitted[index] = fitter.fitted_direction(presses[index].beads, start)
+            fitted[index] = fitter.fit(presses[index].beads, start).direction
     truth = np.array([press.direction for press in presses])
     faintness = np.array([press.faintness for press in presses])
     share = best_share(given, fitted, truth, faintness)

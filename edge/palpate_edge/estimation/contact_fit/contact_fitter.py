@@ -8,6 +8,8 @@ minimise, over the place d, the way of the force and the size of the field (five
 with y_i the displacement of bead i, f_i that of the contact fields, q_i the standard deviation of its
 measured place, s^2 the frame's own mean square displacement an axis, less the noise, and sigma_k that of the
 correction model's answer. A hidden bead counts for nothing.
+
+What the fitted contact's own field leaves of the frame's is the *misfit*, squared, both fields of size 1.
 """
 
 from __future__ import annotations
@@ -55,6 +57,13 @@ class FitStart(NamedTuple):
     faintness: float
 
 
+class FittedContact(NamedTuple):
+    """direction: unit vector of the place in F; misfit: of the fitted contact, 0 to 4."""
+
+    direction: Vector3
+    misfit: float
+
+
 class ContactFitter:
     """Fits contacts to the displacements of one sensor's beads."""
 
@@ -66,23 +75,24 @@ class ContactFitter:
         self._centres = fields.centres.array()
         self._weights = np.ascontiguousarray(fields.weights.array().T)
         self._offset = fields.offset.array()
+        self._fields = fields.shapes.array()
         # (3 g, p + 1): from the shapes' coefficients to the weights of the kernels.
         skin = kernel_weights(fields.shapes.array().astype(np.float64))
         self._skin = np.ascontiguousarray(skin.reshape(len(skin), -1).T, dtype=np.float32)
         _, mm_per_px = reader.geometry
         self._px_per_mm = np.linalg.pinv(mm_per_px).astype(np.float32)
 
-    def combined_direction(self, beads: Beads, start: FitStart) -> Vector3:
-        """Return the unit vector in F between the correction model's place and the fitted one."""
-        fitted = self.fitted_direction(beads, start)
+    def combine(self, beads: Beads, start: FitStart) -> FittedContact:
+        """Return the contact at the place between the correction model's and the fitted one."""
+        fitted, misfit = self.fit(beads, start)
         x, y, z = (
             given + self.share * (best - given) for given, best in zip(start.direction, fitted, strict=True)
         )
         length = math.hypot(x, y, z)
-        return x / length, y / length, z / length
+        return FittedContact((x / length, y / length, z / length), misfit)
 
-    def fitted_direction(self, beads: Beads, start: FitStart) -> Vector3:
-        """Return the unit vector in F of the fitted place."""
+    def fit(self, beads: Beads, start: FitStart) -> FittedContact:
+        """Return the fitted contact."""
         turn = rotation_about_z(start.field.azimuth_rad)
         interpolate = self._reader.canonical_kernel(start.field.azimuth_rad).T  # (n, g)
         to_px = self._px_per_mm @ turn.astype(np.float32)
@@ -114,22 +124,18 @@ class ContactFitter:
             way = _unit(way + place - turned + step[2:4] @ tangents[2:])
             place, log_size = turned, log_size + float(step[4])
         x, y, z = (turn @ place).tolist()
-        return x, y, z
+        return FittedContact((x, y, z), self._misfit(place, way, log_size, start.field))
 
     def _shapes(self, place: Array, way: Array, log_size: float, tangents: Array) -> Floats:
         """Return the shapes' coefficients (p + 1, 6) of a contact, and their slopes along the five numbers.
 
         tangents (4, 3): of place and way.
         """
-        point = np.empty(7, np.float32)
-        point[:3], point[3:6] = PLACE_WEIGHT * place, FORCE_WEIGHT * (way + place)
-        point[6] = SIZE_WEIGHT * log_size
         ways = np.zeros((7, 5), np.float32)
         ways[:3, :2] = PLACE_WEIGHT * tangents[:2].T  # way + place stays as it is
         ways[3:6, 2:4] = FORCE_WEIGHT * tangents[2:].T
         ways[6, 4] = SIZE_WEIGHT
-        off = self._centres - point
-        kernels = np.exp(-0.5 * np.vecdot(off, off))
+        off, kernels = self._kernels(place, way, log_size)
         both = np.empty((len(off), 6), np.float32)
         both[:, 0] = kernels
         both[:, 1:] = off @ ways
@@ -140,6 +146,22 @@ class ContactFitter:
         coefficients[-1, 0] = 1.0
         coefficients[:, 5] += coefficients[:, 0]  # a field grows with its size
         return coefficients
+
+    def _misfit(self, place: Array, way: Array, log_size: float, field: CanonicalField) -> float:
+        """Return what the contact's field leaves of the frame's, squared, both of size 1."""
+        _, kernels = self._kernels(place, way, log_size)
+        expected = (self._weights @ kernels + self._offset) @ self._fields[:-1] + self._fields[-1]
+        product = float(expected @ field.values)
+        squares = float(expected @ expected) * float(field.values @ field.values)
+        return 2.0 - 2.0 * product / math.sqrt(max(squares, LEAST_SIZE_MM**4))
+
+    def _kernels(self, place: Array, way: Array, log_size: float) -> tuple[Floats, Floats]:
+        """Return the centres' distances (c, 7) from a contact, and their kernels (c,)."""
+        point = np.empty(7, np.float32)
+        point[:3], point[3:6] = PLACE_WEIGHT * place, FORCE_WEIGHT * (way + place)
+        point[6] = SIZE_WEIGHT * log_size
+        off = self._centres - point
+        return off, np.exp(-0.5 * np.vecdot(off, off))
 
     def _bead_weights(self, displacement_px: Array, beads: Beads) -> Array:
         """Return the weight (2 n,) of each bead's x and y, 1/px^2."""

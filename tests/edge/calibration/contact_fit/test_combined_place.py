@@ -102,7 +102,7 @@ def test_on_noisy_beads_the_combined_place_is_nearer_to_presses_that_were_not_le
             field,
             press.faintness,
         )
-        place = fitter.combined_direction(press.beads, start)
+        place = fitter.combine(press.beads, start).direction
         before_mm.append(DOME_RADIUS_MM * np.linalg.norm(start.direction - press.direction))
         after_mm.append(DOME_RADIUS_MM * np.linalg.norm(place - press.direction))
         radius_mm.append(fitter.radius_scale * radius95_mm[0] * press.faintness)
