@@ -48,6 +48,7 @@ MOST_CENTRES = 900
 COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
 OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
+LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
 
@@ -321,7 +322,8 @@ def _shares(held_out: list[Array], samples: Samples, radius_mm: float) -> Array:
             for some in held_out
         ]
     )
-    shares = (scores.min(axis=0) / np.maximum(scores, 1e-12)) ** CHOOSINESS
+    scores = np.maximum(scores, LEAST_SCORE)
+    shares = (scores.min(axis=0) / scores) ** CHOOSINESS
     return np.repeat(shares / shares.sum(axis=0), 3, axis=1)[:, None]
 
 

@@ -50,6 +50,16 @@ def test_the_kernel_is_gaussian():
     )
 
 
+def test_forces_that_the_dome_model_already_knows_leave_no_error_to_choose_by(problem):
+    """Fields of size 1 along one axis each divide without rounding: every setting's error of force is 0."""
+    samples = problem.samples(60, seed=1)
+    fields = np.eye(samples.fields.shape[1])[np.arange(len(samples.fields)) % 20]
+    unknown = replace(samples, fields=fields, forces_N=np.zeros_like(samples.forces_N))
+    regression = fit(unknown, dome_of(problem.samples(200, seed=5)), RADIUS_MM)
+    direction, force, radius_mm = regression.predict(fields, samples.hidden)
+    assert np.isfinite(direction).all() and np.isfinite(force).all() and np.isfinite(radius_mm).all()
+
+
 def test_a_prediction_is_the_formula(problem):
     """One press at a time, one centre at a time."""
     regression = fit(problem.samples(60, seed=1, most_hidden=0.3), None, RADIUS_MM)
