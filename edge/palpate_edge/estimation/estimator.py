@@ -59,7 +59,7 @@ class Estimator:
         self._model = load_model(calibration) if self.method is Method.CORRECTED else None
         self._view = View(calibration.sensor.camera, calibration.pose)
         reference = calibration.reference()
-        self._image_check = ImageCheck(calibration.sensor.image_size_px)
+        self._image_check = ImageCheck(calibration.sensor.image_size_px, calibration.appearance.channel)
         self._tracker = Tracker(reference)
         self._tare = Tare(reference, self._use_reference)
         self._validation = ContactValidation(calibration)

@@ -13,7 +13,7 @@ HEIGHT, WIDTH = 480, 640
 
 def is_blank(image):
     try:
-        ImageCheck((WIDTH, HEIGHT)).check_image(image)
+        ImageCheck((WIDTH, HEIGHT), "grey").check_image(image)
     except FrameRejectedError as rejection:
         return str(rejection) == "frame is blank"
     return False
@@ -38,3 +38,14 @@ def test_one_row_counts_as_one_of_those_that_are_read(depth):
 def test_rows_that_differ_from_each_other_are_not_blank():
     image = np.repeat(np.linspace(50, 200, HEIGHT).astype(np.uint8)[:, None], WIDTH, axis=1)
     assert not is_blank(image)
+
+
+@pytest.mark.parametrize("channel", ["blue", "blue-red"])
+def test_a_grey_frame_of_coloured_beads_is_refused(channel):
+    check = ImageCheck((WIDTH, HEIGHT), channel)
+    noise = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    check.check_image(noise)
+    with pytest.raises(
+        FrameRejectedError, match=f"frame is grey, the calibration finds the beads on {channel}: "
+    ):
+        check.check_image(noise[..., 0])

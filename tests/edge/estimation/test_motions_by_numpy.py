@@ -324,7 +324,7 @@ def picture(value: int = 0) -> np.ndarray:
 
 
 def test_a_picture_is_of_the_cameras_size_new_and_not_blank() -> None:
-    check = ImageCheck((80, 60))
+    check = ImageCheck((80, 60), "grey")
     check.check_image(picture())
     check.check_image(picture(1))
     with pytest.raises(FrameRejectedError, match="the camera is frozen"):
@@ -338,7 +338,7 @@ def test_a_picture_deviates_by_two_grey_levels_or_is_blank(step: int, is_blank: 
     """Columns of 100 and 100 + step in turn deviate by half of the step."""
     image = np.tile(np.where(np.arange(80) % 2, 100, 100 + step).astype(np.uint8), (60, 1))
     if not is_blank:
-        ImageCheck((80, 60)).check_image(image)
+        ImageCheck((80, 60), "grey").check_image(image)
         return
     with pytest.raises(FrameRejectedError, match="blank"):
-        ImageCheck((80, 60)).check_image(image)
+        ImageCheck((80, 60), "grey").check_image(image)

@@ -66,7 +66,7 @@ class PoseEstimator:
         self._frames = self._refused = self._beads_lost = 0
         self._rest_px = calibration.rest_px()
         self._match: PairedMarkers | None = None
-        self._image_check = ImageCheck(calibration.sensor.image_size_px)
+        self._image_check = ImageCheck(calibration.sensor.image_size_px, calibration.appearance.channel)
         self._detector = SpotDetector(
             calibration.diameter_px, calibration.weakest_strength, len(self._rest_px)
         )
