@@ -18,12 +18,22 @@ CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R
     "blue-green": (0.5, -0.5, 0.0),
 }
 
+GREY_PREFERENCE = (
+    2.0  # a colour's beads must stand out that much more: grey decodes faster and has less noise
+)
+
 
 class Appearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The channel on which beads stand out, and whether they are brighter than the skin there."""
 
     channel: str = "grey"
     bright: bool = False
+
+
+def appearances(image: Image) -> list[Appearance]:
+    """Return every way in which beads may stand out of an image."""
+    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
+    return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
 
 
 def plane(image: Image, appearance: Appearance) -> Plane:

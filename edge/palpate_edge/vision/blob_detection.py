@@ -102,6 +102,11 @@ def find_blobs(
     return BlobDetector(diameter_px, min_strength, most).find(dark)
 
 
+def strongest_other(strength: Array, taken: Indices) -> float:
+    """Return the strength of the strongest of blobs (n,) that are not `taken`, at least `MIN_STRENGTH`."""
+    return float(np.delete(strength, taken).max(initial=MIN_STRENGTH))
+
+
 def _peaks(values: Floats, reach: int, limit: float, work: Floats) -> Indices:
     """Return the flat indices (n,) of pixels above `limit` that are highest within `reach` pixels.
 

@@ -13,15 +13,14 @@ from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.marker_layout import REMEDY, learn_layout
 from palpate_edge.geometry.points import distances, repeated, spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
-from palpate_edge.vision.appearance import CHANNELS, Appearance, plane
+from palpate_edge.vision.appearance import GREY_PREFERENCE, Appearance, appearances, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
-from palpate_edge.vision.blob_detection import Blobs, find_blobs
+from palpate_edge.vision.blob_detection import Blobs, find_blobs, strongest_other
 from palpate_edge.vision.subpixel import Refiner
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 MIN_BEADS_SHARE = 0.9  # of the layout that a reference frame must show
 FIT_ROUNDS = 4
-GREY_PREFERENCE = 2.0  # a colour must stand out that much more: grey decodes faster and has less noise
 MAX_RESIDUAL_DIAMETERS = 0.3  # bead diameters; a blob farther from its fitted place is no bead
 MAX_THETA_DEG = 95.0  # polar angle beyond which no bead lies
 MAX_SPARE_SHARE = 0.1  # of a learned layout's beads: other spots at a bead's distance, and as strong
@@ -56,7 +55,7 @@ def register(image: Image, sensor: Sensor) -> Registration:
     if not sensor.markers.rings:
         return _learn(image, sensor)
     layout_mm, ring_of = bead_layout_mm(sensor.markers)
-    tried = [_recognise(image, sensor, layout_mm, ring_of, looks) for looks in _appearances(image)]
+    tried = [_recognise(image, sensor, layout_mm, ring_of, looks) for looks in appearances(image)]
     _, best = max(tried, key=lambda pair: pair[0])
     if best is None or best.seen.mean() < MIN_BEADS_SHARE:
         seen = 0 if best is None else int(best.seen.sum())
@@ -105,12 +104,6 @@ def bead_diameters_px(sensor: Sensor, view: View, layout_mm: Array) -> Array:
     """Return the diameter (n,) of each bead in the image: focal length times size over distance."""
     distance_mm = np.linalg.norm(layout_mm - view.position_mm, axis=1)
     return np.asarray(sensor.camera.matrix[0] * sensor.markers.diameter_mm / distance_mm)
-
-
-def _appearances(image: Image) -> list[Appearance]:
-    """Return every way in which beads may stand out of an image."""
-    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
-    return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
 
 
 def _learn(image: Image, sensor: Sensor) -> Registration:
@@ -208,7 +201,8 @@ def _recognise(
     if not seen.any():
         return 0.0, None
     position_px = np.where(seen[:, None], blobs.position_px[partner], start_px)
-    contrast = float(np.median(blobs.strength[partner[seen]])) / _noise_strength(blobs, partner[seen])
+    contrast = float(np.median(blobs.strength[partner[seen]]))
+    contrast /= strongest_other(blobs.strength, partner[seen])
     if appearance.channel == "grey":
         contrast *= GREY_PREFERENCE
     fitted = View(sensor.camera, pose)
@@ -231,9 +225,3 @@ def _align(expected_px: Array, strongest_px: Array) -> Array:
     to_radius = np.median(np.linalg.norm(strongest_px - to_centre, axis=1))
     scale = float(np.clip(to_radius / from_radius, 0.85, 1.15))
     return np.asarray(to_centre + scale * (expected_px - from_centre))
-
-
-def _noise_strength(blobs: Blobs, taken: Indices) -> float:
-    """Return the strength of the strongest blob that is no bead."""
-    others = np.delete(blobs.strength, taken)
-    return float(others.max()) if len(others) else 1.0

@@ -17,8 +17,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
 from palpate_edge.geometry.points import distances
-from palpate_edge.vision.appearance import CHANNELS, Appearance, plane, unlit_grey
-from palpate_edge.vision.blob_detection import MIN_STRENGTH, Blobs, find_blobs
+from palpate_edge.vision.appearance import GREY_PREFERENCE, Appearance, appearances, plane, unlit_grey
+from palpate_edge.vision.blob_detection import MIN_STRENGTH, Blobs, find_blobs, strongest_other
 from palpate_edge.vision.disk_profile import DiskProfile, disk_profile
 
 HEIGHT_OVER_DIAMETER = (80, 64, 50, 40, 32, 25, 20, 16)  # of the image; tried without a diameter
@@ -37,7 +37,6 @@ NEIGHBOURS = 12  # beads around, whose spacing and diameter are compared
 ABOUT_AS_MANY = 0.9  # of the most beads that a channel shows; among such channels the clearest is taken
 REFLECTION = 0.6  # of the largest of these channels' diameters; smaller are lamps reflected by the beads
 CLEAR = 5.0  # times the strongest other spot; more makes a channel no better
-GREY_PREFERENCE = 2.0  # a colour's beads must stand out that much more: grey has less noise
 SATURATED = 250.0  # grey level of a reflection of a lamp
 MAX_SATURATED_SHARE = 1 / 3  # of bright beads; above it the beads themselves are overexposed
 
@@ -87,7 +86,7 @@ def beads_without_layout(
     sizes = [one for one in sizes if one * SIZE_FACTORS[-1] < min(reduced.shape[:2])]
     tried = [
         _best_diameter(reduced, appearance, sizes, lambda places: may_hold(places / scale))
-        for appearance in _appearances(image)
+        for appearance in appearances(image)
     ]
     most = max(trial.count for trial in tried)
     if not most:
@@ -111,7 +110,7 @@ class _Trial(msgspec.Struct, frozen=True):
     appearance: Appearance
     count: float = 0.0
     strength: float = 0.0
-    other_strength: float = 0.0
+    other_strength: float = MIN_STRENGTH
     diameter_px: float = 0.0
 
 
@@ -127,7 +126,7 @@ def _best_diameter(
             strength, diameter_px = (
                 float(np.median(of[beads])) for of in (found.strength, found.diameter_px)
             )
-            others = np.delete(found.strength, beads).max(initial=0.0)
+            others = strongest_other(found.strength, beads)
             best = _Trial(appearance, len(beads) * purity, strength, others, diameter_px)
     return best
 
@@ -137,13 +136,8 @@ def _clearness(trial: _Trial) -> float:
 
     Patches of light are blobs on grey, and none on a difference of colours.
     """
-    clearness = min(CLEAR, trial.strength / max(MIN_STRENGTH, trial.other_strength))
+    clearness = min(CLEAR, trial.strength / trial.other_strength)
     return clearness * (GREY_PREFERENCE if trial.appearance.channel == "grey" else 1.0)
-
-
-def _appearances(image: Image) -> list[Appearance]:
-    channels = ["grey"] if image.ndim == 2 else list(CHANNELS)
-    return [Appearance(channel, bright) for channel in channels for bright in (False, True)]
 
 
 def _candidates(dark: Plane, appearance: Appearance, diameter_px: float, may_hold: Selection) -> _Candidates:
@@ -210,7 +204,7 @@ def _collect(dark: Plane, appearance: Appearance, diameter_px: float, may_hold: 
         parts.append(found.chosen(found.profile.is_disk(TOLERANCE) & limits.allows(found)))
     everything = _joined(parts)
     fault = everything.profile.oval + everything.profile.offset
-    once = everything.chosen(_each_once(everything.position_px, fault, everything.diameter_px))
+    once = everything.chosen(_least_faulty(everything.position_px, fault, everything.diameter_px))
     kept = _evenly_spaced(once, np.ones(len(once.strength), dtype=np.bool_))
     kept = kept[np.argsort(-once.strength[kept], kind="stable")]
     return Blobs(once.position_px[kept], once.strength[kept])
@@ -228,7 +222,7 @@ def _joined(parts: list[_Candidates]) -> _Candidates:
     )
 
 
-def _each_once(place_px: Array, fault: Array, diameter_px: Array) -> Indices:
+def _least_faulty(place_px: Array, fault: Array, diameter_px: Array) -> Indices:
     """Return the indices of the blobs of least fault among those that lie on one bead."""
     kept: list[int] = []
     for index in np.argsort(fault, kind="stable").tolist():
