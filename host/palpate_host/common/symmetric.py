@@ -10,9 +10,7 @@ import math
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-
-Row = tuple[float, float, float]
-"""Three plain floats: for so few numpy's overhead exceeds the computation."""
+from palpate_host.common.rows import Row
 
 
 def inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
-from palpate_host.common.symmetric import Row
+from palpate_host.common.rows import Row
 from palpate_host.control.kinematics import HandPose
 
 SINE_LIMIT_RAD = math.radians(60.0)

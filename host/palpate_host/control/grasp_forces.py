@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.common.symmetric import Row
+from palpate_host.common.rows import Row
 from palpate_host.control.virtual_object import Grip, times
 
 LEAST_MARGIN = 0.1

@@ -98,8 +98,8 @@ class Manipulation:
         self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
         self._ramp_s, self._turned_s = ramp_s, 0.0
         self._start = self.R_d
-        if self.pose_law is not None:
-            self.pose_law.shift(np.zeros(3))
+        if self.pose_law is not None and self.pose_law.target is not None:
+            self.pose_law.target.shift(np.zeros(3))
 
     def move(
         self, xyz_mm: tuple[float, float, float], rpy_deg: tuple[float, float, float], ramp_s: float
@@ -113,9 +113,9 @@ class Manipulation:
             raise CommandError("move is refused: it needs control.law = 'pose' in hand.toml")
         self._check_moving("move")
         shift_m = 1e-3 * np.array(xyz_mm)
-        self.pose_law.check_reach(shift_m, rotation.from_rpy_deg(*rpy_deg))
+        target = self.pose_law.reachable_target(shift_m, rotation.from_rpy_deg(*rpy_deg))
         self.turn(rpy_deg, ramp_s)
-        self.pose_law.shift(shift_m)
+        target.shift(shift_m)
 
     def _check_moving(self, what: str) -> None:
         """Raise CommandError, naming the refused command, while the hand holds still in HOLD."""
@@ -333,20 +333,21 @@ class Manipulation:
         self, law: PoseLaw, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array, dt_s: float
     ) -> Array:
         law.advance(pose, dt_s)
-        self._pose = pose
-        assert law.object is not None
+        self._pose, target = pose, law.target
+        assert law.object is not None and target is not None
         friction = [self._pose_config.friction] * len(self.friction)
         if self._pose_config.slip_reflex:
             friction = [one.friction for one in self.friction]
         self._law_M = R_vir.T.dot(law.object.R)
         if self.gait is not None:
             lifted_Nm = self.gait.advance(law, pose, dt_s, rests=mode is Mode.BLIND)
-            self.R_d = law.R_d
+            self.R_d = target.R
             return law.torque_Nm(pose, qdot_rad_s, friction, dt_s) + lifted_Nm
         if mode is Mode.MANIPULATE:
             self._advance(R_vir, law.pace * dt_s if self.turn_waits else dt_s)
-            law.R_d = self.R_d
-            law.follow_shift(self.turned)
+            assert self.R_d is not None
+            target.R = self.R_d
+            target.follow_shift(self.turned)
         return law.torque_Nm(pose, qdot_rad_s, friction, dt_s)
 
     def _still_torque_Nm(

@@ -28,11 +28,12 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
-from palpate_host.common.symmetric import Row
+from palpate_host.common.rows import ZERO, Row, bounded, cross, length, plus
 from palpate_host.config.control_config import ControlConfig, PoseLawConfig
 from palpate_host.control.control_law import Gains, contact_torque_Nm, grasp_force_N
 from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
 from palpate_host.control.kinematics import HandPose
+from palpate_host.control.pose_target import PoseTarget
 from palpate_host.control.pose_uncertainty import PoseUncertainty
 from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
 from palpate_host.control.virtual_object import Grip, VirtualObject, moment_rows
@@ -51,7 +52,6 @@ FIRMER_PER_S = 2.0
 """Rate at which that factor changes: faster changes of the grip push the object away."""
 NARROW_RESERVE = 0.02
 """Friction ratio beyond the internal forces' below which a turn rests after a slip; below 0 it is undone."""
-_ZERO: Row = (0.0, 0.0, 0.0)
 
 
 class PoseLaw:
@@ -66,18 +66,14 @@ class PoseLaw:
         self.stiffness: Stiffness | None = None
         self._stiffness_from = self._stiffness_to = None  # type: Stiffness | None
         self._change_s = self._changed_s = 0.0
-        self.place_d_m = self.R_d = None  # type: Array | None
-        self._origin_m, self._origin_R = np.zeros(3), np.eye(3)
-        self._from_m: Array | None = None
-        self._shift_m, self._shifted = np.zeros(3), 0.0
+        self.target: PoseTarget | None = None
         self.grip_N = self._least_grip_N = self._firm_N = 0.0
         self._rest_radius_m = np.zeros(fingers)
         self.is_firm, self._firmness = False, 1.0
         self.share = 1.0
         self.reserve = math.inf
         self.is_grip_at_limit = False
-        # Three numbers are plain floats here: numpy's overhead exceeds the computation.
-        self._force_I_N = self._torque_I_Nm = _ZERO
+        self._force_I_N = self._torque_I_Nm = ZERO
         self._twist = np.zeros(6)
         self.uncertainty = PoseUncertainty()
         self.is_load_known = False
@@ -96,19 +92,23 @@ class PoseLaw:
     @property
     def moved_mm(self) -> float:
         """The distance of the object from where the hold began."""
-        return 0.0 if self._object is None else 1e3 * rotation.norm(self._object.place_m - self._origin_m)
+        if self._object is None or self.target is None:
+            return 0.0
+        return 1e3 * rotation.norm(self._object.place_m - self.target.origin_m)
 
     @property
     def place_error_mm(self) -> float | None:
         """The distance of the object's place from its present target; None while no object is held."""
-        if self._object is None or self.place_d_m is None:
+        if self._object is None or self.target is None:
             return None
-        return 1e3 * rotation.norm(self.place_d_m - self._object.place_m)
+        return 1e3 * rotation.norm(self.target.place_m - self._object.place_m)
 
     @property
     def turned_deg(self) -> float:
         """The angle of the object from its orientation when the hold began."""
-        return 0.0 if self._object is None else rotation.angle_deg(self._object.R @ self._origin_R.T)
+        if self._object is None or self.target is None:
+            return 0.0
+        return rotation.angle_deg(self._object.R @ self.target.origin_R.T)
 
     @property
     def orientation95_deg(self) -> float:
@@ -159,8 +159,8 @@ class PoseLaw:
     def drop(self) -> None:
         """End the hold: the object is no longer followed, and its load is forgotten."""
         self._object = None
-        self.place_d_m = self.R_d = self._from_m = None
-        self._force_I_N = self._torque_I_Nm = _ZERO
+        self.target = None
+        self._force_I_N = self._torque_I_Nm = ZERO
 
     def hold(self, pose: HandPose, R_vir: Array, R: Array, dt_s: float) -> None:
         """Begin to hold the object where it is; R is its orientation. Every finger must have references."""
@@ -173,19 +173,16 @@ class PoseLaw:
         self._object.place_m = self._object.place_m + 1e-3 * np.array(self._config.object_centre_mm)
         self._twist = np.zeros(6)
         self.renew_stiffness(pose, dt_s)
-        self._origin_m, self._origin_R = self._object.place_m, R
+        self.target = PoseTarget(self._object.place_m, R)
         self.uncertainty = PoseUncertainty()
         self.is_load_known, self._still_s = False, 0.0
         self.is_firm, self._firmness = False, 1.0
-        self.hold_here()
 
     def follow_point(self, place_m: Array) -> None:
         """Follow another point of the held object: the one that is now at (3,), which is to stay there."""
-        assert self._object is not None and self.place_d_m is not None
-        self._origin_m = self._origin_m + place_m - self._object.place_m
+        assert self._object is not None and self.target is not None
+        self.target.follow_point(place_m - self._object.place_m, place_m)
         self._object.place_m = place_m
-        self.place_d_m = place_m
-        self.shift(np.zeros(3))
 
     def renew_stiffness(self, pose: HandPose, dt_s: float, over_s: float = 0.0) -> None:
         """Compute the stable stiffness for the present pose and the fingers that hold the object.
@@ -200,10 +197,6 @@ class PoseLaw:
         )
         if over_s == 0.0:
             self.stiffness = self._stiffness_to
-
-    def turn_target(self, R_d: Array) -> None:
-        """Set the desired orientation; the workspace is about it from now on."""
-        self.R_d = self._origin_R = R_d
 
     def _follow_stiffness(self, dt_s: float) -> Stiffness:
         """Return the stiffness of this tick, on its way to the one computed last."""
@@ -224,39 +217,18 @@ class PoseLaw:
 
     def hold_here(self) -> None:
         """Take the present pose as the target."""
-        if self._object is not None:
-            self.place_d_m, self.R_d = self._object.place_m, self._object.R
-            self.shift(np.zeros(3))
+        if self._object is not None and self.target is not None:
+            self.target.stay(self._object.place_m, self._object.R)
 
-    def check_reach(self, shift_m: Array, turn: Array) -> None:
-        """Raise CommandError when the target, moved by (3,) and turned by (3, 3), is beyond the workspace."""
-        if self._object is None or self.place_d_m is None or self.R_d is None:
+    def reachable_target(self, shift_m: Array, turn: Array) -> PoseTarget:
+        """Return the target. Raises CommandError when, moved by (3,) and turned by (3, 3), it is beyond the
+        workspace, and while no object is held."""
+        if self.target is None:
             raise CommandError(
                 "move is refused: the object is not held yet; wait until the grasp has settled"
             )
-        config = self._config
-        far_mm = 1e3 * float(np.linalg.norm(self.place_d_m + shift_m - self._origin_m))
-        far_deg = rotation.angle_deg(turn @ self.R_d @ self._origin_R.T)
-        if far_mm > config.reach_mm:
-            raise CommandError(
-                f"move is refused: {far_mm:.1f} mm from where the hold began, pose_law.reach_mm is"
-                f" {config.reach_mm:g}: move less, or grasp again"
-            )
-        if far_deg > config.reach_deg:
-            raise CommandError(
-                f"move is refused: {far_deg:.1f} deg from where the hold began, pose_law.reach_deg is"
-                f" {config.reach_deg:g}: turn less, or grasp again"
-            )
-
-    def shift(self, shift_m: Array) -> None:
-        """Start to move the target by (3,) from where it is now; `follow_shift` leads it there."""
-        self._from_m, self._shift_m, self._shifted = self.place_d_m, shift_m, 0.0
-
-    def follow_shift(self, share: float) -> None:
-        """Set the target after this share of the shift."""
-        if self._from_m is not None and share != self._shifted:
-            self._shifted = share
-            self.place_d_m = self._from_m + share * self._shift_m
+        self.target.check_reach(shift_m, turn, self._config)
+        return self.target
 
     def advance(self, pose: HandPose, dt_s: float) -> None:
         """Follow the object for one tick; call it before `torque_Nm`."""
@@ -289,15 +261,15 @@ class PoseLaw:
         pull_N, pull_Nm, more_N_s, more_Nm_s = self._pulls(gains)
         self._twist += dt_s / (dt_s + VELOCITY_FILTER_S) * (found.twist - self._twist)
         resist_N, resist_Nm = gains.dampers.dot(self._twist).reshape(2, 3).tolist()
-        self._note_pull(_length(pull_N), dt_s)
+        self._note_pull(length(pull_N), dt_s)
         most_N, most_Nm = self._most_load(grip, friction)
         if self.share >= 1.0:
-            self._force_I_N = _bounded(_plus(self._force_I_N, more_N_s, dt_s), most_N)
-            self._torque_I_Nm = _bounded(_plus(self._torque_I_Nm, more_Nm_s, dt_s), most_Nm)
-        wanted_N = _plus(_plus(pull_N, resist_N, -1.0), self._force_I_N)
-        force_N = _bounded(wanted_N, most_N)
-        torque_Nm = _plus(_plus(pull_Nm, resist_Nm, -1.0), self._torque_I_Nm)
-        torque_Nm = _bounded(_plus(torque_Nm, self._moment_Nm(force_N)), most_Nm)
+            self._force_I_N = bounded(plus(self._force_I_N, more_N_s, dt_s), most_N)
+            self._torque_I_Nm = bounded(plus(self._torque_I_Nm, more_Nm_s, dt_s), most_Nm)
+        wanted_N = plus(plus(pull_N, resist_N, -1.0), self._force_I_N)
+        force_N = bounded(wanted_N, most_N)
+        torque_Nm = plus(plus(pull_Nm, resist_Nm, -1.0), self._torque_I_Nm)
+        torque_Nm = bounded(plus(torque_Nm, self._moment_Nm(force_N)), most_Nm)
         least_N = self._least_now_N(dt_s)
         relaxed_N = least_N + max(0.0, self.grip_N - least_N) * math.exp(-dt_s / config.relax_s)
         forces = forces_within_cones(grip, force_N, torque_Nm, friction, relaxed_N, self.most_grip_N)
@@ -309,10 +281,10 @@ class PoseLaw:
 
     def _pulls(self, gains: Stiffness) -> tuple[Row, Row, Row, Row]:
         """Return the stiffness' force and torque, and the rates of the integrals' force and torque."""
-        found = self._object
-        assert found is not None and self.place_d_m is not None and self.R_d is not None
-        (x, y, z), (x_d, y_d, z_d) = found.place_m.tolist(), self.place_d_m.tolist()
-        turned_rad = rotation.vector_of(self.R_d.dot(found.R.T))
+        found, target = self._object, self.target
+        assert found is not None and target is not None
+        (x, y, z), (x_d, y_d, z_d) = found.place_m.tolist(), target.place_m.tolist()
+        turned_rad = rotation.vector_of(target.R.dot(found.R.T))
         error = np.array((x_d - x, y_d - y, z_d - z, *turned_rad))
         pull_N, pull_Nm, more_N_s, more_Nm_s = gains.springs.dot(error).reshape(4, 3).tolist()
         return pull_N, pull_Nm, more_N_s, more_Nm_s
@@ -320,9 +292,8 @@ class PoseLaw:
     def _moment_Nm(self, force_N: Row) -> Row:
         """Return the moment about the contacts' centroid of a force at the object's place."""
         assert self._object is not None
-        (x, y, z), (x_c, y_c, z_c) = self._object.place_m.tolist(), self._object.grip.centroid_m.tolist()
-        (fx, fy, fz), x, y, z = force_N, x - x_c, y - y_c, z - z_c
-        return y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+        arm_m = plus(self._object.place_m.tolist(), self._object.grip.centroid_m.tolist(), -1.0)
+        return cross(arm_m, force_N)
 
     def rest(self, friction: Sequence[float]) -> None:
         """Take the present pose as the target, what pulls the object now as its load, and plan a firm grip.
@@ -335,8 +306,8 @@ class PoseLaw:
         pull_N, pull_Nm, _, _ = self._pulls(gains)
         self._rest_radius_m = found.radius_m
         self._firm_N = max(self.grip_N, min(FIRM * self.grip_N, 0.5 * self._config.most_grip_N))
-        self._force_I_N = _bounded(_plus(self._force_I_N, pull_N), most_N)
-        self._torque_I_Nm = _bounded(_plus(self._torque_I_Nm, pull_Nm), most_Nm)
+        self._force_I_N = bounded(plus(self._force_I_N, pull_N), most_N)
+        self._torque_I_Nm = bounded(plus(self._torque_I_Nm, pull_Nm), most_Nm)
         self.hold_here()
 
     def still_forces(self, friction: Sequence[float], dt_s: float) -> ContactForces:
@@ -348,8 +319,8 @@ class PoseLaw:
         found = self._object
         assert found is not None
         grip, force_N = found.grip, self._force_I_N
-        torque_Nm = _plus(self._torque_I_Nm, self._moment_Nm(force_N))
-        torque_Nm = _bounded(torque_Nm, self._most_load(grip, friction)[1])
+        torque_Nm = plus(self._torque_I_Nm, self._moment_Nm(force_N))
+        torque_Nm = bounded(torque_Nm, self._most_load(grip, friction)[1])
         forces = forces_within_cones(grip, force_N, torque_Nm, friction, self.grip_N, self.most_grip_N)
         found.set_radius(self._radius_m(forces.normals_N))
         return forces
@@ -393,23 +364,3 @@ class PoseLaw:
             return np.full(len(normal_N), radius_m)
         depths_m = [math.sqrt(one / k) if one > 0.0 else 0.0 for one in normal_N]
         return np.array([max(radius_m - depth_m, 0.5 * radius_m) for depth_m in depths_m])
-
-
-def _plus(a: Row, b: Row, factor: float = 1.0) -> Row:
-    (ax, ay, az), (bx, by, bz) = a, b
-    return ax + factor * bx, ay + factor * by, az + factor * bz
-
-
-def _length(v: Row) -> float:
-    x, y, z = v
-    return math.sqrt(x * x + y * y + z * z)
-
-
-def _bounded(v: Row, most: float) -> Row:
-    """Return the vector, shortened to at most this length."""
-    length = _length(v)
-    if length <= most:
-        return v
-    x, y, z = v
-    per = most / length
-    return per * x, per * y, per * z

@@ -27,7 +27,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
-from palpate_host.common.symmetric import Row
+from palpate_host.common.rows import Row
 from palpate_host.control.kinematics import HandPose
 
 KEPT = 128

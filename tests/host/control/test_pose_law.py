@@ -154,7 +154,7 @@ def test_hold_keeps_the_torques_and_the_law_goes_on_with_the_same_load(wide):
     for _ in range(50):
         last = tick(manipulation, moved)
     law = manipulation.pose_law
-    lifted_m = law.object.place_m - law.place_d_m
+    lifted_m = law.object.place_m - law.target.place_m
     carried_N = law.load_N - law.stiffness.K_p_N_m @ lifted_m
     np.testing.assert_allclose(tick(manipulation, moved, Mode.HOLD), last, atol=0.02)
     grip_N = law.grip_N
@@ -187,7 +187,7 @@ def test_a_displaced_object_is_pulled_back_and_the_load_is_learned(wide):
     at_rest = tick(manipulation, pose)
     moved = hand.pose(START_RAD + np.tile([0.0, 0.0, -0.02], 3))  # the tips rise
     torques = [tick(manipulation, moved) for _ in range(50)]
-    lifted_m = manipulation.pose_law.object.place_m[2] - manipulation.pose_law.place_d_m[2]
+    lifted_m = manipulation.pose_law.object.place_m[2] - manipulation.pose_law.target.place_m[2]
     assert 0.5e-3 < lifted_m < 3e-3
     down = [(torque - at_rest).reshape(3, 3)[:, 2].sum() for torque in torques]
     assert 0.0 < down[1] < down[-1]
@@ -201,7 +201,7 @@ def test_the_force_on_an_object_is_bounded(wide):
     manipulation = controller(wide, pose, most_grip_N=5.0)
     tick(manipulation, pose)
     law = manipulation.pose_law
-    law.shift(np.array([0.0, 0.0, 0.5]))
+    law.target.shift(np.array([0.0, 0.0, 0.5]))
     for _ in range(100):
         tick(manipulation, pose)
     assert np.linalg.norm(law.load_N) <= 0.4 * 3 * 5.0 + 1e-9
@@ -224,22 +224,22 @@ def test_a_move_ramps_the_target_from_where_it_was(wide):
         manipulation.move((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 1.0)
     tick(manipulation, pose)
     law = manipulation.pose_law
-    start = law.place_d_m
+    start = law.target.place_m
 
     def moved_mm(ticks):
         for _ in range(ticks):
             tick(manipulation, pose)
-        return 1e3 * (law.place_d_m - start)
+        return 1e3 * (law.target.place_m - start)
 
     manipulation.move((0.0, 0.0, 10.0), (0.0, 0.0, 20.0), 1.0)
     np.testing.assert_allclose(moved_mm(50), [0.0, 0.0, 5.0], atol=1e-9)
-    assert rotation.angle_deg(law.R_d @ law.object.R.T) == pytest.approx(10.0, abs=1e-6)
+    assert rotation.angle_deg(law.target.R @ law.object.R.T) == pytest.approx(10.0, abs=1e-6)
     manipulation.move((4.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)  # from the middle of the ramp
     np.testing.assert_allclose(moved_mm(150), [4.0, 0.0, 5.0], atol=1e-9)
     manipulation.turn((0.0, 0.0, 5.0), 0.5)
     np.testing.assert_allclose(moved_mm(10), [4.0, 0.0, 5.0], atol=1e-9)
     manipulation.stop_turning()
-    np.testing.assert_allclose(law.place_d_m, law.object.place_m)
+    np.testing.assert_allclose(law.target.place_m, law.object.place_m)
 
 
 @pytest.mark.parametrize(
@@ -253,10 +253,10 @@ def test_a_target_beyond_the_workspace_is_refused_and_changes_nothing(wide, xyz_
     pose = wide[1].pose(START_RAD)
     manipulation = controller(wide, pose)
     tick(manipulation, pose)
-    before = manipulation.pose_law.place_d_m, manipulation.turned
+    before = manipulation.pose_law.target.place_m, manipulation.turned
     with pytest.raises(CommandError, match=reason):
         manipulation.move(xyz_mm, rpy_deg, 1.0)
-    assert (manipulation.pose_law.place_d_m is before[0], manipulation.turned) == (True, before[1])
+    assert (manipulation.pose_law.target.place_m is before[0], manipulation.turned) == (True, before[1])
 
 
 def test_the_papers_law_has_no_place_to_move_to(wide):

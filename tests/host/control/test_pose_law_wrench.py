@@ -63,7 +63,7 @@ def test_force_and_torque_are_the_slopes_of_the_potential(wide, axis):
     object's pose. The integral's share of one tick is in `load_N`, which the first tick adds."""
     law, pose = law_that_holds(wide)
     shift_m, turn = 0.001 * np.eye(3)[axis], Rotation.from_rotvec(0.01 * np.eye(3)[(axis + 1) % 3])
-    law.place_d_m, law.R_d = law.object.place_m + shift_m, turn.as_matrix()
+    law.target.place_m, law.target.R = law.object.place_m + shift_m, turn.as_matrix()
     torque = law.torque_Nm(pose, STILL, FRICTION, DT_S)
     force_N, torque_Nm = wrench(law, pose, torque)
     K_p, K_o = law.stiffness.K_p_N_m, law.stiffness.K_o_Nm_rad
@@ -118,7 +118,7 @@ def test_a_rest_takes_what_pulls_as_the_load(wide):
     law, _ = law_that_holds(wide, most_grip_N=50.0)
     shift_m, turn = np.array([0.001, 0.0, -0.002]), Rotation.from_rotvec([0.0, 0.02, 0.01])
     law._force_I_N, law._torque_I_Nm = (0.0, 0.0, 0.5), (0.01, 0.0, 0.0)
-    law.place_d_m, law.R_d = law.object.place_m + shift_m, turn.as_matrix()
+    law.target.place_m, law.target.R = law.object.place_m + shift_m, turn.as_matrix()
     grip_N = law.grip_N
     law.rest(FRICTION)
     np.testing.assert_allclose(
@@ -126,8 +126,8 @@ def test_a_rest_takes_what_pulls_as_the_load(wide):
     )
     pulled_Nm = law.stiffness.K_o_Nm_rad @ turn.as_rotvec()
     np.testing.assert_allclose(law._torque_I_Nm, pulled_Nm + np.array([0.01, 0.0, 0.0]), atol=1e-9)
-    np.testing.assert_array_equal(law.place_d_m, law.object.place_m)
-    np.testing.assert_array_equal(law.R_d, law.object.R)
+    np.testing.assert_array_equal(law.target.place_m, law.object.place_m)
+    np.testing.assert_array_equal(law.target.R, law.object.R)
     for tick in range(1, 30):
         law.still_forces(FRICTION, DT_S)
         assert law.grip_N == pytest.approx(min(grip_N * (1.0 + 2.0 * DT_S * tick), 2.0 * grip_N))
@@ -212,22 +212,22 @@ def test_the_workspace_is_about_the_place_where_the_hold_began(wide, shift_mm, t
     turn = Rotation.from_euler("x", turn_deg, degrees=True).as_matrix()
     shift_m = np.array([0.0, 1e-3 * shift_mm, 0.0])
     if not reason:
-        law.check_reach(shift_m, turn)
+        law.reachable_target(shift_m, turn)
         return
     with pytest.raises(CommandError, match=reason):
-        law.check_reach(shift_m, turn)
+        law.reachable_target(shift_m, turn)
 
 
 def test_another_point_of_the_object_is_followed_from_where_it_is(wide):
     law, _ = law_that_holds(wide)
-    law._origin_m = law._origin_m - np.array([0.003, 0.0, 0.0])  # the object was moved by 3 mm
+    law.target.origin_m = law.target.origin_m - np.array([0.003, 0.0, 0.0])  # the object was moved by 3 mm
     other_m = law.object.place_m + np.array([0.0, 0.01, 0.02])
     law.follow_point(other_m)
     assert law.moved_mm == pytest.approx(3.0)
     assert law.place_error_mm == 0.0
-    law.shift(np.array([0.0, 0.0, 0.004]))
-    law.follow_shift(0.25)
-    np.testing.assert_allclose(law.place_d_m, other_m + np.array([0.0, 0.0, 0.001]))
+    law.target.shift(np.array([0.0, 0.0, 0.004]))
+    law.target.follow_shift(0.25)
+    np.testing.assert_allclose(law.target.place_m, other_m + np.array([0.0, 0.0, 0.001]))
 
 
 def test_a_hold_begins_with_the_grip_of_the_grasp_and_without_a_history(wide):

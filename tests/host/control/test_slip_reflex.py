@@ -148,7 +148,7 @@ def test_a_lowered_friction_gives_more_grip_for_the_same_load(wide):
     for slips in ([], [0, 1, 2]):
         hold = Hold(wide, integral_per_s=0.0)
         hold.frame(slips=slips, ratio=0.25)
-        hold.control.pose_law.shift(np.array([0.0, 0.0, 0.012]))
+        hold.control.pose_law.target.shift(np.array([0.0, 0.0, 0.012]))
         for _ in range(300):
             hold.tick()
         grips.append(hold.grip_N)

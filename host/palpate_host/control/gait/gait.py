@@ -71,11 +71,11 @@ class Gait:
 
     def __init__(self, plan: GaitPlan, law: PoseLaw, gains: Gains) -> None:
         """Begin. The object must be held; its faces in the plan replace the measured references."""
-        assert law.object is not None and law.R_d is not None
+        assert law.object is not None and law.target is not None
         self.phase, self.reason = GaitPhase.TURN, ""
         self.away: int | None = None
         self.regrasped = 0
-        self.R_d = self._R_start = law.R_d
+        self.R_d = self._R_start = law.target.R
         self._plan, self._gains = plan, gains
         self._per_B = 1.0 / np.maximum(gains.B_Nms_rad, 1e-6)
         self._number = -1
@@ -127,8 +127,8 @@ class Gait:
         if not rests:
             self._lead_on(law, pose, dt_s)
         law.is_firm = not self.is_over
-        law.turn_target(self.R_d)
-        assert law.object is not None
+        assert law.object is not None and law.target is not None
+        law.target.turn(self.R_d)
         law.object.set_share(self._share)
         return self._tip_torque_Nm(pose, before_m, dt_s)
 
@@ -177,8 +177,8 @@ class Gait:
         self.reason, self._missed = "", [0] * len(self._missed)
         self._closes = True
         law.hold_here()
-        assert law.R_d is not None
-        self.R_d = law.R_d
+        assert law.target is not None
+        self.R_d = law.target.R
 
     def stop(self, law: PoseLaw, reason: str) -> None:
         """Stop with this reason; the present pose is the target, and the fingers that hold go on holding."""
@@ -186,8 +186,8 @@ class Gait:
         self._enter(GaitPhase.STOPPED, 0.0)
         self.reason = f"gait stopped: {reason}"
         law.hold_here()
-        assert law.R_d is not None
-        self.R_d = law.R_d
+        assert law.target is not None
+        self.R_d = law.target.R
 
     def _look_for_loss(self, law: PoseLaw) -> None:
         for finger, missed in enumerate(self._missed):

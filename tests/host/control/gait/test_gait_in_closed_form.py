@@ -17,6 +17,7 @@ from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
 from palpate_host.control.control_law import Gains
 from palpate_host.control.gait.gait import Gait, GaitPhase
 from palpate_host.control.kinematics import HandPose
+from palpate_host.control.pose_target import PoseTarget
 from palpate_host.control.virtual_object import VirtualObject
 
 DT_S = 0.01
@@ -56,20 +57,17 @@ class HeldObject:
     """A pose law with the parts that a gait uses. renewals: (time over which the stiffness changes)."""
 
     object: VirtualObject
-    R_d: np.ndarray
+    target: PoseTarget
     is_firm: bool = False
     renewals: list = field(default_factory=list)
     held_here: int = 0
-
-    def turn_target(self, R_d):
-        self.R_d = R_d
 
     def renew_stiffness(self, _pose, _dt_s, over_s=0.0):
         self.renewals.append(over_s)
 
     def hold_here(self):
         self.held_here += 1
-        self.R_d = self.object.R
+        self.target.stay(self.object.place_m, self.object.R)
 
 
 class Walk:
@@ -83,7 +81,7 @@ class Walk:
         self.tips_m = PLACE_M + (HALF_M + ROLLING_M) * OUT
         held = VirtualObject(self.pose(), OUT, np.eye(3), np.full(4, ROLLING_M), 8.0)
         held.place_m = PLACE_M
-        self.law = HeldObject(held, np.eye(3))
+        self.law = HeldObject(held, PoseTarget(PLACE_M, np.eye(3)))
         self.gait = Gait(plan, self.law, GAINS)
         self.torque_Nm = np.zeros(12)
 
@@ -98,7 +96,7 @@ class Walk:
             self.phases.append((self.gait.phase, self.count))
         self.tips_m = self.tips_m + DT_S * self.torque_Nm.reshape(4, 3) / DAMPING
         if self.follows:
-            held, R = self.law.object, self.law.R_d
+            held, R = self.law.object, self.law.target.R
             held.R, held.grip = R, held.grip._replace(normal=OUT @ R.T)
 
     def until(self, phase, most=2000):
@@ -132,7 +130,7 @@ def test_the_phases_follow_each_other_and_end_at_the_target():
     names = ["turn", "unload", "lift", "carry", "approach", "load", "turn", "done"]
     assert [phase.value for phase, _ in walk.phases] == names
     assert rotation.angle_deg(walk.law.object.R) == pytest.approx(40.0)
-    np.testing.assert_allclose(rotation.log(walk.law.R_d), [0.0, 0.0, LAST], atol=1e-9)
+    np.testing.assert_allclose(rotation.log(walk.law.target.R), [0.0, 0.0, LAST], atol=1e-9)
     assert (walk.gait.regrasped, walk.gait.away, walk.gait.reason) == (1, None, "")
     assert walk.gait.is_over and not walk.law.is_firm
     assert walk.law.object.grip.share is None
@@ -159,7 +157,7 @@ def test_a_turn_is_a_smooth_step():
     walk, angles = Walk(), []
     for _ in range(250):
         walk.tick()
-        angles.append(rotation.angle_deg(walk.law.R_d))
+        angles.append(rotation.angle_deg(walk.law.target.R))
     assert angles[124] == pytest.approx(10.0) and angles[-1] == pytest.approx(20.0)
     assert angles[61] == pytest.approx(20.0 * (0.248**2 * (3 - 2 * 0.248)), rel=1e-6)
     assert max(np.diff(angles)) / DT_S == pytest.approx(12.0, rel=1e-3)
@@ -237,10 +235,10 @@ def test_a_rest_keeps_target_and_phase():
     walk = Walk()
     for _ in range(50):
         walk.tick()
-    R_d = walk.law.R_d
+    R_d = walk.law.target.R
     for _ in range(300):
         walk.tick(rests=True)
-    np.testing.assert_array_equal(walk.law.R_d, R_d)
+    np.testing.assert_array_equal(walk.law.target.R, R_d)
     assert walk.gait.phase is GaitPhase.TURN
 
 
@@ -250,7 +248,7 @@ def stopped(walk, reason):
     assert walk.law.held_here == 1
     walk.tick()
     assert not walk.law.is_firm
-    np.testing.assert_array_equal(walk.law.R_d, walk.law.object.R)
+    np.testing.assert_array_equal(walk.law.target.R, walk.law.object.R)
 
 
 def test_three_frames_without_contact_of_a_finger_that_holds_stop_the_gait():
@@ -327,7 +325,7 @@ def test_a_closed_gait_puts_the_lifted_finger_down_first():
         walk.tick()
     assert (walk.gait.phase, walk.gait.away) == (GaitPhase.STOPPED, None)
     assert walk.gait.reason == "gait stopped: ended by a command"
-    assert rotation.angle_deg(walk.law.R_d) == pytest.approx(20.0, abs=1e-6)
+    assert rotation.angle_deg(walk.law.target.R) == pytest.approx(20.0, abs=1e-6)
 
 
 def test_a_stopped_gait_can_be_closed_as_well():
