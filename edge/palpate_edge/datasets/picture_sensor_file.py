@@ -32,6 +32,8 @@ def read_picture_sensor(path: Path) -> PictureSensor:
     if markers.layout == "hexagonal":
         fitting = [number for number in hexagonal_counts(max(MARKER_COUNTS)) if number in MARKER_COUNTS]
         allowed = f"one of {', '.join(map(str, fitting[:12]))}, ... for a hexagonal layout"
+        if count is None:
+            raise DatasetError(f"{path}: markers.count is missing: it must be {allowed}")
         checks.append(("markers.count", count, count in fitting, allowed))
     refuse_out_of_range(path, checks)
     return sensor

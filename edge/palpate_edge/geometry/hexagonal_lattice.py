@@ -70,11 +70,11 @@ def _about_the_middle(place: Indices) -> Indices:
     """Return the steps (n,) from the place near the mean about which there are fewest shells."""
     mean = np.round(place.mean(axis=0)).astype(np.intp)
     near = range(-NEAR_MEAN, NEAR_MEAN + 1)
-    every = [_distance(place - mean - np.array([i, j])) for i in near for j in near]
+    every = [lattice_distance(place - mean - np.array([i, j])) for i in near for j in near]
     return min(every, key=lambda steps: (int(steps.max()), int(steps.sum())))
 
 
-def _distance(place: Indices) -> Indices:
+def lattice_distance(place: Indices) -> Indices:
     """Return the number of lattice steps (n,) from the origin to each place (n, 2)."""
     i, j = place.T
     return np.asarray(np.maximum(np.maximum(np.abs(i), np.abs(j)), np.abs(i + j)))

@@ -12,7 +12,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Indices, Plane
+from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
 from palpate_edge.vision.binning import halved
 
 SCALE_OF_DIAMETER = 0.36  # sigma of the blob filter in bead diameters
@@ -33,6 +33,10 @@ class Blobs(msgspec.Struct, frozen=True):
     def strongest(self, count: int) -> Blobs:
         """Return at most the `count` strongest blobs."""
         return Blobs(self.position_px[:count], self.strength[:count])
+
+    def chosen(self, which: Mask) -> Blobs:
+        """Return some of the blobs (n,)."""
+        return Blobs(self.position_px[which], self.strength[which])
 
 
 class BlobDetector:

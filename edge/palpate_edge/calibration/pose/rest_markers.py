@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Mask
+from palpate_edge.common.arrays import Array, Image, Mask, Plane
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.pose_dataset import PoseDataset
 from palpate_edge.estimation.pose.pairing import Pairing
 from palpate_edge.estimation.pose.spot_detection import SpotDetector
+from palpate_edge.geometry.lattice_growth import NO_SPOT, hexagon_spots
+from palpate_edge.geometry.picture_sensor import PictureMarkers, hexagonal_counts
 from palpate_edge.geometry.points import spacing
 from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
@@ -21,9 +24,11 @@ from palpate_edge.vision.unknown_layout import beads_without_layout
 FEWEST_MARKERS = 7
 MIN_CLEAR_SHARE = 0.9  # of a declared count; the others touch a neighbour or lie in bad light
 NEAREST_RANGE = (0.6, 1.6)  # distance of such a marker to the nearest one, in spacings
+SPOTS_PER_MARKER = 1.36  # of the strongest, among which a hexagon's markers are
 WEAKEST_SHARE = 0.35  # of the median marker's strength at rest
 THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion between reference frames
 THRESHOLD_FLOOR_PX = 0.1
+WAY_OUT = "check markers.diameter_px, markers.count and mask.png, or use a sharper frame"
 QUIET = 0.1  # spacings; reference frames may be the lightest presses, and differ by more
 
 
@@ -44,25 +49,57 @@ def find_rest_markers(dataset: PoseDataset) -> RestMarkers:
 
     Raises CalibrationError when there are too few, or fewer than ``markers.count``.
     """
-    markers = dataset.sensor.markers
-    image = _grey_if_grey(dataset.read(dataset.reference[0]))
-    blobs, appearance, diameter_px = _clear_markers(image, dataset)
+    path = dataset.reference[0]
+    image = _grey_if_grey(dataset.read(path))
+    clear, appearance, diameter_px = _clear_markers(image, dataset)
     dark = plane(image, appearance)
-    if markers.count and MIN_CLEAR_SHARE * markers.count <= len(blobs.strength) < markers.count:
-        others = find_blobs(dark, diameter_px)
-        blobs = _completed(blobs, others, _inside(others.position_px, dataset.mask), markers.count)
-    needed = markers.count or FEWEST_MARKERS
-    if len(blobs.strength) < needed:
-        raise CalibrationError(
-            f"{dataset.reference[0]}: {len(blobs.strength)} markers were found, "
-            f"{needed} are {'declared' if markers.count else 'needed'}: check markers.diameter_px, "
-            "markers.count and mask.png, or use a sharper frame"
-        )
-    blobs = blobs.strongest(markers.count or len(blobs.strength))
-    refiner = Refiner(np.full(len(blobs.strength), diameter_px))
-    place_px = refiner.refine(dark, blobs.position_px).position_px
-    weakest = WEAKEST_SHARE * float(np.median(find_blobs(dark, diameter_px).strength[: len(place_px)]))
+    spots = find_blobs(dark, diameter_px) if len(clear.strength) else clear
+    inside = spots.chosen(_inside(spots.position_px, dataset.mask))
+    if dataset.sensor.markers.layout == "hexagonal":
+        place_px = _hexagon(dark, inside, dataset.sensor.markers, diameter_px, path)
+    else:
+        place_px = _any_layout(dark, clear, inside, dataset.sensor.markers, diameter_px, path)
+    weakest = WEAKEST_SHARE * float(np.median(spots.strength[: len(place_px)]))
     return _steady(dataset, place_px, appearance, diameter_px, weakest)
+
+
+def _any_layout(
+    dark: Plane, clear: Blobs, others: Blobs, markers: PictureMarkers, diameter_px: float, path: Path
+) -> Array:
+    """Return the places (n, 2) of the clear markers, completed by the others to the declared count."""
+    if markers.count and MIN_CLEAR_SHARE * markers.count <= len(clear.strength) < markers.count:
+        clear = _completed(clear, others, markers.count)
+    needed = markers.count or FEWEST_MARKERS
+    if len(clear.strength) < needed:
+        raise CalibrationError(
+            f"{path}: {len(clear.strength)} markers were found, "
+            f"{needed} are {'declared' if markers.count else 'needed'}: {WAY_OUT}"
+        )
+    return _refined(dark, clear.strongest(needed if markers.count else len(clear.strength)), diameter_px)
+
+
+def _hexagon(dark: Plane, spots: Blobs, markers: PictureMarkers, diameter_px: float, path: Path) -> Array:
+    """Return the places (n, 2) of a hexagon's markers; those that are not seen are where the others show."""
+    assert markers.count is not None
+    some = spots.strongest(round(SPOTS_PER_MARKER * markers.count))
+    found = hexagon_spots(some.position_px, len(hexagonal_counts(markers.count)) - 1)
+    seen = 0 if found is None else found.seen
+    if found is None or seen < MIN_CLEAR_SHARE * markers.count:
+        raise CalibrationError(
+            f"{path}: {seen} of the {markers.count} markers of a hexagonal layout were found, at least "
+            f"{MIN_CLEAR_SHARE:.0%} are needed: {WAY_OUT}, or leave markers.layout out"
+        )
+    is_seen = found.spot != NO_SPOT
+    place_px = found.position_px
+    seen_spots = Blobs(place_px[is_seen], some.strength[found.spot[is_seen]])
+    place_px[is_seen] = _refined(dark, seen_spots, diameter_px)
+    return place_px
+
+
+def _refined(dark: Plane, blobs: Blobs, diameter_px: float) -> Array:
+    """Return the sub-pixel places (n, 2) of blobs."""
+    refiner = Refiner(np.full(len(blobs.strength), diameter_px))
+    return refiner.refine(dark, blobs.position_px).position_px
 
 
 def _clear_markers(image: Image, dataset: PoseDataset) -> tuple[Blobs, Appearance, float]:
@@ -76,11 +113,11 @@ def _clear_markers(image: Image, dataset: PoseDataset) -> tuple[Blobs, Appearanc
     return found
 
 
-def _completed(clear: Blobs, others: Blobs, allowed: Mask, count: int) -> Blobs:
+def _completed(clear: Blobs, others: Blobs, count: int) -> Blobs:
     """Return `count` markers if there are as many: the clear ones, then the strongest others that fit."""
     place, strength = clear.position_px.tolist(), clear.strength.tolist()
     pitch_px = float(np.median(spacing(clear.position_px)))
-    for at_px, strong in zip(others.position_px[allowed], others.strength[allowed], strict=True):
+    for at_px, strong in zip(others.position_px, others.strength, strict=True):
         if len(place) == count:
             break
         nearest = np.linalg.norm(np.array(place) - at_px, axis=1).min() / pitch_px

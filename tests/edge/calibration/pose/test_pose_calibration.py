@@ -16,9 +16,10 @@ from click.testing import CliRunner
 from palpate_edge.calibration.calibration_file import load_calibration
 from palpate_edge.calibration.pose.calibrate_pose import calibrate_pose
 from palpate_edge.calibration.pose.pose_calibration_file import load_pose_calibration
+from palpate_edge.calibration.pose.rest_markers import find_rest_markers
 from palpate_edge.cli.main import cli
 from palpate_edge.common.contact_quantities import POSE_LABELS
-from palpate_edge.common.errors import CalibrationError
+from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.pose_dataset import read_pose_dataset
 from palpate_edge.estimation.pose.kernel_expansion import packed
@@ -107,6 +108,35 @@ def test_a_declared_layout_and_a_mask_leave_out_what_is_no_marker(pad, tmp_path)
     calibration = calibrate_pose(read_pose_dataset(folder))
     assert len(calibration.beads) == 61
     assert min(y for _, y in calibration.beads) > 28
+
+
+def test_a_reflection_beside_a_hexagon_does_not_replace_a_hidden_marker(pad, tmp_path):
+    """A marker is hidden in each reference frame, and a lamp is reflected at a marker's distance."""
+    folder = pad.write(tmp_path / "lamp", 0, 0, markers='layout = "hexagonal"\ncount = 61\n')
+    rest_px = pad.rest_px()
+    x, y = np.rint(rest_px[30] + [5 * pad.pitch_px, 0.0]).astype(int)
+    hidden_x, hidden_y = np.rint(rest_px[20]).astype(int)
+    for path in (folder / "reference").iterdir():
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.circle(image, (x, y), 4, 230, -1)
+        cv2.circle(image, (hidden_x, hidden_y), 7, 40, -1)
+        assert cv2.imwrite(str(path), image)
+    position_px = find_rest_markers(read_pose_dataset(folder)).position_px
+    apart_px = np.linalg.norm(rest_px[:, None] - position_px[None], axis=2)
+    assert sorted(apart_px.argmin(axis=0)) == list(range(61))
+    assert apart_px.min(axis=1).max() < 0.1 * pad.pitch_px
+
+
+def test_markers_that_make_no_hexagon_are_refused(pad, tmp_path):
+    folder = pad.write(tmp_path / "other", 20, 0, markers='layout = "hexagonal"\ncount = 91\n')
+    with pytest.raises(CalibrationError, match="61 of the 91 markers of a hexagonal layout were found"):
+        calibrate_pose(read_pose_dataset(folder))
+
+
+def test_a_hexagonal_layout_needs_its_count(pad, tmp_path):
+    folder = pad.write(tmp_path / "none", 20, 0, markers='layout = "hexagonal"\n')
+    with pytest.raises(DatasetError, match=r"markers\.count is missing: it must be one of 7, 19"):
+        read_pose_dataset(folder)
 
 
 def test_a_press_that_cannot_be_read_is_left_out_and_named(pad, pad_dataset, tmp_path):
